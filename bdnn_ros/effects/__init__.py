@@ -1,0 +1,1 @@
+"""Effects: the physical causes a simulation may leave out, one class each."""

@@ -1,0 +1,248 @@
+"""What was measured: joint positions, velocities and efforts against time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.errors import RecordingError, UsageError, listed
+
+GAP_FACTOR = 5.0
+"""A pause longer than this many sample periods, and than `GAP_SECONDS`, is a gap: nothing is interpolated across it."""
+GAP_SECONDS = 0.05
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Joint states against time; the only thing that crosses from the outside in.
+
+    Attributes:
+        time: stamps [s], (N,), strictly increasing.
+        joints: n joint names, the order of every column.
+        position: [rad] (or [m]), (N, n).
+        velocity: [rad/s], (N, n), or None where it was not measured.
+        effort: [N·m] (or [N]), (N, n), or None where it was not measured.
+        name: where it came from, for messages.
+        urdf: robot description that came along, or None.
+        notes: what was left out or repaired while reading, one sentence each.
+
+    Raises:
+        RecordingError: shapes disagree, a value is not finite, or stamps do not increase.
+    """
+
+    time: np.ndarray
+    joints: tuple[str, ...]
+    position: np.ndarray
+    velocity: np.ndarray | None = None
+    effort: np.ndarray | None = None
+    name: str = "recording"
+    urdf: str | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        count, width = len(self.time), len(self.joints)
+        for field in ("position", "velocity", "effort"):
+            values = getattr(self, field)
+            if values is None:
+                continue
+            if values.shape != (count, width):
+                raise RecordingError(
+                    f"{self.name}: {field} has shape {values.shape}, {count} stamps and {width} joints need "
+                    f"({count}, {width}).",
+                    "Check the message's field lengths.",
+                )
+            _refuse_invalid(self, field, values)
+        if not np.isfinite(self.time).all() or (np.diff(self.time) <= 0).any():
+            where = int(np.argmax(~(np.diff(self.time) > 0))) + 1 if count > 1 else 0
+            raise RecordingError(
+                f"{self.name}: time stamps do not increase (sample {where} of {count}).",
+                "Check the publisher's clock, or pass --drop-invalid to leave such samples out.",
+            )
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def width(self) -> int:
+        """Number of joints n."""
+        return len(self.joints)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.time[-1] - self.time[0]) if len(self.time) else 0.0
+
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz], from the median period (0 with fewer than two samples)."""
+        return float(1.0 / np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
+
+    def require_effort(self) -> np.ndarray:
+        """The effort, (N, n) [N·m].
+
+        Raises:
+            RecordingError: the recording holds none.
+        """
+        if self.effort is None:
+            raise RecordingError(
+                f"{self.name}: the joint states carry no effort.",
+                "Record a driver that fills JointState.effort, or pass --effort command "
+                "with --effort-commands TOPIC to use the commanded effort.",
+            )
+        return self.effort
+
+    def select(self, joints: Sequence[str]) -> Recording:
+        """The same recording with these joints, in this order.
+
+        Raises:
+            UsageError: a joint is not in the recording, or named twice.
+        """
+        missing = [joint for joint in joints if joint not in self.joints]
+        if missing:
+            raise UsageError(
+                f"{self.name}: joint {listed(missing)} is not in the recording, which has {listed(self.joints, 20)}.",
+                "Name the joints with --joints, or map the names with --rename old=new.",
+            )
+        if len(set(joints)) != len(joints):
+            raise UsageError(f"A joint is named twice in {listed(joints, 20)}.", "Name each joint once.")
+        columns = [self.joints.index(joint) for joint in joints]
+        return replace(
+            self,
+            joints=tuple(joints),
+            position=self.position[:, columns],
+            velocity=None if self.velocity is None else self.velocity[:, columns],
+            effort=None if self.effort is None else self.effort[:, columns],
+        )
+
+    def rename(self, rules: Iterable[str]) -> Recording:
+        """The same recording with joint names mapped by `old=new` or `s/pattern/replacement/` rules."""
+        names = renamed(self.joints, rules)
+        return replace(self, joints=names)
+
+    def between(self, start: float, end: float) -> Recording:
+        """The samples with start <= time < end [s]."""
+        return self._rows((self.time >= start) & (self.time < end))
+
+    def split(self, holdout: float) -> tuple[Recording, Recording]:
+        """The first part and the last `holdout` share of the duration, each a recording of its own.
+
+        Raises:
+            UsageError: `holdout` is not in (0, 1).
+        """
+        if not 0.0 < holdout < 1.0:
+            raise UsageError(f"The held-out share is {holdout}, not between 0 and 1.", "Use for example 0.2.")
+        edge = self.time[0] + (1.0 - holdout) * self.duration
+        return self._rows(self.time < edge), self._rows(self.time >= edge)
+
+    def segments(self) -> list[slice]:
+        """Runs of samples without a gap, longest pause `GAP_FACTOR` periods, as slices of rows."""
+        if len(self.time) < 2:
+            return [slice(0, len(self.time))]
+        steps = np.diff(self.time)
+        pause = max(GAP_FACTOR * float(np.median(steps)), GAP_SECONDS)
+        edges = [0, *(np.flatnonzero(steps > pause) + 1).tolist(), len(self.time)]
+        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+    def _rows(self, rows: np.ndarray) -> Recording:
+        return replace(
+            self,
+            time=self.time[rows],
+            position=self.position[rows],
+            velocity=None if self.velocity is None else self.velocity[rows],
+            effort=None if self.effort is None else self.effort[rows],
+        )
+
+
+def renamed(names: Sequence[str], rules: Iterable[str]) -> tuple[str, ...]:
+    """Joint names after `old=new` and `s/pattern/replacement/` rules, applied in order.
+
+    Raises:
+        UsageError: a rule is malformed, renames nothing, or makes two names equal.
+    """
+    result = list(names)
+    for rule in rules:
+        before = list(result)
+        if rule.startswith("s/") and rule.count("/") == 3 and rule.endswith("/"):
+            _, pattern, replacement, _ = rule.split("/")
+            try:
+                result = [re.sub(pattern, replacement, name) for name in result]
+            except re.error as error:
+                raise UsageError(f"--rename {rule}: {error}.", "Use s/pattern/replacement/.") from None
+        elif rule.count("=") == 1 and all(rule.split("=")):
+            old, new = rule.split("=")
+            result = [new if name == old else name for name in result]
+        else:
+            raise UsageError(f"--rename {rule} is not a rule.", "Use old=new or s/pattern/replacement/.")
+        if result == before:
+            raise UsageError(f"--rename {rule} matches none of {listed(before, 20)}.", "Check the names.")
+    if len(set(result)) != len(result):
+        raise UsageError(f"--rename gives two joints one name: {listed(result, 20)}.", "Make the names differ.")
+    return tuple(result)
+
+
+def cleaned(
+    time: np.ndarray,
+    joints: Sequence[str],
+    position: np.ndarray,
+    velocity: np.ndarray | None = None,
+    effort: np.ndarray | None = None,
+    *,
+    name: str = "recording",
+    urdf: str | None = None,
+    drop_invalid: bool = False,
+) -> Recording:
+    """A recording from samples as they came: repeated stamps are left out with a note.
+
+    Args:
+        time: stamps [s], (N,), any.
+        drop_invalid: leave out samples that are not finite or whose stamp goes back, with a note,
+            instead of refusing the recording.
+
+    A velocity or effort that is NaN throughout counts as not measured.
+
+    Raises:
+        RecordingError: as `Recording`.
+    """
+    velocity, effort = (None if x is None or np.isnan(x).all() else x for x in (velocity, effort))
+    notes: list[str] = []
+    keep = np.ones(len(time), bool)
+    keep[1:] = time[1:] != time[:-1]
+    if not keep.all():
+        notes.append(f"{name}: {np.count_nonzero(~keep)} of {len(time)} samples repeat the stamp before; left out.")
+    if drop_invalid:
+        valid = np.isfinite(time)
+        for values in (position, velocity, effort):
+            if values is not None:
+                valid &= np.isfinite(values).all(axis=1)
+        highest = np.maximum.accumulate(np.where(valid, time, -np.inf))
+        valid[1:] &= time[1:] > highest[:-1]
+        dropped = np.count_nonzero(keep & ~valid)
+        if dropped:
+            notes.append(f"{name}: {dropped} of {len(time)} samples are not finite or go back in time; left out.")
+        keep &= valid
+    rows = slice(None) if keep.all() else keep
+    return Recording(
+        time[rows],
+        tuple(joints),
+        position[rows],
+        None if velocity is None else velocity[rows],
+        None if effort is None else effort[rows],
+        name=name,
+        urdf=urdf,
+        notes=tuple(notes),
+    )
+
+
+def _refuse_invalid(recording: Recording, field: str, values: np.ndarray) -> None:
+    finite = np.isfinite(values)
+    if finite.all():
+        return
+    row, column = np.argwhere(~finite)[0]
+    raise RecordingError(
+        f"{recording.name}: {field} of {recording.joints[column]} is not finite at {recording.time[row]:.3f} s "
+        f"({np.count_nonzero(~finite.all(axis=1))} of {len(values)} samples).",
+        "Fix the driver, or pass --drop-invalid to leave such samples out.",
+    )

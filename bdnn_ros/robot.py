@@ -1,0 +1,356 @@
+"""The rigid-body robot of a URDF: inverse dynamics, mass matrix, regressor, limits (by Pinocchio)."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from bdnn_ros.errors import RobotError, UsageError, listed
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+BUNDLED = ("arm2", "arm6", "arm7")
+PER_LINK = 10
+"""Inertial parameters of a link: m, m·c (3), then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame's origin."""
+
+
+class Dynamics(Protocol):
+    """What every model of a robot answers; arrays are (..., n) in the order of `joints`, SI units."""
+
+    joints: tuple[str, ...]
+
+    def inverse_dynamics(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Effort [N·m], (..., n)."""
+
+    def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """Acceleration [rad/s²], (..., n)."""
+
+    def mass_matrix(self, position: np.ndarray) -> np.ndarray:
+        """M(q) [kg·m²], (..., n, n), symmetric positive-definite."""
+
+    def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """C(q, q̇) q̇ [N·m], (..., n)."""
+
+    def gravity(self, position: np.ndarray) -> np.ndarray:
+        """g(q) [N·m], (..., n)."""
+
+    def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Everything in the effort that is neither inertial, Coriolis nor gravity, at zero acceleration (..., n)."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the URDF allows each joint; (n,) each, infinite where it says nothing."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A fixed-base robot with n joints of one degree of freedom each.
+
+    Joints of the URDF that are not in `joints` are held at zero (or at the nearest limit).
+
+    Attributes:
+        urdf: the description's text.
+        joints: n joint names, the order of every array.
+        inertials: inertial parameters of the n moving bodies, (n, PER_LINK); a body is a link with everything
+            fixed to it; body i moves with joint i.
+        armature, viscous, coulomb: per joint, (n,) [kg·m²], [N·m·s/rad], [N·m]; damping and friction tags
+            of the URDF fill the last two.
+        gravity_vector: acceleration of gravity in the base frame, (3,) [m/s²].
+    """
+
+    urdf: str
+    joints: tuple[str, ...]
+    inertials: np.ndarray
+    armature: np.ndarray
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    limits: Limits
+    gravity_vector: np.ndarray = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
+
+    @classmethod
+    def from_urdf(cls, urdf: str, joints: Sequence[str] = ()) -> Robot:
+        """A robot from a URDF's text.
+
+        Args:
+            urdf: the XML text.
+            joints: joints to keep, in this order; empty keeps every movable one in the tree's order.
+
+        Raises:
+            RobotError: the text is not a usable URDF or lacks a joint.
+        """
+        model, names = _reduced(urdf, tuple(joints))
+        tags = _joint_tags(urdf)
+        order = np.array([model.idx_vs[model.getJointId(name)] for name in names])
+        inertials = np.array([model.inertias[model.getJointId(name)].toDynamicParameters() for name in names])
+
+        def tag(key: str) -> np.ndarray:
+            return np.array([tags.get(name, {}).get(key, 0.0) for name in names])
+
+        limits = Limits(
+            lower=model.lowerPositionLimit[order].copy(),
+            upper=model.upperPositionLimit[order].copy(),
+            velocity=_open(model.velocityLimit[order]),
+            effort=_open(model.effortLimit[order]),
+        )
+        none = np.zeros(len(names))
+        return cls(urdf, names, inertials, none, tag("damping"), tag("friction"), limits)
+
+    @classmethod
+    def from_file(cls, path: str | Path, joints: Sequence[str] = ()) -> Robot:
+        """A robot from a URDF file; see `from_urdf`."""
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise RobotError(f"The URDF {path} cannot be read ({error}).", "Check the path.") from None
+        return cls.from_urdf(text, joints)
+
+    @classmethod
+    def bundled(cls, name: str, joints: Sequence[str] = ()) -> Robot:
+        """One of the robots that come along, by name.
+
+        Raises:
+            UsageError: there is none of that name.
+        """
+        if name not in BUNDLED:
+            raise UsageError(f"No bundled robot {name!r}.", f"There are {listed(BUNDLED)}.")
+        text = resources.files("bdnn_ros").joinpath("robots", f"{name}.urdf").read_text(encoding="utf-8")
+        return cls.from_urdf(text, joints)
+
+    @property
+    def width(self) -> int:
+        """Number of joints n."""
+        return len(self.joints)
+
+    @cached_property
+    def _model(self) -> pin.Model:
+        model, _ = _reduced(self.urdf, self.joints)
+        for name, values in zip(self.joints, self.inertials, strict=True):
+            model.inertias[model.getJointId(name)] = pin.Inertia.FromDynamicParameters(np.asarray(values))
+        model.armature[:] = 0.0
+        model.gravity.linear = np.asarray(self.gravity_vector)
+        return model
+
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self._model.createData()
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        """Pinocchio's velocity index of each joint, (n,)."""
+        return np.array([self._model.idx_vs[self._model.getJointId(name)] for name in self.joints])
+
+    @cached_property
+    def _from_pinocchio(self) -> np.ndarray:
+        """Our index of each of Pinocchio's velocity entries, (n,)."""
+        return np.argsort(self._order)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {key: value for key, value in self.__dict__.items() if not key.startswith("_")}
+
+    # -- rigid-body dynamics ---------------------------------------------------------------------------------
+
+    def rigid_effort(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """M q̈ + C q̇ + g of the bodies, without armature or friction, (..., n) [N·m]."""
+        model, data, order = self._model, self._data, self._order
+        q, v, a = self._columns(position), self._columns(velocity), self._columns(acceleration)
+        result = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
+        return result.reshape(len(q), -1)[:, order].reshape(np.shape(position))
+
+    def inverse_dynamics(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Effort of bodies, armature and friction, (..., n) [N·m]."""
+        rigid = self.rigid_effort(position, velocity, acceleration)
+        return rigid + self.armature * acceleration + self.friction(position, velocity)
+
+    def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """Acceleration under an effort, (..., n) [rad/s²]."""
+        drive = effort - self.rigid_effort(position, velocity, np.zeros_like(position))
+        drive = drive - self.friction(position, velocity)
+        return np.linalg.solve(self.mass_matrix(position), drive[..., None])[..., 0]
+
+    def mass_matrix(self, position: np.ndarray) -> np.ndarray:
+        """M(q) with armature on its diagonal, (..., n, n) [kg·m²]."""
+        model, data, order = self._model, self._data, self._order
+        upper = np.array([pin.crba(model, data, row) for row in self._columns(position)])
+        full = np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
+        full = full[:, order][:, :, order] + np.diag(self.armature)
+        return full.reshape(*np.shape(position), self.width)
+
+    def gravity(self, position: np.ndarray) -> np.ndarray:
+        """g(q), (..., n) [N·m]."""
+        rest = np.zeros_like(position)
+        return self.rigid_effort(position, rest, rest)
+
+    def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """C(q, q̇) q̇, (..., n) [N·m]."""
+        return self.rigid_effort(position, velocity, np.zeros_like(position)) - self.gravity(position)
+
+    def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Viscous and Coulomb friction, (..., n) [N·m]."""
+        return self.viscous * velocity + self.coulomb * np.sign(velocity)
+
+    def regressor(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Y with rigid_effort = Y · inertials.ravel(), (N, n, n * PER_LINK), for (N, n) arrays."""
+        model, data = self._model, self._data
+        q, v, a = self._columns(position), self._columns(velocity), self._columns(acceleration)
+        result = np.empty((len(q), self.width, self.width * PER_LINK))
+        for k, row in enumerate(zip(q, v, a, strict=True)):
+            result[k] = pin.computeJointTorqueRegressor(model, data, *row)
+        blocks = result.reshape(len(q), self.width, self.width, PER_LINK)
+        return blocks[:, self._order][:, :, self._bodies].reshape(result.shape)
+
+    @cached_property
+    def _bodies(self) -> np.ndarray:
+        """Pinocchio's body (joint id - 1) that moves with each joint, (n,)."""
+        return np.array([self._model.getJointId(name) - 1 for name in self.joints])
+
+    def link_jacobian(self, position: np.ndarray, link: str) -> np.ndarray:
+        """Jacobian of a link frame's origin, world-aligned, linear over angular rows, (N, 6, n).
+
+        Raises:
+            UsageError: the URDF has no such link.
+        """
+        frame = self._frame(link)
+        aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        rows = [pin.computeFrameJacobian(self._model, self._data, q, frame, aligned) for q in self._columns(position)]
+        return np.array(rows)[:, :, self._order]
+
+    # -- links ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links of the URDF."""
+        return tuple(frame.name for frame in self._model.frames if frame.type == pin.FrameType.BODY)
+
+    def moving_link(self, joint: str) -> str:
+        """The child link of a joint: the frame of the body that moves with it."""
+        for element in ElementTree.fromstring(self.urdf).iter("joint"):
+            child = element.find("child")
+            if element.get("name") == joint and child is not None:
+                return str(child.get("link"))
+        raise UsageError(f"The URDF has no joint {joint!r}.", f"It has {listed(self.joints, 20)}.")
+
+    def body_of(self, link: str) -> tuple[int, np.ndarray, np.ndarray]:
+        """Which body carries a link, and where: (joint index, rotation (3, 3), translation (3,) [m]).
+
+        A point p of the link frame is R p + t in the body's frame.
+
+        Raises:
+            UsageError: there is no such link, or it is fixed to the base.
+        """
+        frame = self._model.frames[self._frame(link)]
+        name = self._model.names[frame.parentJoint]
+        if frame.parentJoint == 0 or name not in self.joints:
+            moving = [self.moving_link(joint) for joint in self.joints]
+            raise UsageError(f"Link {link!r} does not move.", f"Moving links are {listed(moving, 20)}.")
+        return self.joints.index(name), frame.placement.rotation.copy(), frame.placement.translation.copy()
+
+    def _frame(self, link: str) -> int:
+        if link not in self.links:
+            raise UsageError(f"The URDF has no link {link!r}.", f"It has {listed(self.links, 20)}.")
+        return int(self._model.getFrameId(link, pin.FrameType.BODY))
+
+    # -- changes ----------------------------------------------------------------------------------------------
+
+    def with_inertials(self, inertials: np.ndarray) -> Robot:
+        """The same robot with other inertial parameters, (n, PER_LINK) or flat."""
+        return replace(self, inertials=np.reshape(np.asarray(inertials, float), (self.width, PER_LINK)).copy())
+
+    def with_joint_parameters(
+        self,
+        armature: np.ndarray | None = None,
+        viscous: np.ndarray | None = None,
+        coulomb: np.ndarray | None = None,
+    ) -> Robot:
+        """The same robot with other per-joint parameters, (n,) each; None keeps."""
+        return replace(
+            self,
+            armature=self.armature if armature is None else np.asarray(armature, float).copy(),
+            viscous=self.viscous if viscous is None else np.asarray(viscous, float).copy(),
+            coulomb=self.coulomb if coulomb is None else np.asarray(coulomb, float).copy(),
+        )
+
+    def tilted(self, roll: float, pitch: float) -> Robot:
+        """The same robot on a base turned by Ry(pitch)·Rx(roll) from level [rad]."""
+        tilt = pin.utils.rotate("y", pitch) @ pin.utils.rotate("x", roll)
+        return replace(self, gravity_vector=tilt.T @ np.array(STANDARD_GRAVITY))
+
+    def _columns(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., n) as contiguous rows in Pinocchio's order, (N, n)."""
+        rows = np.asarray(values, dtype=float).reshape(-1, self.width)
+        return np.ascontiguousarray(rows[:, self._from_pinocchio])
+
+
+def _open(limit: np.ndarray) -> np.ndarray:
+    """A limit of zero says nothing."""
+    return np.where(limit > 0, limit, np.inf)
+
+
+def _reduced(urdf: str, joints: tuple[str, ...]) -> tuple[pin.Model, tuple[str, ...]]:
+    try:
+        full = pin.buildModelFromXML(_bounded(urdf))
+    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
+        reason = str(error).strip().splitlines()
+        raise RobotError(
+            f"The robot description is not a usable URDF ({reason[0] if reason else 'no reason given'}).",
+            "Check it with check_urdf.",
+        ) from None
+    movable = tuple(full.names[1:])
+    if full.nv != len(movable):
+        raise RobotError("The URDF has a joint of more than one degree of freedom.", "Use a fixed-base arm.")
+    names = joints or movable
+    missing = [name for name in names if name not in movable]
+    if missing or not names:
+        raise RobotError(
+            f"The URDF has no movable joint {listed(missing)}; it has {listed(movable, 20)}.",
+            "Use the URDF of this robot, or map the bag's names with --rename.",
+        )
+    lock = [full.getJointId(name) for name in movable if name not in names]
+    if lock:
+        rest = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
+        full = pin.buildReducedModel(full, lock, rest)
+    return full, tuple(names)
+
+
+def _bounded(urdf: str) -> str:
+    """The URDF with continuous joints as revolute ones without limits: one angle a joint."""
+    root = ElementTree.fromstring(urdf)
+    if root.tag != "robot":
+        raise ValueError(f"the root element is <{root.tag}>, not <robot>")
+    for joint in root.iter("joint"):
+        if joint.get("type") != "continuous":
+            continue
+        joint.set("type", "revolute")
+        limit = joint.find("limit")
+        if limit is None:
+            limit = ElementTree.SubElement(joint, "limit", effort="0", velocity="0")
+        limit.set("lower", "-1e9")
+        limit.set("upper", "1e9")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _joint_tags(urdf: str) -> dict[str, dict[str, float]]:
+    """Damping and friction of each joint's <dynamics> tag."""
+    tags: dict[str, dict[str, float]] = {}
+    for joint in ElementTree.fromstring(urdf).iter("joint"):
+        dynamics = joint.find("dynamics")
+        if dynamics is not None:
+            try:
+                tags[str(joint.get("name"))] = {k: float(dynamics.get(k, "0")) for k in ("damping", "friction")}
+            except ValueError:
+                raise RobotError(
+                    f"The <dynamics> tag of joint {joint.get('name')} is not a number.", "Correct the URDF."
+                ) from None
+    return tags

@@ -1,0 +1,283 @@
+"""Clean signals from a recording: even sampling, zero-phase low-pass, derivatives.
+
+Every signal passes the same Gaussian kernel, and derivatives are that kernel's own derivatives, so position,
+velocity, acceleration and effort are filtered exactly alike. What is computed from them (a regressor, a model's
+effort) is then filtered by `Signals.smooth` once more, and so is the effort it is compared with: filtering both
+sides alike leaves the parameters unbiased. A Gaussian never overshoots, which matters beside the steps of dry friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import convolve1d
+
+from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.recording import Recording
+
+DEFAULT_CUTOFF = 10.0
+"""-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""
+CUTOFF_PER_RATE = 1.0 / 6.0
+SAMPLES_PER_CUTOFF = 20.0
+"""Working rate per cut-off frequency: 200 Hz for 10 Hz."""
+KERNEL_WIDTHS = 4.0
+"""Half length of the kernel in standard deviations."""
+MINIMUM_SAMPLES = 20
+"""A segment shorter than this many working samples is left out."""
+REST_WIDTHS = 5.0
+"""A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Evenly sampled, low-passed motion of a recording, at the working rate.
+
+    Attributes:
+        time: [s], (N,); segments without a gap are rows of `segments`.
+        joints: n joint names.
+        position, velocity, acceleration: [rad], [rad/s], [rad/s²], (N, n), from the measured position.
+        effort: [N·m], (N, n), or None where it was not measured.
+        reported_velocity: the velocity message field, low-passed alike, or None, (N, n).
+        rate: working samples per second [Hz].
+        cutoff: -3 dB frequency of the low-pass [Hz].
+        segments: rows of each gap-free piece.
+        position_noise: standard deviation of the white noise on the measured position, (n,) [rad].
+        raw_rate: the recording's own rate [Hz].
+    """
+
+    time: np.ndarray
+    joints: tuple[str, ...]
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    effort: np.ndarray | None
+    reported_velocity: np.ndarray | None
+    rate: float
+    cutoff: float
+    segments: tuple[slice, ...]
+    position_noise: np.ndarray
+    raw_rate: float
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def width(self) -> int:
+        """Number of joints n."""
+        return len(self.joints)
+
+    @cached_property
+    def kernel_std(self) -> float:
+        """Standard deviation of the kernel [s]."""
+        return gaussian_std(self.cutoff)
+
+    def smooth(self, values: np.ndarray) -> np.ndarray:
+        """Low-pass of values (N, ...) along time, the same as the signals have passed, segment by segment."""
+        weights = gaussian_kernel(self.kernel_std, self.rate)[0]
+        result = np.empty_like(values, dtype=float)
+        for rows in self.segments:
+            result[rows] = convolve1d(np.asarray(values[rows], float), weights, axis=0, mode="nearest")
+        return result
+
+    @cached_property
+    def interior(self) -> np.ndarray:
+        """Samples far enough from a segment's end that `smooth` saw no edge there, (N,) bool."""
+        margin = int(np.ceil(2.0 * self.kernel_std * self.rate))
+        inside = np.zeros(len(self), bool)
+        for rows in self.segments:
+            inside[rows.start + margin : rows.stop - margin] = True
+        return inside
+
+    @cached_property
+    def sign(self) -> np.ndarray:
+        """Mean of sign(velocity) over each sample period, (N, n): a reversal between samples counts in part."""
+        change = np.abs(self.acceleration) / self.rate
+        return np.clip(2.0 * self.velocity / np.maximum(change, 1e-12), -1.0, 1.0)
+
+    @cached_property
+    def rest_velocity(self) -> np.ndarray:
+        """Speed under which a joint counts as at rest, (n,) [rad/s]."""
+        return np.maximum(REST_WIDTHS * velocity_noise(self.position_noise, self.kernel_std, self.raw_rate), 1e-5)
+
+    @cached_property
+    def at_rest(self) -> np.ndarray:
+        """Where a joint stands still, so that dry friction has no direction, (N, n) bool."""
+        slow = np.abs(self.velocity) < self.rest_velocity
+        return slow & (np.abs(self.acceleration) * self.kernel_std < 2.0 * self.rest_velocity)
+
+    def between(self, start: float, end: float) -> Signals:
+        """The samples with start <= time < end [s]."""
+        return self.rows((self.time >= start) & (self.time < end))
+
+    def rows(self, chosen: np.ndarray) -> Signals:
+        """The chosen samples, (N,) bool; segments are cut where samples are left out."""
+        index = np.flatnonzero(chosen)
+        owner = np.concatenate([np.full(s.stop - s.start, k) for k, s in enumerate(self.segments)] or [[]])
+        breaks = np.flatnonzero((np.diff(index) > 1) | (np.diff(owner[index]) != 0)) + 1
+        edges = [0, *breaks.tolist(), len(index)]
+        return replace(
+            self,
+            time=self.time[index],
+            position=self.position[index],
+            velocity=self.velocity[index],
+            acceleration=self.acceleration[index],
+            effort=None if self.effort is None else self.effort[index],
+            reported_velocity=None if self.reported_velocity is None else self.reported_velocity[index],
+            segments=tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a),
+        )
+
+
+def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
+    """Clean signals of a recording.
+
+    Args:
+        cutoff: -3 dB frequency [Hz]; None takes `DEFAULT_CUTOFF` or less for slow recordings.
+
+    Raises:
+        RecordingError: no segment is long enough.
+        UsageError: the cut-off is not within what the rate allows.
+    """
+    if len(recording) < MINIMUM_SAMPLES:
+        raise RecordingError(
+            f"{recording.name}: {len(recording)} samples are too few to tell a motion.",
+            "Record at least some seconds of motion.",
+        )
+    highest = recording.rate * CUTOFF_PER_RATE
+    chosen = min(DEFAULT_CUTOFF, highest) if cutoff is None else cutoff
+    if not 0.0 < chosen <= recording.rate / 2.0:
+        raise UsageError(
+            f"A cut-off of {chosen:g} Hz does not fit a recording of {recording.rate:g} Hz.",
+            f"Choose up to {highest:g} Hz.",
+        )
+    step, every = _grid(recording.rate, chosen)
+    pieces = [_segment(recording, rows, chosen, step, every) for rows in recording.segments()]
+    pieces = [piece for piece in pieces if len(piece["time"]) >= MINIMUM_SAMPLES]
+    if not pieces:
+        raise RecordingError(
+            f"{recording.name}: {recording.duration:.2f} s in {len(recording.segments())} pieces is too short "
+            f"for a low-pass at {chosen:g} Hz.",
+            "Record a longer motion without gaps, or raise --cutoff.",
+        )
+    joined = {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]}
+    edges = np.cumsum([0, *(len(piece["time"]) for piece in pieces)])
+    return Signals(
+        time=joined["time"],
+        joints=recording.joints,
+        position=joined["position"],
+        velocity=joined["velocity"],
+        acceleration=joined["acceleration"],
+        effort=joined.get("effort"),
+        reported_velocity=joined.get("reported"),
+        rate=1.0 / (step * every),
+        cutoff=chosen,
+        segments=tuple(slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)),
+        position_noise=position_noise(recording),
+        raw_rate=recording.rate,
+    )
+
+
+def concatenated(parts: list[Signals]) -> Signals:
+    """Several signals of the same joints and cut-off as one; stamps are shifted so that they follow one another."""
+    if len(parts) == 1:
+        return parts[0]
+    shift, offset = 0.0, 0
+    times: list[np.ndarray] = []
+    segments: list[slice] = []
+    for part in parts:
+        times.append(part.time - part.time[0] + shift)
+        segments += [slice(s.start + offset, s.stop + offset) for s in part.segments]
+        shift, offset = float(times[-1][-1]) + 1.0, offset + len(part)
+
+    def joined(key: str) -> np.ndarray | None:
+        values = [getattr(part, key) for part in parts]
+        return None if any(v is None for v in values) else np.concatenate(values)
+
+    return replace(
+        parts[0],
+        time=np.concatenate(times),
+        position=np.concatenate([p.position for p in parts]),
+        velocity=np.concatenate([p.velocity for p in parts]),
+        acceleration=np.concatenate([p.acceleration for p in parts]),
+        effort=joined("effort"),
+        reported_velocity=joined("reported_velocity"),
+        segments=tuple(segments),
+        position_noise=np.max([p.position_noise for p in parts], axis=0),
+    )
+
+
+def gaussian_std(cutoff: float) -> float:
+    """Standard deviation [s] of the Gaussian kernel whose gain is -3 dB at `cutoff` [Hz]."""
+    return float(np.sqrt(np.log(2.0)) / (2.0 * np.pi * cutoff))
+
+
+def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights of the low-pass and of its first and second derivative, to be convolved with even samples.
+
+    Moments are made exact on the grid: constants, ramps and parabolas come out as they are.
+    """
+    half = max(int(np.ceil(KERNEL_WIDTHS * std * rate)), 2)
+    t = np.arange(-half, half + 1) / rate
+    weights = np.exp(-0.5 * (t / std) ** 2)
+    weights /= weights.sum()
+    first = -t * weights
+    first /= -(first * t).sum()
+    spread = (weights * t**2).sum()
+    second = (t**2 - spread) * weights
+    second /= 0.5 * (second * t**2).sum()
+    return weights, first, second
+
+
+def velocity_noise(position_noise: np.ndarray, std: float, rate: float) -> np.ndarray:
+    """Standard deviation of the low-passed velocity under white position noise, (n,) [rad/s]."""
+    return np.asarray(position_noise / np.sqrt(4.0 * np.sqrt(np.pi) * std**3 * rate))
+
+
+def position_noise(recording: Recording) -> np.ndarray:
+    """Standard deviation of the white noise (and rounding) on the position, from third differences, (n,) [rad]."""
+    if len(recording) < 8:
+        return np.zeros(recording.width)
+    third = np.diff(recording.position, n=3, axis=0)
+    return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0))
+
+
+def _grid(rate: float, cutoff: float) -> tuple[float, int]:
+    """Step of the even grid [s] and how many of its samples make one working sample."""
+    needed = SAMPLES_PER_CUTOFF * cutoff
+    if rate >= needed:
+        return 1.0 / rate, max(int(rate / needed), 1)
+    return 1.0 / (rate * np.ceil(needed / rate)), 1
+
+
+def _segment(recording: Recording, rows: slice, cutoff: float, step: float, every: int) -> dict[str, np.ndarray]:
+    """One gap-free piece on the working grid, without the kernel's half length at each end."""
+    stamps = recording.time[rows]
+    grid = np.arange(stamps[0], stamps[-1], step)
+    std = gaussian_std(cutoff)
+    kernel, first, second = gaussian_kernel(std, 1.0 / step)
+    half = len(kernel) // 2
+    inner = slice(half, max(len(grid) - half, half), every)
+    if len(grid) <= 2 * half or len(stamps) < 4:
+        return {"time": np.empty(0), "position": np.empty((0, recording.width))}
+
+    def even(values: np.ndarray) -> np.ndarray:
+        uniform = np.abs(np.diff(stamps) - step).max() < 1e-3 * step
+        return values[rows][: len(grid)] if uniform else CubicSpline(stamps, values[rows])(grid)
+
+    def filtered(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        return convolve1d(values, weights, axis=0, mode="nearest")[inner]
+
+    position = even(recording.position)
+    piece = {
+        "time": grid[inner],
+        "position": filtered(position, kernel),
+        "velocity": filtered(position, first),
+        "acceleration": filtered(position, second),
+    }
+    if recording.effort is not None:
+        piece["effort"] = filtered(even(recording.effort), kernel)
+    if recording.velocity is not None:
+        piece["reported"] = filtered(even(recording.velocity), kernel)
+    return piece
