@@ -1,0 +1,1 @@
+"""Bidirectional dynamic neural networks: acceleration from effort, effort from acceleration, readable parts."""

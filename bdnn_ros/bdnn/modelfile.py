@@ -1,0 +1,114 @@
+"""Model files: named arrays and what they mean, in one safetensors file.
+
+The JSON that describes the arrays travels in the file's own metadata: a model is one file, nothing in it is
+code, and reading it executes nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from bdnn_ros.errors import ModelFileError
+
+FILE_NAME = "model.bdnn"
+FORMAT = "bdnn_ros/model"
+VERSION = 1
+REMEDY = "Identify the model again."
+
+
+def model_path(path: str | Path) -> Path:
+    """The model file meant by a path: the file itself, or `model.bdnn` in a directory."""
+    path = Path(path)
+    return path / FILE_NAME if path.is_dir() else path
+
+
+def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Path:
+    """Write a model; an earlier file stays whole until the new one is complete.
+
+    Args:
+        path: the file, or the directory that is to hold `model.bdnn`; a path without a suffix names a
+            directory, which is made.
+        kind: what reads it back, as "bdnn".
+        arrays: numeric arrays by name.
+        info: what else the model is made of, JSON-able.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        ModelFileError: the place cannot be written to.
+    """
+    path = Path(path)
+    try:
+        target = path / FILE_NAME if path.is_dir() or not path.suffix else path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        header = json.dumps(
+            {"format": FORMAT, "version": VERSION, "kind": kind, "info": info}, allow_nan=False
+        )
+        tensors = {key: np.ascontiguousarray(value) for key, value in arrays.items()}
+        handle, beside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+        os.close(handle)
+        try:
+            save_file(tensors, beside, metadata={"bdnn_ros": header})
+            os.chmod(beside, 0o666 & ~_umask())
+            os.replace(beside, target)
+        finally:
+            Path(beside).unlink(missing_ok=True)
+    except OSError as error:
+        raise ModelFileError(f"The model cannot be written to {path} ({error.strerror or error}).") from None
+    return target
+
+
+def load(path: str | Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
+    """Kind, arrays and info of a model file.
+
+    Args:
+        path: the file, or the directory that holds `model.bdnn`.
+
+    Raises:
+        ModelFileError: it is missing, damaged, not a model, or of a later version.
+    """
+    target = model_path(path)
+    if not target.is_file():
+        raise ModelFileError(
+            f"There is no model at {target}.", f"Give a {FILE_NAME} file or the directory that holds it."
+        )
+    try:
+        with safe_open(target, framework="numpy") as file:
+            header = json.loads((file.metadata() or {}).get("bdnn_ros", "null"))
+            arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, ValueError, TypeError):
+        raise ModelFileError(
+            f"{target} is damaged or not a model file.", "Identify the model again."
+        ) from None
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise ModelFileError(f"{target} is a safetensors file, but not a model of bdnn_ros.")
+    if header.get("version") != VERSION:
+        raise ModelFileError(
+            f"{target} has model version {header.get('version')}, this program reads version {VERSION}.",
+            "Use the release that wrote it, or identify the model again.",
+        )
+    if not isinstance(header.get("kind"), str) or not isinstance(header.get("info"), dict):
+        raise ModelFileError(
+            f"{target} is damaged: its description is incomplete.", "Identify the model again."
+        )
+    return header["kind"], arrays, header["info"]
+
+
+def _header(kind: str, info: dict[str, Any]) -> dict[str, Any]:
+    return {"format": FORMAT, "version": VERSION, "kind": kind, "info": info}
+
+
+def _umask() -> int:
+    """The process's file mode mask; it can only be read by setting it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,77 @@
+"""Model files: round trips, whole files only, and readable refusals."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from bdnn_ros.bdnn import modelfile
+from bdnn_ros.errors import ModelFileError
+
+ARRAYS = {
+    "weights": np.random.default_rng(0).normal(size=(3, 4)).astype(np.float32),
+    "scale": np.array([1e-300, np.pi, -0.0]),
+    "transposed": np.arange(6.0).reshape(2, 3).T,
+    "empty": np.zeros((0, 2)),
+}
+INFO = {"joints": ["a", "ä"], "nested": {"x": [1, 2.5, None, True]}}
+
+
+def test_what_is_saved_is_loaded(tmp_path):
+    path = modelfile.save(tmp_path / "out", "bdnn", ARRAYS, INFO)
+    assert path == tmp_path / "out" / "model.bdnn"
+    for place in (path, path.parent):
+        kind, arrays, info = modelfile.load(place)
+        assert (kind, info) == ("bdnn", INFO)
+        assert arrays.keys() == ARRAYS.keys()
+        for key, value in ARRAYS.items():
+            np.testing.assert_array_equal(arrays[key], value)
+            assert arrays[key].dtype == value.dtype
+
+
+def test_a_file_may_have_any_name(tmp_path):
+    path = modelfile.save(tmp_path / "panda.bdnn", "physical", ARRAYS, {})
+    assert path.name == "panda.bdnn"
+    assert modelfile.load(path)[0] == "physical"
+
+
+def test_an_interrupted_save_leaves_the_old_model_and_no_litter(tmp_path, monkeypatch):
+    path = modelfile.save(tmp_path, "bdnn", ARRAYS, INFO)
+
+    def fail(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(modelfile.os, "replace", fail)
+    with pytest.raises(KeyboardInterrupt):
+        modelfile.save(tmp_path, "bdnn", {}, {"other": 1})
+    assert modelfile.load(path)[2] == INFO
+    assert [p.name for p in tmp_path.iterdir()] == ["model.bdnn"]
+
+
+def test_missing_damaged_and_foreign_files_are_refused(tmp_path):
+    path = modelfile.save(tmp_path / "good", "bdnn", ARRAYS, INFO)
+    with pytest.raises(ModelFileError, match="no model at"):
+        modelfile.load(tmp_path)
+    for name, content in {"cut": path.read_bytes()[:50], "text": b"hello", "none": b""}.items():
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ModelFileError, match="damaged"):
+            modelfile.load(tmp_path / name)
+    save_file({"x": np.zeros(1)}, tmp_path / "foreign")
+    with pytest.raises(ModelFileError, match="not a model of bdnn_ros"):
+        modelfile.load(tmp_path / "foreign")
+
+
+def test_another_version_is_named(tmp_path):
+    header = json.dumps({"format": modelfile.FORMAT, "version": 99, "kind": "bdnn", "info": {}})
+    save_file({"x": np.zeros(1)}, tmp_path / "later", metadata={"bdnn_ros": header})
+    with pytest.raises(ModelFileError, match="version 99"):
+        modelfile.load(tmp_path / "later")
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ModelFileError, match="cannot be written"):
+        modelfile.save(tmp_path / "file" / "model.bdnn", "bdnn", ARRAYS, {})
