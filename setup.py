@@ -3,7 +3,7 @@
 import sys
 from glob import glob
 
-from setuptools import find_packages, setup
+from setuptools import Distribution, find_packages, setup
 
 NAME = "bdnn_ros"
 EXECUTABLES = {
@@ -20,9 +20,19 @@ data_files = [
 ]
 if {"bdist_wheel", "editable_wheel"} & set(sys.argv):
     # colcon puts the executables where `ros2 run` looks by setup.cfg, which pip ignores: it gets launchers.
-    data_files.append((f"lib/{NAME}", [f"resource/launchers/{name}" for name in EXECUTABLES]))
+    data_files.append((f"lib/{NAME}", [f"scripts/launchers/{name}" for name in EXECUTABLES]))
+
+
+class RosDistribution(Distribution):
+    """A distribution whose data files are installed by `pip install --editable` too."""
+
+    def has_data(self) -> bool:
+        """Answer what setuptools' editable install asks before it installs data files."""
+        return bool(self.data_files)
+
 
 setup(
+    distclass=RosDistribution,
     name=NAME,
     version="0.1.0",
     description="Learns a robot's dynamics from its motion and names what its simulation gets wrong.",
