@@ -135,6 +135,8 @@ class Effect(ABC):
     source: ClassVar[str]
     coefficient_bounds: ClassVar[tuple[tuple[float, float], ...]]
     """Lower and upper bound of each linear coefficient."""
+    contains: ClassVar[tuple[str, ...]] = ()
+    """Effects at the same place whose columns are a special case of this one's: naming this one replaces them."""
 
     # -- simulation -------------------------------------------------------------------------------------------
 
