@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -36,6 +37,8 @@ class Parameter:
     upper: float = np.inf
     plausible: tuple[float, float] = (0.0, 1.0)
     of_effort: bool = False
+    default: float | None = None
+    """Taken where a specification leaves the parameter out; None where it must be given."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,18 @@ class Motion:
         """Time derivative of the load, (N, n) [N·m/s]."""
         return self.derivative(self.load)
 
+    @cached_property
+    def link_load(self) -> np.ndarray:
+        """Effort that the transmission passes on to the bodies, drive friction and rotor left out, (N, n) [N·m]."""
+        return self.robot.rigid_effort(self.position, self.velocity, self.acceleration)
+
+    def joint_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
+        """Columns (N,) that act on one joint only, as (N, n, k)."""
+        result = np.zeros((*self.position.shape, len(columns)))
+        for k, column in enumerate(columns):
+            result[:, target, k] = column
+        return result
+
     def derivative(self, values: np.ndarray) -> np.ndarray:
         """Time derivative along each gap-free segment, same shape."""
         result = np.empty_like(values)
@@ -108,6 +123,11 @@ class Motion:
 
         return (effort(step) - effort(-step)) / (2.0 * step)
 
+    def changed(self, position_change: np.ndarray) -> np.ndarray:
+        """Change of the rigid effort when every position is changed by constants (n,) [rad], (N, n) [N·m]."""
+        changed = self.robot.rigid_effort(self.position + position_change, self.velocity, self.acceleration)
+        return changed - self.link_load
+
     def with_load(self, load: np.ndarray) -> Motion:
         """The same motion with another estimate of the load."""
         return replace(self, load=load)
@@ -123,9 +143,15 @@ class Effect(ABC):
     """
 
     name: ClassVar[str]
+    variant: ClassVar[str] = ""
+    """Tells classes of one name apart: what drifts, or whether a wrench acts on a joint or a link."""
     title: ClassVar[str]
     """What a sentence calls it: "Coulomb friction"."""
     on: ClassVar[Where]
+    also_on: ClassVar[tuple[Where, ...]] = ()
+    """Where else it may act: a delay on one joint, though it is usually one for all."""
+    evidence: ClassVar[Literal["effort", "velocity"]] = "effort"
+    """What shows it: the measured effort, or the reported velocity beside the derivative of the position."""
     parameters: ClassVar[tuple[Parameter, ...]]
     equation: ClassVar[str]
     """Contribution to the resisting effort, plain text with the contract's names."""
@@ -137,6 +163,11 @@ class Effect(ABC):
     """Lower and upper bound of each linear coefficient."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Effects at the same place whose columns are a special case of this one's: naming this one replaces them."""
+    kinematic: ClassVar[bool] = False
+    """It shows in the reported velocity, not in the effort."""
+
+    shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    """Range of each shape parameter that a search may refine; a shape parameter not named here is given."""
 
     # -- simulation -------------------------------------------------------------------------------------------
 
@@ -150,6 +181,27 @@ class Effect(ABC):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         """What one unit of each linear coefficient adds to the measured effort, (N, n, k) [N·m]."""
 
+    def velocity_columns(
+        self, motion: Motion, target: int, shape: Values, link: str | None = None
+    ) -> np.ndarray:
+        """What one unit of each linear coefficient adds to the reported velocity, (N, n, k) [rad/s]."""
+        return np.zeros((*motion.position.shape, len(self.coefficient_bounds)))
+
+    def places(self, robot: Robot) -> list[tuple[int, str | None]]:
+        """Where it can sit on a robot: (target, link) pairs."""
+        if self.on == "joint":
+            return [(i, None) for i in range(robot.width)]
+        if self.on == "link":
+            return [(i, robot.moving_link(joint)) for i, joint in enumerate(robot.joints)]
+        return [(-1, None)]
+
+    def shape_allowed(self, shape: Values) -> bool:
+        """Whether a shape's parameters are inside their bounds."""
+        bounds = {parameter.name: parameter for parameter in self.parameters}
+        return all(
+            bounds[name].lower <= value <= bounds[name].upper for name, value in shape.items() if name in bounds
+        )
+
     def shapes(self, motion: Motion, target: int) -> list[dict[str, float]]:
         """Shapes to try first; one empty shape where every parameter is linear."""
         return [{}]
@@ -162,7 +214,11 @@ class Effect(ABC):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         """Linear coefficients (k,) and shape from the contract's parameters: the inverse of `values`."""
 
+    def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        """The shape at which the columns are exact for these coefficients; the same shape where they always are."""
+        return dict(shape)
+
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
-        numbers = ", ".join(f"{p.name} {values[p.name]:.3g} {p.unit}".rstrip(" -") for p in self.parameters)
+        numbers = ", ".join(f"{p.name} {values[p.name]:.3g} {p.unit}".rstrip(" -") for p in self.parameters if p.name in values)
         return f"{where} has {self.title} that the model leaves out ({numbers})."
