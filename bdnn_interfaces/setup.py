@@ -1,4 +1,4 @@
-"""Lets pip build the interfaces into a virtual environment that holds ROS 2's wheels; colcon uses CMakeLists.txt."""
+"""Lets pip build the interfaces into an environment that holds ROS 2's wheels; colcon uses CMakeLists.txt."""
 
 from __future__ import annotations
 

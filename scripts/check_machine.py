@@ -1,4 +1,4 @@
-"""Says in one line what this machine lacks to build .venv, with the command that installs it; else says nothing."""
+"""Says in one line what this machine lacks to build .venv and the command that installs it; else nothing."""
 
 import importlib.util
 import os
@@ -24,7 +24,7 @@ def complaint():
     """Return what stands in the way, in one line, or an empty string."""
     version = platform.python_version()
     if not (3, 10) <= sys.version_info[:2] <= (3, 13):
-        return f"ROS 2 Jazzy's wheels need Python 3.10 to 3.13, this is {version}: make setup PYTHON=python3.12"
+        return f"ROS 2 Jazzy's wheels need Python 3.10-3.13, not {version}: make setup PYTHON=python3.12"
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
         return f"ROS 2 Jazzy's wheels are for Linux x86_64, this is {platform.system()} {platform.machine()}"
     packages = " ".join(missing_packages())
