@@ -24,7 +24,9 @@ PER_LINK = 10
 class Dynamics(Protocol):
     """What every model of a robot answers; arrays are (..., n) in the order of `joints`, SI units."""
 
-    joints: tuple[str, ...]
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """n joint names."""
 
     def inverse_dynamics(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Effort [N·m], (..., n)."""
@@ -256,6 +258,20 @@ class Robot:
             moving = [self.moving_link(joint) for joint in self.joints]
             raise UsageError(f"Link {link!r} does not move.", f"Moving links are {listed(moving, 20)}.")
         return self.joints.index(name), frame.placement.rotation.copy(), frame.placement.translation.copy()
+
+    def link_inertial(self, link: str) -> tuple[int, np.ndarray]:
+        """What one link of the URDF adds to its body: (joint index, inertial parameters in the body's frame (PER_LINK,)).
+
+        Links fixed to it are not counted.
+
+        Raises:
+            UsageError: there is no such link, it does not move, or the URDF gives it no mass.
+        """
+        body, rotation, translation = self.body_of(link)
+        own = self._model.frames[self._frame(link)].inertia
+        if own.mass <= 0.0:
+            raise UsageError(f"Link {link!r} has no mass in the URDF.", "Name a link with an <inertial>.")
+        return body, np.array(pin.SE3(rotation, translation).act(own).toDynamicParameters())
 
     def _frame(self, link: str) -> int:
         if link not in self.links:

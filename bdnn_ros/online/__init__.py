@@ -1,0 +1,1 @@
+"""Identification while the robot moves, and the models it hands over."""

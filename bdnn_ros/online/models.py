@@ -1,0 +1,55 @@
+"""Models of every kind, from their files."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from bdnn_ros.bdnn import modelfile
+from bdnn_ros.errors import ModelFileError, listed
+from bdnn_ros.robot import Dynamics
+from bdnn_ros.signals import Signals
+
+
+class Model(Dynamics, Protocol):
+    """A model of a robot that predicts along a motion and can be saved."""
+
+    kind: ClassVar[str]
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """Effort along a motion, (N, n) [N·m], not low-passed."""
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and JSON-able rest that make the model again."""
+
+
+KINDS = {
+    "physical": "bdnn_ros.physical.model:PhysicalModel",
+    "bdnn": "bdnn_ros.bdnn.dynamics:BDNN",
+    "bdnn_on_prior": "bdnn_ros.bdnn.on_prior:BDNNOnPrior",
+    "extended": "bdnn_ros.diagnosis.extension:ExtendedModel",
+}
+"""Where the class of each kind of model is, imported when one is met."""
+
+
+def load_model(path: str | Path) -> Model:
+    """The model of a file, or of the directory that holds `model.bdnn`.
+
+    Raises:
+        ModelFileError: the file is missing, damaged, of another version, or of a kind that is not known.
+    """
+    kind, arrays, info = modelfile.load(path)
+    if kind not in KINDS:
+        raise ModelFileError(f"{path} holds a model of kind {kind!r}.", f"Known kinds are {listed(KINDS)}.")
+    module, name = KINDS[kind].split(":")
+    model: Model = getattr(import_module(module), name).from_state(arrays, info)
+    return model
+
+
+def save_model(path: str | Path, model: Model) -> Path:
+    """Write a model to a file, or to `model.bdnn` in a directory; returns the file's path."""
+    arrays, info = model.to_state()
+    return modelfile.save(path, model.kind, arrays, info)

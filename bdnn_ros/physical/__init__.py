@@ -1,0 +1,1 @@
+"""Parameters with meaning: identified in seconds, physically consistent, with their uncertainty."""

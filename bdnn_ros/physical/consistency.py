@@ -1,0 +1,103 @@
+"""Parameters that some real robot can have: every body's mass somewhere, no friction that drives."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from bdnn_ros.physical.parameters import (
+    feasible_pseudo_inertia,
+    inertial_parameters,
+    pseudo_inertia,
+    tangent_basis,
+)
+from bdnn_ros.robot import PER_LINK
+
+BARRIERS = (1.0, 0.1, 0.01)
+"""Weights of the barrier, in nats: the last one costs a hundredth of a nat a body."""
+NEWTON_STEPS = 40
+SMALLEST_MARGIN = 1e-9
+"""Smallest eigenvalue of a pseudo-inertia, relative to its largest, that counts as positive-definite."""
+_TRACE = np.array([1.0 if row == column else 0.0 for row in range(4) for column in range(row + 1)])
+
+
+def feasible(inertials: np.ndarray) -> bool:
+    """Whether every body (n, PER_LINK) could exist: then M(q) is positive-definite in every position."""
+    for values in inertials:
+        eigenvalues = np.linalg.eigvalsh(pseudo_inertia(values))
+        if not eigenvalues[0] > SMALLEST_MARGIN * max(eigenvalues[-1], 0.0):
+            return False
+    return True
+
+
+def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive: np.ndarray) -> np.ndarray:
+    """The most probable parameters among those a real robot can have, (P,).
+
+    Minimises ½ (θ − mean)ᵀ information (θ − mean) under J(θ) ≻ 0 for the pseudo-inertia of every body and θ
+    ≥ 0 for the `positive` ones, by Newton steps on a logarithmic barrier (Boyd and Vandenberghe, "Convex
+    Optimization", chapter 11; the constraint is the linear matrix inequality of Wensing, Kim and Slotine,
+    IEEE RA-L 2018).
+
+    Args:
+        mean, information: Gaussian belief, (P,) and (P, P); the first bodies · PER_LINK entries are
+            inertials.
+        bodies: number of bodies.
+        positive: indices of parameters that cannot be negative.
+    """
+    inertials = mean[: bodies * PER_LINK].reshape(bodies, PER_LINK)
+    if feasible(inertials) and (mean[positive] >= 0.0).all():
+        return mean.copy()
+    point = mean.copy()
+    for body, values in enumerate(inertials):
+        # start well inside: the barrier's Newton steps are slow from a point on the edge
+        pseudo = feasible_pseudo_inertia(pseudo_inertia(values))
+        point[body * PER_LINK : (body + 1) * PER_LINK] = inertial_parameters(pseudo)
+    deviation = 1.0 / np.sqrt(np.diagonal(information))
+    point[positive] = np.maximum(point[positive], 1e-3 * deviation[positive] + 1e-12)
+    for barrier in BARRIERS:
+        for _ in range(NEWTON_STEPS):
+            step, decrement = _newton(point, mean, information, bodies, positive, barrier)
+            point = point + _largest(point, step, bodies, positive) * step
+            if decrement < 1e-3 * barrier:
+                break
+    return point
+
+
+def _newton(
+    point: np.ndarray,
+    mean: np.ndarray,
+    information: np.ndarray,
+    bodies: int,
+    positive: np.ndarray,
+    barrier: float,
+) -> tuple[np.ndarray, float]:
+    """Newton step (P,) of the barrier problem and half its squared decrement."""
+    gradient = information @ (point - mean)
+    hessian = information.copy()
+    for body in range(bodies):
+        rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
+        # log det(L (1 + X) Lᵀ) has gradient tr X and Hessian −1 in the coordinates of X
+        inverse = np.linalg.inv(tangent_basis(np.linalg.cholesky(pseudo_inertia(point[rows]))))
+        gradient[rows] -= barrier * (_TRACE @ inverse)
+        hessian[rows, rows] += barrier * inverse.T @ inverse
+    gradient[positive] -= barrier / point[positive]
+    hessian[positive, positive] += barrier / point[positive] ** 2
+    size = 1.0 / np.sqrt(np.diagonal(hessian))
+    factor = cho_factor(hessian * np.outer(size, size), lower=True, check_finite=False)
+    step = -size * cho_solve(factor, size * gradient, check_finite=False)
+    return step, -0.5 * float(gradient @ step)
+
+
+def _largest(point: np.ndarray, step: np.ndarray, bodies: int, positive: np.ndarray) -> float:
+    """Length of the step: full where that stays inside, else most of the way to the edge."""
+    reach = 1.0
+    for body in range(bodies):
+        rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
+        inverse = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(point[rows])))
+        change = np.linalg.eigvalsh(inverse @ pseudo_inertia(step[rows]) @ inverse.T)[0]
+        if change < 0.0:
+            reach = min(reach, -0.9 / change)
+    falling = step[positive] < 0.0
+    if falling.any():
+        reach = min(reach, float(np.min(-0.9 * point[positive][falling] / step[positive][falling])))
+    return reach

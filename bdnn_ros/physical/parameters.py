@@ -1,0 +1,199 @@
+"""Physical parameters of a robot and what is believed of them before any motion: the URDF, with a spread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.robot import PER_LINK, Robot
+
+INERTIAL_NAMES = ("mass", "mass_x", "mass_y", "mass_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""m [kg], m·c [kg·m], inertia about the link frame's origin [kg·m²], in the order of `Robot.inertials`."""
+JOINT_NAMES = ("armature", "viscous", "coulomb", "offset")
+"""[kg·m²], [N·m·s/rad], [N·m], [N·m] of each joint."""
+PER_JOINT = len(JOINT_NAMES)
+SMALLEST_SPREAD = 1e-4
+"""Smallest principal second moment of a body, relative to its largest: thinner ones are thickened."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far the real robot may be from its URDF, before any motion is seen.
+
+    Attributes:
+        inertial: relative standard deviation of every link's mass, centre and inertia; the prior is the same
+            whatever frame the link is described in.
+        load: mass of something unknown that may be fixed to any link, as a share of the mean link mass.
+        armature: standard deviation of the rotor inertia, in units of the joint's mean diagonal entry of M.
+        friction: standard deviation of Coulomb friction, in units of the joint's effort scale; of viscous
+            friction, the same at the joint's velocity limit.
+        offset: standard deviation of the effort offset, in the same unit.
+    """
+
+    inertial: float = 0.3
+    load: float = 0.1
+    armature: float = 1.0
+    friction: float = 1.0
+    offset: float = 0.1
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian over the P = n·(PER_LINK + PER_JOINT) parameters: inertials link by link, then each of
+    `JOINT_NAMES`.
+
+    Attributes:
+        mean: (P,).
+        covariance: (P, P).
+        effort_scale: typical effort of each joint, (n,) [N·m].
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    effort_scale: np.ndarray
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters of a robot by kind.
+
+    Attributes:
+        inertials: (n, PER_LINK), as `Robot.inertials`.
+        armature, viscous, coulomb, offset: (n,) each, as `JOINT_NAMES`.
+    """
+
+    inertials: np.ndarray
+    armature: np.ndarray
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    offset: np.ndarray
+
+    @classmethod
+    def from_vector(cls, vector: np.ndarray) -> Parameters:
+        """Parameters from the vector of `Prior.mean`'s order, (P,)."""
+        width = len(vector) // (PER_LINK + PER_JOINT)
+        inertials, joints = vector[: width * PER_LINK], vector[width * PER_LINK :]
+        return cls(inertials.reshape(width, PER_LINK).copy(), *joints.reshape(PER_JOINT, width).copy())
+
+    def vector(self) -> np.ndarray:
+        """All parameters in one vector, (P,)."""
+        return np.concatenate(
+            [self.inertials.ravel(), self.armature, self.viscous, self.coulomb, self.offset]
+        )
+
+
+def parameter_names(joints: Sequence[str]) -> list[str]:
+    """Names of the P parameters, `joint.parameter`; a link goes by the joint that moves it."""
+    inertial = [f"{joint}.{name}" for joint in joints for name in INERTIAL_NAMES]
+    return inertial + [f"{joint}.{name}" for name in JOINT_NAMES for joint in joints]
+
+
+def of_robot(robot: Robot) -> Parameters:
+    """The parameters a robot has now, without offset."""
+    return Parameters(robot.inertials, robot.armature, robot.viscous, robot.coulomb, np.zeros(robot.width))
+
+
+def prior(robot: Robot, spread: Spread | None = None) -> Prior:
+    """The belief that the real robot is near this one.
+
+    A link's pseudo-inertia J = L Lᵀ is believed to be L exp(X) Lᵀ with X a symmetric Gaussian of standard
+    deviation `spread.inertial`: to first order the affine-invariant metric of Lee, Wensing and Park,
+    "Geometric robot dynamic identification" (IEEE T-RO 2020), which no choice of frame or unit changes.
+    """
+    spread = spread or Spread()
+    width = robot.width
+    size = width * (PER_LINK + PER_JOINT)
+    covariance = np.zeros((size, size))
+    something = _unknown_body(robot, spread.load)
+    for body, values in enumerate(robot.inertials):
+        rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
+        for pseudo in (feasible_pseudo_inertia(pseudo_inertia(values)), something):
+            tangent = tangent_basis(np.linalg.cholesky(pseudo))
+            covariance[rows, rows] += spread.inertial**2 * tangent @ tangent.T
+    effort, inertia, velocity = _scales(robot)
+    deviations = np.concatenate(
+        [
+            spread.armature * inertia,
+            spread.friction * effort / velocity,
+            spread.friction * effort,
+            spread.offset * effort,
+        ]
+    )
+    covariance[width * PER_LINK :, width * PER_LINK :] = np.diag(deviations**2)
+    return Prior(of_robot(robot).vector(), covariance, effort)
+
+
+def pseudo_inertia(inertial: np.ndarray) -> np.ndarray:
+    """Pseudo-inertia [[Σ, m·c], [m·cᵀ, m]] of a body from its inertial parameters (PER_LINK,), (4, 4).
+
+    Σ = ½ tr(I)·1 − I is the second moment of the mass. Positive-definite if and only if some distribution of
+    mass has these parameters (Wensing, Kim and Slotine, IEEE RA-L 2018).
+    """
+    inertia = inertial[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
+    result = np.empty((4, 4))
+    result[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    result[:3, 3] = result[3, :3] = inertial[1:4]
+    result[3, 3] = inertial[0]
+    return result
+
+
+def inertial_parameters(pseudo: np.ndarray) -> np.ndarray:
+    """Inertial parameters (PER_LINK,) of a pseudo-inertia: the inverse of `pseudo_inertia`."""
+    moment = pseudo[:3, :3]
+    inertia = np.trace(moment) * np.eye(3) - moment
+    return np.array([pseudo[3, 3], *pseudo[:3, 3], *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+
+
+def feasible_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:
+    """The pseudo-inertia itself, or the nearest one that is safely positive-definite, (4, 4).
+
+    URDFs hold massless links, points, thin rods and inertias that no body can have.
+    """
+    mass = max(float(pseudo[3, 3]), 1e-3)
+    centre = pseudo[:3, 3] / mass
+    moment = pseudo[:3, :3] - mass * np.outer(centre, centre)
+    values, vectors = np.linalg.eigh(moment)
+    floor = max(SMALLEST_SPREAD * float(values[-1]), mass * 1e-6)
+    if pseudo[3, 3] >= mass and values[0] >= floor:
+        return pseudo
+    moment = (vectors * np.maximum(values, floor)) @ vectors.T
+    result = np.empty((4, 4))
+    result[:3, :3] = moment + mass * np.outer(centre, centre)
+    result[:3, 3] = result[3, :3] = mass * centre
+    result[3, 3] = mass
+    return result
+
+
+def tangent_basis(factor: np.ndarray) -> np.ndarray:
+    """Inertial parameters of L X Lᵀ, one column for each of ten orthonormal symmetric X, (PER_LINK, 10)."""
+    columns = []
+    for row in range(4):
+        for column in range(row + 1):
+            step = np.zeros((4, 4))
+            step[row, column] = step[column, row] = 1.0 if row == column else np.sqrt(0.5)
+            columns.append(inertial_parameters(factor @ step @ factor.T))
+    return np.array(columns).T
+
+
+def _unknown_body(robot: Robot, share: float) -> np.ndarray:
+    """Pseudo-inertia of a body of unknown shape at a link's origin, a decimetre across, (4, 4)."""
+    mass = max(share * float(np.mean(robot.inertials[:, 0])), 1e-3)
+    return mass * np.diag([0.1**2, 0.1**2, 0.1**2, 1.0])
+
+
+def _scales(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Typical effort [N·m], diagonal of M [kg·m²] and velocity [rad/s] of each joint by URDF, (n,)."""
+    generator = np.random.default_rng(0)
+    count = 200
+    low = np.maximum(robot.limits.lower, -np.pi)
+    high = np.minimum(robot.limits.upper, np.pi)
+    position = generator.uniform(low, np.maximum(high, low + 1e-6), (count, robot.width))
+    velocity = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 2.0)
+    acceleration = generator.normal(size=(count, robot.width)) * 2.0 * velocity
+    motion = generator.uniform(-1.0, 1.0, (count, robot.width)) * velocity
+    inertia = np.diagonal(robot.mass_matrix(position), axis1=1, axis2=2).mean(axis=0)
+    effort = np.sqrt(np.mean(robot.rigid_effort(position, motion, acceleration) ** 2, axis=0))
+    # what a drive adds hardly shrinks with the link it moves: a wrist's gear may outweigh the whole hand
+    return effort + 0.05 * effort.max() + 1e-3, inertia + 0.2 * inertia.max() + 1e-6, velocity

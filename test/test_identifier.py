@@ -1,0 +1,120 @@
+"""Identification from samples: of a known robot, live as offline, saved and loaded."""
+
+import numpy as np
+import pytest
+
+from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+
+
+def wrong(robot, share=0.2, seed=0):
+    """The same robot with other masses, by up to this share."""
+    generator = np.random.default_rng(seed)
+    return robot.with_inertials(robot.inertials * (1.0 + share * generator.uniform(-1, 1, (robot.width, 1))))
+
+
+def motion(robot, duration=10.0, rate=200.0, seed=0, noise=0.0, start=0.0):
+    """A recording of a robot that follows a sum of sines."""
+    generator = np.random.default_rng(seed)
+    time = start + np.arange(0.0, duration, 1.0 / rate)
+    frequency = generator.uniform(0.2, 1.2, (4, robot.width)) * 2.0 * np.pi
+    phase = generator.uniform(0.0, 2.0 * np.pi, (4, robot.width))
+    angle = frequency * time[:, None, None] + phase
+    size = 0.3 / frequency
+    position = (size * np.sin(angle) * 3.0).sum(axis=1) - 0.5
+    velocity = (size * frequency * np.cos(angle) * 3.0).sum(axis=1)
+    acceleration = -(size * frequency**2 * np.sin(angle) * 3.0).sum(axis=1)
+    effort = robot.inverse_dynamics(position, velocity, acceleration)
+    effort = effort + noise * effort.std(axis=0) * generator.normal(size=effort.shape)
+    return Recording(time, robot.joints, position, None, effort, name="motion")
+
+
+@pytest.fixture(scope="module")
+def real():
+    robot = Robot.bundled("arm6")
+    n = robot.width
+    return wrong(robot, seed=1).with_joint_parameters(np.full(n, 0.1), np.full(n, 2.0), np.full(n, 1.0))
+
+
+def test_a_wrong_urdf_is_put_right_within_seconds(real):
+    model = Identifier(Robot.bundled("arm6")).fit([motion(real, noise=0.01)])
+    signals = prepare(motion(real, seed=5))
+    measured = signals.smooth(signals.effort)[signals.interior]
+    predicted = signals.smooth(model.predict(signals))[signals.interior]
+    nmse = ((measured - predicted) ** 2).mean(axis=0) / measured.var(axis=0)
+    assert nmse.mean() < 1e-3
+    np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.1)
+    np.testing.assert_allclose(model.robot.viscous, 2.0, atol=0.2)
+
+
+def test_how_samples_are_packed_makes_no_difference(real):
+    recording = motion(real, duration=6.0, noise=0.01)
+    whole = Identifier(Robot.bundled("arm6")).fit([recording])
+    live = Identifier(Robot.bundled("arm6"))
+    for k in range(0, len(recording), 7):
+        live.feed(recording.time[k : k + 7], recording.position[k : k + 7], recording.effort[k : k + 7])
+    live.finish()
+    again = live.model(iterations=10)
+    np.testing.assert_allclose(again.parameters.vector(), whole.parameters.vector(), rtol=1e-6, atol=1e-9)
+
+
+def test_several_recordings_are_one_identification(real):
+    parts = [motion(real, 4.0, seed=seed) for seed in range(3)]
+    identifier = Identifier(Robot.bundled("arm6"))
+    model = identifier.fit(parts)
+    assert identifier.samples == sum(len(part) for part in parts)
+    np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.1)
+
+
+def test_a_gap_is_not_bridged(real):
+    first, second = motion(real, 4.0), motion(real, 4.0, seed=3, start=9.0)
+    joined = Recording(
+        np.concatenate([first.time, second.time]),
+        first.joints,
+        np.concatenate([first.position, second.position]),
+        None,
+        np.concatenate([first.effort, second.effort]),
+    )
+    model = Identifier(Robot.bundled("arm6")).fit([joined])
+    np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.1)
+
+
+def test_the_mass_matrix_is_positive_definite_after_one_second(real):
+    model = Identifier(Robot.bundled("arm6")).fit([motion(real, 1.0, noise=0.05)])
+    M = model.mass_matrix(np.random.default_rng(0).uniform(-3, 3, (200, 6)))
+    assert np.linalg.eigvalsh(M).min() > 0.0
+
+
+def test_a_saved_model_answers_as_before(real, tmp_path):
+    model = Identifier(Robot.bundled("arm6")).fit([motion(real, 4.0)])
+    again = load_model(save_model(tmp_path, model))
+    signals = prepare(motion(real, 2.0, seed=2))
+    np.testing.assert_array_equal(again.predict(signals), model.predict(signals))
+    assert again.version == model.version
+    assert again.table() == model.table()
+
+
+def test_dynamics_agree_with_one_another(real):
+    model = Identifier(Robot.bundled("arm6")).fit([motion(real, 4.0)])
+    generator = np.random.default_rng(0)
+    q, v, a = generator.normal(size=(3, 20, 6))
+    effort = model.inverse_dynamics(q, v, a)
+    np.testing.assert_allclose(model.forward_dynamics(q, v, effort), a, atol=1e-8)
+    parts = np.einsum("nij,nj->ni", model.mass_matrix(q), a) + model.coriolis(q, v) + model.gravity(q)
+    np.testing.assert_allclose(parts + model.friction(q, v), effort, atol=1e-8)
+
+
+def test_no_motion_no_effort_other_joints_are_refused(real):
+    identifier = Identifier(Robot.bundled("arm6"))
+    with pytest.raises(RecordingError, match="No motion"):
+        identifier.model()
+    recording = motion(real, 2.0)
+    silent = Recording(recording.time, recording.joints, recording.position)
+    with pytest.raises(RecordingError, match="no effort"):
+        identifier.fit([silent])
+    with pytest.raises(UsageError, match="other joints"):
+        Identifier(Robot.bundled("arm7")).fit([recording])

@@ -1,0 +1,114 @@
+"""Inertial parameters, pseudo-inertias and the prior at the URDF."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from bdnn_ros.physical.columns import parameter_columns, parameter_index
+from bdnn_ros.physical.parameters import (
+    Parameters,
+    Spread,
+    feasible_pseudo_inertia,
+    inertial_parameters,
+    of_robot,
+    parameter_names,
+    prior,
+    pseudo_inertia,
+    tangent_basis,
+)
+from bdnn_ros.robot import PER_LINK, Robot
+
+
+def some_inertial(generator):
+    centre = generator.normal(size=3)
+    values = generator.uniform(0.5, 2.0, 3)
+    turn = np.linalg.qr(generator.normal(size=(3, 3)))[0]
+    moment = turn @ np.diag(values) @ turn.T
+    inertia = np.trace(moment) * np.eye(3) - moment
+    return pin.Inertia(generator.uniform(1.0, 5.0), centre, inertia).toDynamicParameters()
+
+
+def test_a_pseudo_inertia_is_the_second_moment_of_its_points():
+    generator = np.random.default_rng(0)
+    masses, points = generator.uniform(0.1, 1.0, 8), generator.normal(size=(8, 3))
+    homogeneous = np.concatenate([points, np.ones((8, 1))], axis=1)
+    expected = np.einsum("k,ki,kj->ij", masses, homogeneous, homogeneous)
+    body = pin.Inertia.Zero()
+    for mass, point in zip(masses, points, strict=True):
+        body += pin.Inertia(mass, point, np.zeros((3, 3)))
+    np.testing.assert_allclose(pseudo_inertia(body.toDynamicParameters()), expected, atol=1e-12)
+
+
+def test_pseudo_inertia_goes_both_ways():
+    values = some_inertial(np.random.default_rng(1))
+    np.testing.assert_allclose(inertial_parameters(pseudo_inertia(values)), values, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros(10),
+        np.array([1.0, 0, 0, 0, 0, 0, 0, 0, 0, 0]),
+        np.array([1.0, 0, 0, 0, 1.0, 0, 0.1, 0, 0, 0.1]),
+        np.array([-1.0, 0.2, 0, 0, 1.0, 0, 1.0, 0, 0, 1.0]),
+    ],
+    ids=["massless", "point", "violates the triangle inequality", "negative mass"],
+)
+def test_an_impossible_body_becomes_a_possible_one(values):
+    result = feasible_pseudo_inertia(pseudo_inertia(values))
+    assert np.linalg.eigvalsh(result)[0] > 0.0
+
+
+def test_a_possible_body_stays_as_it_is():
+    pseudo = pseudo_inertia(some_inertial(np.random.default_rng(2)))
+    np.testing.assert_array_equal(feasible_pseudo_inertia(pseudo), pseudo)
+
+
+def test_the_prior_does_not_depend_on_the_links_frame():
+    generator = np.random.default_rng(3)
+    values = some_inertial(generator)
+    frame = np.eye(4)
+    frame[:3, :3] = np.linalg.qr(generator.normal(size=(3, 3)))[0]
+    frame[:3, 3] = generator.normal(size=3)
+    moved = frame @ pseudo_inertia(values) @ frame.T
+    change = np.array([inertial_parameters(frame @ pseudo_inertia(unit) @ frame.T) for unit in np.eye(10)]).T
+    here, there = (
+        basis @ basis.T
+        for basis in (
+            change @ tangent_basis(np.linalg.cholesky(pseudo_inertia(values))),
+            tangent_basis(np.linalg.cholesky(moved)),
+        )
+    )
+    np.testing.assert_allclose(here, there, rtol=1e-9)
+
+
+def test_the_prior_says_thirty_per_cent_of_a_links_mass():
+    robot = Robot.bundled("arm6")
+    belief = prior(robot, Spread(inertial=0.3, load=0.0))
+    masses = np.arange(robot.width) * PER_LINK
+    deviation = np.sqrt(np.diagonal(belief.covariance))[masses]
+    np.testing.assert_allclose(deviation, 0.3 * robot.inertials[:, 0], rtol=0.05)
+    np.testing.assert_array_equal(belief.mean, of_robot(robot).vector())
+
+
+def test_parameters_go_through_a_vector():
+    vector = np.arange(2 * 14, dtype=float)
+    np.testing.assert_array_equal(Parameters.from_vector(vector).vector(), vector)
+    names = parameter_names(("a", "b"))
+    assert len(names) == len(vector)
+    assert names[10] == "b.mass" and names[20] == "a.armature" and names[-1] == "b.offset"
+
+
+def test_columns_times_parameters_is_the_effort():
+    from bdnn_ros.recording import Recording
+    from bdnn_ros.signals import prepare
+
+    robot = Robot.bundled("arm6").with_joint_parameters(*np.random.default_rng(4).uniform(0.1, 1.0, (3, 6)))
+    time = np.arange(0.0, 3.0, 0.005)
+    position = np.sin(time[:, None] * np.linspace(0.7, 2.1, 6)) * 0.8
+    signals = prepare(Recording(time, robot.joints, position))
+    columns = parameter_columns(robot, signals)
+    effort = np.einsum("njk,jk->nj", columns, of_robot(robot).vector()[parameter_index(6)])
+    moving = np.abs(signals.sign) == 1.0
+    expected = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+    np.testing.assert_allclose(effort[moving], expected[moving], atol=1e-9)
