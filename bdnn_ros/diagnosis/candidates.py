@@ -1,0 +1,107 @@
+"""Which effects are tried, where, and with which shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.robot import Robot
+
+COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
+"""What almost every drive has; they stand in for the unknown cause while the noise is first estimated."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Every effect at every place of a robot."""
+
+    terms: tuple[Term, ...]
+    robot: Robot
+
+    @classmethod
+    def of(cls, robot: Robot) -> Candidates:
+        """All effects of the registry that act on the effort, at all joints and moving links of a robot."""
+        terms: list[Term] = []
+        for effect in EFFECTS.values():
+            if effect.kinematic:
+                continue
+            for target, link in effect.places(robot):
+                terms.append(Term(effect, target, link))
+        return cls(tuple(terms), robot)
+
+    def common(self) -> list[Term]:
+        """The commonest effects on all joints."""
+        return [term for term in self.terms if term.effect.name in COMMON]
+
+    def shaped(self, equations: Equations, pool: Pool, fit: Fit) -> list[Term]:
+        """Each candidate that is not in the pool, with the shape that fits best beside the pool's terms."""
+        present = {term.place for term in pool.terms}
+        result = []
+        for term in self.terms:
+            if term.place in present:
+                continue
+            shapes = term.effect.shapes(equations.motion, term.target)
+            if len(shapes) == 1:
+                result.append(term.shaped(shapes[0]))
+                continue
+            tried = [term.shaped(shape) for shape in shapes]
+            gains = [pool.gain_of(fit, one, equations.columns(one)) for one in tried]
+            result.append(tried[int(np.argmax(gains))])
+        return result
+
+    def refined(self, equations: Equations, pool: Pool, fit: Fit) -> list[Term]:
+        """The fit's terms with their shapes moved to where they fit best, one after another."""
+        result = []
+        for chosen in fit.terms:
+            term = pool.terms[chosen]
+            if not term.shape:
+                result.append(term)
+                continue
+            rest = [c for c in fit.terms if c != chosen]
+            result.append(_refined(equations, pool, pool.fit(rest), term))
+        return result
+
+    def load(self, equations: Equations, pool: Pool, fit: Fit) -> np.ndarray:
+        """Effort that really acts by the fit, at the working rate, (N, n) [N·m]."""
+        motion = equations.motion
+        links = equations.rigid.shape[2]
+        robot = self.robot.with_inertials(
+            self.robot.inertials.ravel() + equations.relative @ fit.coefficients[:links]
+        )
+        base = robot.rigid_effort(motion.position, motion.velocity, motion.acceleration)
+        base = base + robot.armature * motion.acceleration + robot.viscous * motion.velocity
+        base = base + robot.coulomb * motion.sign
+        for chosen in fit.terms:
+            term = pool.terms[chosen]
+            coefficients, _ = pool.part(fit, chosen)
+            base = base + term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
+        return np.asarray(base)
+
+
+def lone_gain(equations: Equations, pool: Pool, fit: Fit, term: Term) -> float:
+    """Evidence a term with its shape would add to a fit."""
+    raw = term.effect.columns(equations.motion, term.target, dict(term.shape), term.link)
+    return pool.gain_of(fit, term, equations.reduced(raw))
+
+
+def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
+    names = [name for name, _ in term.shape]
+    start = np.array([value for _, value in term.shape])
+    scale = np.where(np.abs(start) > 1e-9, np.abs(start), 1.0)
+
+    def loss(x: np.ndarray) -> float:
+        shape = dict(zip(names, (x * scale).tolist(), strict=True))
+        if not term.effect.shape_allowed(shape):
+            return 1e9
+        return -lone_gain(equations, pool, fit, term.shaped(shape))
+
+    best = minimize(
+        loss, start / scale, method="Nelder-Mead", options={"maxfev": 25 * len(names), "xatol": 1e-3}
+    )
+    shape = dict(zip(names, (best.x * scale).tolist(), strict=True))
+    return term.shaped(shape) if best.fun < loss(start / scale) else term

@@ -1,0 +1,272 @@
+"""From recordings and a simulation to findings: what it gets wrong, the cause, the gain, and what cannot be told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Equations, build
+from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.identifiability import Judgement, advice, judge
+from bdnn_ros.diagnosis.kinematics import reported_velocity
+from bdnn_ros.diagnosis.posterior import Estimate, estimates
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
+from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.unexplained import Remainder, describe
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import concatenated, prepare
+
+EVERY_TEST_BLOCK = 5
+"""One block in so many is kept out of the search and of the fit that the gain is measured with."""
+RESAMPLES = 1000
+EXPLAINED = 1.3
+"""An extended model within this factor of the noise floor explains the recording."""
+SLIGHT = 1.15
+"""Links' errors that change the effort's RMS error by less than this factor above the floor need no words."""
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Examination:
+    """A diagnosis with what it was made from, for the extended model and the report.
+
+    Attributes:
+        pool, fit: all data, the chosen terms.
+        estimates: the findings' terms with their parameters, in the order of `fit.terms`.
+        test: rows kept out of the search, (R,) bool.
+        extended: held-out prediction error of the extended model, rows (R, n) [N·m].
+    """
+
+    diagnosis: Diagnosis
+    recordings: tuple[Recording, ...]
+    robot: Robot
+    equations: Equations
+    pool: Pool
+    fit: Fit
+    estimates: tuple[Estimate, ...]
+    test: np.ndarray
+    extended: np.ndarray
+    remainder: Remainder
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    *,
+    cutoff: float | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Findings of `examine`."""
+    return examine(recordings, robot, cutoff=cutoff, progress=progress).diagnosis
+
+
+def examine(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    *,
+    cutoff: float | None = None,
+    progress: Progress | None = None,
+) -> Examination:
+    """Diagnose recordings of a robot against its simulation.
+
+    Args:
+        recordings: with effort; joints in the robot's order.
+        robot: what the simulation believes.
+        cutoff: low-pass [Hz], None chooses.
+        progress: called with a few words on what is being done.
+
+    Raises:
+        RecordingError: no effort, too short, or no motion.
+    """
+    say = progress or (lambda text: None)
+    for recording in recordings:
+        recording.require_effort()
+    say("filtering")
+    signals = concatenated([prepare(recording, cutoff) for recording in recordings])
+    equations = build(signals, robot)
+    if equations.blocks < EVERY_TEST_BLOCK:
+        raise RecordingError(
+            f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
+            "Record at least 10 s of motion, better 30 s.",
+        )
+    test = equations.block % EVERY_TEST_BLOCK == EVERY_TEST_BLOCK // 2
+    whole = equations.usable
+    equations.usable = whole & ~test[:, None]
+    say("first look")
+    search = Search(equations, Candidates.of(robot), 1.0 / signals.raw_rate, say)
+    selection = search.run()
+    say("weighing rivals")
+    judgements = judge(search, selection)
+    fitted = Pool(
+        equations, selection.pool.noise, selection.terms, selection.pool.link_error, search.stamp_error
+    )
+    extended = fitted.residual(fitted.fit(range(len(selection.terms))))
+    equations.usable = whole
+    pool = Pool(
+        equations, selection.pool.noise, selection.terms, selection.pool.link_error, search.stamp_error
+    )
+    fit = pool.fit(range(len(selection.terms)))
+    found = estimates(pool, fit)
+    remainder = describe(equations, pool.residual(fit))
+    diagnosis = _diagnosis(
+        recordings, robot, equations, selection, judgements, found, fitted, extended, test, remainder
+    )
+    return Examination(
+        diagnosis, tuple(recordings), robot, equations, pool, fit, tuple(found), test, extended, remainder
+    )
+
+
+def _diagnosis(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    equations: Equations,
+    selection: Selection,
+    judgements: Sequence[Judgement],
+    found: Sequence[Estimate],
+    fitted: Pool,
+    extended: np.ndarray,
+    test: np.ndarray,
+    remainder: Remainder,
+) -> Diagnosis:
+    held = equations.usable & test[:, None]
+    shares = _shares(equations, fitted, extended, held)
+    findings = [
+        _finding(robot, estimate, judgement, share)
+        for estimate, judgement, share in zip(found, judgements, shares, strict=True)
+    ]
+    findings += reported_velocity(recordings)
+    findings.sort(key=lambda finding: -finding.share)
+    simulation = _rms(equations.target, held)
+    after = _rms(extended, held)
+    floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
+    gain, interval = _gain(equations, extended, held)
+    share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
+    verdict = _verdict(findings, simulation, after, floor, equations.effort_scale)
+    where = [_place(robot, e)[0] or _place(robot, e)[1] or "the base" for e in found]
+    return Diagnosis(
+        source=_source(recordings, equations),
+        verdict=verdict,
+        findings=tuple(findings),
+        effort_rmse={"simulation": simulation, "extended": after, "noise_floor": floor},
+        gain=gain,
+        gain_interval=interval,
+        unexplained_share=share,
+        unexplained_depends_on=remainder.depends_on[:6],
+        unexplained_sentence=_unexplained_sentence(share, remainder),
+        advice=tuple(advice([e.term for e in found], judgements, where)),
+        notes=tuple(note for recording in recordings for note in recording.notes),
+    )
+
+
+def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
+    joint, link = _place(robot, estimate)
+    rivals = tuple(
+        Rival(
+            rival.effect.name,
+            None if rival.target < 0 or rival.link else robot.joints[rival.target],
+            rival.link,
+            probability,
+        )
+        for rival, probability in judgement.rivals
+    )
+    values = estimate.term.effect.values(estimate.coefficients, dict(estimate.term.shape))
+    where = link or joint or ("The base" if estimate.term.effect.on == "base" else "Every joint")
+    return Finding(
+        effect=estimate.term.effect.name,
+        joint=joint,
+        link=link,
+        parameters=estimate.quantities(),
+        share=share,
+        probability=judgement.probability,
+        rivals=rivals,
+        sentence=estimate.term.effect.sentence(where, values),
+    )
+
+
+def _place(robot: Robot, estimate: Estimate) -> tuple[str | None, str | None]:
+    term = estimate.term
+    if term.link:
+        return None, term.link
+    return (robot.joints[term.target] if term.target >= 0 else None), None
+
+
+def _shares(equations: Equations, fitted: Pool, extended: np.ndarray, held: np.ndarray) -> list[float]:
+    """Part of the simulation's held-out squared error that each chosen term removes."""
+    fit = fitted.fit(range(len(fitted.terms)))
+    before = float(np.sum(equations.target[held] ** 2))
+    after = float(np.sum(extended[held] ** 2))
+    shares = []
+    for chosen in fit.terms:
+        coefficients, _ = fitted.part(fit, chosen)
+        without = extended + equations.columns(fitted.terms[chosen]) @ coefficients
+        shares.append((float(np.sum(without[held] ** 2)) - after) / max(before, 1e-30))
+    return shares
+
+
+def _gain(equations: Equations, extended: np.ndarray, held: np.ndarray) -> tuple[float, tuple[float, float]]:
+    """1 - RMSE(extended) / RMSE(simulation) on held-out blocks, with a block-bootstrap 95 % interval."""
+    blocks = np.unique(equations.block[held.any(axis=1)])
+    pairs = np.array(
+        [
+            [
+                float(np.sum(np.where(held[rows], values[rows], 0.0) ** 2))
+                for values in (extended, equations.target)
+            ]
+            for rows in (equations.block == b for b in blocks)
+        ]
+    )
+    draws = np.random.default_rng(0).integers(0, len(pairs), (RESAMPLES, len(pairs)))
+    sums = pairs[draws].sum(axis=1)
+    gains = 1.0 - np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1e-30))
+    total = pairs.sum(axis=0)
+    low, high = np.quantile(gains, [0.025, 0.975])
+    return float(1.0 - np.sqrt(total[0] / max(total[1], 1e-30))), (float(low), float(high))
+
+
+def _verdict(
+    findings: Sequence[Finding],
+    simulation: np.ndarray,
+    after: np.ndarray,
+    floor: np.ndarray,
+    scale: np.ndarray,
+) -> Verdict:
+    """Explained means: every joint's error is near its floor, or too small a share of its effort to matter."""
+    near = bool(((after <= EXPLAINED * floor) | (after <= 0.02 * scale)).all())
+    if findings:
+        return "explained" if near else "partly_explained"
+    return "nothing_wrong" if near else "cannot_tell"
+
+
+def _unexplained_sentence(share: float, remainder: Remainder) -> str:
+    if not remainder.depends_on:
+        return "What is left looks like noise: no position, velocity, load or time predicts it."
+    return (
+        f"{100.0 * share:.1f} % of the simulation's squared error is left above the noise; it depends on "
+        + ", ".join(remainder.depends_on[:3])
+        + "."
+    )
+
+
+def _source(recordings: Sequence[Recording], equations: Equations) -> dict[str, object]:
+    signals = equations.motion.signals
+    return {
+        "bags": [recording.name for recording in recordings],
+        "duration": round(sum(recording.duration for recording in recordings), 3),
+        "samples": sum(len(recording) for recording in recordings),
+        "rate": round(signals.raw_rate, 3),
+        "cutoff": round(signals.cutoff, 3),
+        "urdf": "",
+        "joints": list(signals.joints),
+    }
+
+
+def _rms(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Per joint, (n,)."""
+    count = np.maximum(rows.sum(axis=0), 1)
+    return np.asarray(np.sqrt(np.sum(np.where(rows, values, 0.0) ** 2, axis=0) / count))

@@ -1,0 +1,212 @@
+"""What the data supports: Bayesian evidence of sets of effects, with the links' errors marginalised.
+
+Every set of effects is compared with the URDF's inertial errors free under a Gaussian prior, so that a slightly wrong
+description is not named friction, payload or armature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import lsq_linear
+
+from bdnn_ros.diagnosis.equations import Equations, Noise, Term
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Posterior of one set of terms.
+
+    Attributes:
+        terms: indices into the pool.
+        coefficients: links' relative errors, nuisances, then the terms' coefficients, (P,).
+        covariance: posterior covariance of them, (P, P).
+        evidence: log evidence up to a constant of the data and noise model.
+        loss: half the sum of squared whitened residuals plus the prior's share.
+        at_bound: a coefficient had to be held at its bound.
+    """
+
+    terms: tuple[int, ...]
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    evidence: float
+    loss: float
+    at_bound: bool
+
+
+class Pool:
+    """Candidate terms with their Gram matrices at one noise model, by held-out block.
+
+    Args:
+        equations: the regression.
+        noise: its noise model.
+        terms: the candidates, each with a shape.
+        link_error: prior standard deviation of the links' relative errors.
+        stamp_error: prior standard deviation [s] of a common shift between effort and motion (an effort is held for a
+            sample, so its stamp leads); a nuisance, not a finding.
+    """
+
+    def __init__(
+        self, equations: Equations, noise: Noise, terms: Sequence[Term], link_error: float, stamp_error: float
+    ) -> None:
+        self.equations, self.noise, self.terms = equations, noise, list(terms)
+        self.link_error = link_error
+        columns = [equations.columns(term) for term in self.terms]
+        nuisance = equations.shift_column
+        self.base = equations.rigid.shape[2] + nuisance.shape[2]
+        sizes = [c.shape[2] for c in columns]
+        starts = self.base + np.cumsum([0, *sizes])
+        self.slots = [np.arange(a, b) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+        spread = [np.full(equations.rigid.shape[2], link_error), np.full(nuisance.shape[2], stamp_error)]
+        spread += [equations.spread(c) for c in columns]
+        self.precision = 1.0 / np.concatenate(spread) ** 2
+        lower = [np.full(self.base, -np.inf)] + [
+            np.array([b[0] for b in t.effect.coefficient_bounds]) for t in terms
+        ]
+        upper = [np.full(self.base, np.inf)] + [
+            np.array([b[1] for b in t.effect.coefficient_bounds]) for t in terms
+        ]
+        self.lower, self.upper = np.concatenate(lower), np.concatenate(upper)
+        self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
+        self.white_target = equations.whiten(equations.target, noise)
+        self.gram, self.moment, self.power = _by_block(self.white, self.white_target, equations)
+        self._scale = float(np.sum(equations.counted() * np.log(noise.std)))
+
+    @cached_property
+    def total(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Gram matrix, moments and power over all blocks."""
+        return self.gram.sum(0), self.moment.sum(0), float(self.power.sum())
+
+    def fit(self, chosen: Sequence[int], left_out: int | None = None) -> Fit:
+        """Posterior of a set of terms, optionally without one block, with coefficients inside their bounds."""
+        gram, moment, power = self.total
+        if left_out is not None:
+            gram, moment = gram - self.gram[left_out], moment - self.moment[left_out]
+            power = power - float(self.power[left_out])
+        index = self.columns_of(chosen)
+        a = gram[np.ix_(index, index)] + np.diag(self.precision[index])
+        factor = cho_factor(a, lower=True)
+        best = cho_solve(factor, moment[index])
+        low, high = self.lower[index], self.upper[index]
+        outside = bool(((best < low - 1e-12) | (best > high + 1e-12)).any())
+        if outside:
+            best = _bounded(a, moment[index], low, high)
+        loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
+        volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor[0])))
+        covariance = cho_solve(factor, np.eye(len(index)))
+        return Fit(tuple(chosen), best, covariance, float(volume - loss - self._scale), float(loss), outside)
+
+    def columns_of(self, chosen: Sequence[int]) -> np.ndarray:
+        """Column indices of the links, the nuisances and these terms."""
+        return np.concatenate([np.arange(self.base), *(self.slots[c] for c in chosen)]).astype(int)
+
+    def gains(self, fit: Fit, candidates: Sequence[int]) -> np.ndarray:
+        """Log evidence each candidate would add to a fit, one at a time, (len(candidates),)."""
+        gram, moment, _ = self.total
+        index = self.columns_of(fit.terms)
+        root = cholesky(gram[np.ix_(index, index)] + np.diag(self.precision[index]), lower=True)
+        left = moment - gram[:, index] @ fit.coefficients
+        half = solve_triangular(root, gram[index], lower=True)
+        result = np.empty(len(candidates))
+        for i, candidate in enumerate(candidates):
+            slot = self.slots[candidate]
+            prior = self.precision[slot]
+            schur = gram[np.ix_(slot, slot)] + np.diag(prior) - half[:, slot].T @ half[:, slot]
+            result[i] = _block_gain(schur, left[slot], prior, self.lower[slot], self.upper[slot])
+        return result
+
+    def gain_of(self, fit: Fit, term: Term, columns: np.ndarray) -> float:
+        """Log evidence that columns (R, n, k) of a term outside the pool would add to a fit."""
+        white = self.equations.whiten(columns, self.noise)
+        joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
+        tall = white[:, joints].reshape(-1, white.shape[2])
+        index = self.columns_of(fit.terms)
+        known = self.white[:, joints][:, :, index].reshape(-1, len(index))
+        cross = known.T @ tall
+        left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
+        prior = 1.0 / self.equations.spread(columns) ** 2
+        schur = tall.T @ tall + np.diag(prior) - cross.T @ fit.covariance @ cross
+        bounds = np.array(term.effect.coefficient_bounds)
+        return _block_gain(schur, left, prior, bounds[:, 0], bounds[:, 1])
+
+    def held_out(self, chosen: Sequence[int]) -> np.ndarray:
+        """Half squared whitened error on each block, fitted without it, (B,)."""
+        index = self.columns_of(chosen)
+        errors = np.empty(len(self.gram))
+        for b in range(len(self.gram)):
+            theta = self.fit(chosen, left_out=b).coefficients
+            inner = self.gram[b][np.ix_(index, index)]
+            errors[b] = 0.5 * (self.power[b] - 2.0 * theta @ self.moment[b][index] + theta @ inner @ theta)
+        return errors
+
+    def residual(self, fit: Fit) -> np.ndarray:
+        """What the fit leaves of the target, unwhitened rows (R, n) [N·m]."""
+        return self.equations.target - self.contribution(fit)
+
+    def contribution(self, fit: Fit) -> np.ndarray:
+        """What the links' errors, the nuisances and the terms of a fit add to the effort, rows (R, n) [N·m]."""
+        equations = self.equations
+        links = equations.rigid.shape[2]
+        total = equations.rigid @ fit.coefficients[:links]
+        total = total + equations.shift_column @ fit.coefficients[links : self.base]
+        at = self.base
+        for chosen in fit.terms:
+            columns = equations.columns(self.terms[chosen])
+            total = total + columns @ fit.coefficients[at : at + columns.shape[2]]
+            at += columns.shape[2]
+        return np.asarray(total)
+
+    def part(self, fit: Fit, chosen: int) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients (k,) and their covariance (k, k) of one term of a fit."""
+        at = self.base
+        for other in fit.terms:
+            size = len(self.slots[other])
+            if other == chosen:
+                rows = slice(at, at + size)
+                return fit.coefficients[rows], fit.covariance[rows, rows]
+            at += size
+        raise KeyError(chosen)
+
+
+def _by_block(
+    white: np.ndarray, target: np.ndarray, equations: Equations
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gram matrices (B, P, P), moments (B, P) and powers (B,) of each block."""
+    grams, moments, powers = [], [], []
+    for b in range(equations.blocks):
+        rows = equations.block == b
+        tall = white[rows].reshape(-1, white.shape[2])
+        flat = target[rows].ravel()
+        grams.append(tall.T @ tall)
+        moments.append(tall.T @ flat)
+        powers.append(float(flat @ flat))
+    return np.array(grams), np.array(moments), np.array(powers)
+
+
+def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Minimum of ½ x'Ax - m'x inside bounds."""
+    root = cholesky(a, lower=True)
+    solution = lsq_linear(root.T, solve_triangular(root, moment, lower=True), (low, high), method="bvls")
+    return np.asarray(np.clip(solution.x, low, high))
+
+
+def _block_gain(
+    schur: np.ndarray, left: np.ndarray, prior: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> float:
+    """Evidence gained by one block of columns whose coefficients stay inside their bounds."""
+    try:
+        root = cholesky(schur, lower=True)
+    except np.linalg.LinAlgError:
+        return -np.inf
+    best = cho_solve((root, True), left)
+    if ((best < low) | (best > high)).any():
+        if len(best) == 1:
+            best = np.clip(best, low, high)
+        else:
+            best = _bounded(schur, left, low, high)
+    explained = float(best @ left - 0.5 * best @ schur @ best)
+    return explained + 0.5 * float(np.sum(np.log(prior))) - float(np.sum(np.log(np.diag(root))))

@@ -1,0 +1,93 @@
+"""What the data cannot tell apart: rivals of each finding, their probabilities, and the motion that would settle it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.diagnosis.equations import Term
+from bdnn_ros.diagnosis.search import Search, Selection, contains
+
+TEMPERATURE = 2.0
+"""Evidence differences are divided by this: the noise model is never quite right."""
+LISTED = 0.02
+"""Rivals less probable than this are not listed."""
+TIE = 0.1
+"""A rival at least this probable makes the finding a tie, and earns advice."""
+SAME_PHYSICS = (frozenset({"payload", "link_inertia"}),)
+"""Kinds that are one physical change seen in two ways: always listed beside each other."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How sure a chosen term is.
+
+    Attributes:
+        probability: against its rivals and against nothing.
+        rivals: other terms for its place and their probabilities, most probable first.
+    """
+
+    probability: float
+    rivals: tuple[tuple[Term, float], ...]
+
+
+def judge(search: Search, selection: Selection) -> list[Judgement]:
+    """Rivals of every chosen term, in the order of `selection.chosen`."""
+    return [_judge(search, selection, one) for one in selection.chosen]
+
+
+def _judge(search: Search, selection: Selection, one: int) -> Judgement:
+    pool, term = selection.pool, selection.pool.terms[one]
+    rest = [c for c in selection.chosen if c != one]
+    own = search.score(pool, [*rest, one])
+    scores: dict[int, float] = {}
+    for base in _bases(search, selection, term, rest):
+        fit = pool.fit(base)
+        costs = search.costs(pool, base)
+        start = search.score(pool, base)
+        rivals = [
+            c
+            for c in range(len(pool.terms))
+            if c != one and c not in base and not search.conflict(pool, c, base)
+        ]
+        for c, gain in zip(rivals, pool.gains(fit, rivals), strict=True):
+            scores[c] = max(scores.get(c, -np.inf), start + float(gain) - costs[c])
+    nothing = max(search.score(pool, base) for base in _bases(search, selection, term, rest))
+    keys = list(scores)
+    logs = np.array([own, nothing, *(scores[k] for k in keys)]) / TEMPERATURE
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    rivals_found = [(pool.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
+    listed = [(rival, p) for rival, p in rivals_found if p >= LISTED or _same_physics(term, rival)]
+    listed.sort(key=lambda pair: -pair[1])
+    return Judgement(float(weights[0]), tuple(listed[:6]))
+
+
+def _bases(search: Search, selection: Selection, term: Term, rest: list[int]) -> list[list[int]]:
+    """What may stand beside a rival: the other terms, and with them what the term itself contains."""
+    pool = selection.pool
+    bases = [rest]
+    parts = [c for c in range(len(pool.terms)) if contains(term, pool.terms[c]) and c not in rest]
+    bases += [[*rest, part] for part in parts]
+    return bases
+
+
+def _same_physics(a: Term, b: Term) -> bool:
+    pair = frozenset({a.effect.name, b.effect.name})
+    return pair in SAME_PHYSICS and a.target == b.target
+
+
+def advice(terms: Sequence[Term], judgements: Sequence[Judgement], where: Sequence[str]) -> list[str]:
+    """One sentence for each tie: what would settle it."""
+    sentences = []
+    for term, judgement, place in zip(terms, judgements, where, strict=True):
+        close = [rival for rival, p in judgement.rivals if p >= TIE and not _same_physics(term, rival)]
+        if close:
+            names = " or ".join(dict.fromkeys(r.effect.title for r in close))
+            sentences.append(
+                f"To tell {term.effect.title} at {place} from {names}, record {term.effect.shown_by}; "
+                f"`bdnn excite --for diagnosis.json` makes such a motion."
+            )
+    return sentences

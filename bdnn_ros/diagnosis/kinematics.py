@@ -1,0 +1,82 @@
+"""Whether the reported velocity is the derivative of the reported position."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.signal import lfilter
+
+from bdnn_ros.diagnosis.result import Finding, Quantity
+from bdnn_ros.recording import Recording
+from bdnn_ros.signals import Signals, concatenated, prepare
+
+SAMPLES_OF_LAG = 1.5
+"""A lag of up to so many sample periods is what differentiating does; more is a filter."""
+BLOCKS = 12
+
+
+def reported_velocity(recordings: Sequence[Recording]) -> list[Finding]:
+    """A finding for each joint whose reported velocity lags behind its motion like a first-order low-pass."""
+    if any(recording.velocity is None for recording in recordings):
+        return []
+    signals = concatenated([prepare(recording) for recording in recordings])
+    return [finding for j in range(signals.width) if (finding := _filtered(signals, j)) is not None]
+
+
+def _filtered(signals: Signals, joint: int) -> Finding | None:
+    assert signals.reported_velocity is not None
+    rows = signals.interior & ~signals.at_rest[:, joint]
+    if rows.sum() < 10 * BLOCKS:
+        return None
+    parts = np.array_split(np.flatnonzero(rows), BLOCKS)
+    lags = [_lag(signals, joint, part) for part in parts]
+    lag = _lag(signals, joint, np.flatnonzero(rows))
+    std = float(np.std(lags) / np.sqrt(BLOCKS))
+    least = SAMPLES_OF_LAG / signals.raw_rate
+    if lag - 3.0 * std < least:
+        return None
+    velocity, reported = signals.velocity[rows, joint], signals.reported_velocity[rows, joint]
+    before = float(np.mean((reported - velocity) ** 2))
+    after = float(np.mean((reported - _delayed(signals, joint, lag)[rows]) ** 2))
+    if after > 0.5 * before:
+        return None
+    cutoff = 1.0 / (2.0 * np.pi * lag)
+    name = signals.joints[joint]
+    return Finding(
+        effect="velocity_filter",
+        joint=name,
+        link=None,
+        parameters={"cutoff": Quantity(cutoff, cutoff * std / lag, "Hz")},
+        share=1.0 - after / before,
+        probability=0.99,
+        rivals=(),
+        sentence=f"The reported velocity of {name} is the derivative of its position behind a low-pass of {cutoff:.3g} Hz.",
+    )
+
+
+def _lag(signals: Signals, joint: int, rows: np.ndarray) -> float:
+    """Time constant [s] of the first-order low-pass between velocity and reported velocity, by least squares."""
+    assert signals.reported_velocity is not None
+    lag = 0.0
+    for _ in range(8):
+        model = _delayed(signals, joint, lag)
+        slope = (_delayed(signals, joint, lag + 1e-4) - model)[rows] / 1e-4
+        error = (signals.reported_velocity[:, joint] - model)[rows]
+        lag = max(lag + float(slope @ error) / max(float(slope @ slope), 1e-18), 0.0)
+    return lag
+
+
+def _delayed(signals: Signals, joint: int, lag: float) -> np.ndarray:
+    """The derived velocity behind a first-order low-pass of time constant `lag` [s], (N,)."""
+    velocity = signals.velocity[:, joint]
+    if lag <= 0.0:
+        return velocity
+    keep = float(np.exp(-1.0 / (signals.rate * lag)))
+    result = np.empty_like(velocity)
+    # A straight line between samples, filtered exactly: what a fast filter sees of a smooth motion.
+    weight = lag * signals.rate * (1.0 - keep)
+    for rows in signals.segments:
+        piece = velocity[rows]
+        result[rows] = lfilter([1.0 - weight, weight - keep], [1.0, -keep], piece, zi=[piece[0] * weight])[0]
+    return result

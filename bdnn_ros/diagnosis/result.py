@@ -1,0 +1,135 @@
+"""What a diagnosis says: findings, their rivals, the gain, and what it cannot tell."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+FORMAT = "bdnn_ros/diagnosis"
+VERSION = 1
+
+Verdict = Literal["nothing_wrong", "explained", "partly_explained", "cannot_tell"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter's value with its standard deviation, in `unit`."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another cause that would explain the same, with its probability."""
+
+    effect: str
+    joint: str | None
+    link: str | None
+    probability: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One cause, as the contract has it.
+
+    Attributes:
+        share: part of the simulation's held-out squared error that the finding removes.
+        probability: against its rivals and against nothing.
+    """
+
+    effect: str
+    joint: str | None
+    link: str | None
+    parameters: Mapping[str, Quantity]
+    share: float
+    probability: float
+    rivals: tuple[Rival, ...]
+    sentence: str
+
+    @property
+    def where(self) -> str:
+        """Joint or link it acts on, or "base"."""
+        return self.link or self.joint or "base"
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything a diagnosis found; `as_json` is the contract's diagnosis.json.
+
+    Attributes:
+        source: bags, duration [s], samples, rate [Hz], urdf, joints.
+        effort_rmse: root mean square error on held-out blocks per joint [N·m] of the simulation, the extended model, and
+            the noise floor.
+        gain: 1 - RMSE(extended) / RMSE(simulation) on held-out blocks; interval at 95 %.
+        unexplained: share of the simulation's squared error that is left above the noise, what it depends on, and a sentence.
+        advice: what to do next.
+    """
+
+    source: Mapping[str, Any]
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    effort_rmse: Mapping[str, np.ndarray]
+    gain: float
+    gain_interval: tuple[float, float]
+    unexplained_share: float
+    unexplained_depends_on: tuple[str, ...]
+    unexplained_sentence: str
+    advice: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    def as_json(self) -> dict[str, Any]:
+        """The contract's diagnosis.json."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "source": dict(self.source),
+            "verdict": self.verdict,
+            "findings": [_finding_json(finding) for finding in self.findings],
+            "effort_rmse": {key: [_rounded(v) for v in values] for key, values in self.effort_rmse.items()},
+            "gain": {"value": _rounded(self.gain), "interval": [_rounded(v) for v in self.gain_interval]},
+            "unexplained": {
+                "share": _rounded(self.unexplained_share),
+                "depends_on": list(self.unexplained_depends_on),
+                "sentence": self.unexplained_sentence,
+            },
+            "advice": list(self.advice),
+            "notes": list(self.notes),
+        }
+
+    def save(self, path: Path) -> None:
+        """Write diagnosis.json, whole or not at all."""
+        beside = path.with_name(path.name + ".part")
+        beside.write_text(json.dumps(self.as_json(), indent=1) + "\n", encoding="utf-8")
+        os.replace(beside, path)
+
+
+def _finding_json(finding: Finding) -> dict[str, Any]:
+    return {
+        "effect": finding.effect,
+        "joint": finding.joint,
+        "link": finding.link,
+        "parameters": {
+            name: {"value": _rounded(q.value), "std": _rounded(q.std), "unit": q.unit}
+            for name, q in finding.parameters.items()
+        },
+        "share": _rounded(finding.share),
+        "probability": _rounded(finding.probability),
+        "rivals": [
+            {"effect": r.effect, "joint": r.joint, "link": r.link, "probability": _rounded(r.probability)}
+            for r in finding.rivals
+        ],
+        "sentence": finding.sentence,
+    }
+
+
+def _rounded(value: float) -> float:
+    """Six significant digits: what the data could ever support."""
+    return float(f"{float(value):.6g}")

@@ -1,0 +1,100 @@
+"""What the named effects leave: how much of it could still be predicted, and from what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.diagnosis.equations import Equations
+
+HARMONICS = 6
+RIDGE = 1e-3
+WORTH = 0.1
+"""A group of inputs is named when it predicts at least this share of what is left, on blocks it was not fitted to."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left after the extended model.
+
+    Attributes:
+        floor: per joint, RMS of what no input predicts on held-out blocks, (n,) [N·m].
+        depends_on: "joint.input" that predict the rest, strongest first.
+        joints: joints where the rest is larger than the floor.
+        predicted: per joint, what the inputs predict of the residual on held-out blocks, rows (R, n) [N·m].
+    """
+
+    floor: np.ndarray
+    depends_on: tuple[str, ...]
+    joints: tuple[str, ...]
+    predicted: np.ndarray
+
+
+def describe(equations: Equations, residual: np.ndarray) -> Remainder:
+    """Regress a residual, rows (R, n) [N·m], on each joint's position, velocity, load and on time."""
+    names = equations.motion.signals.joints
+    groups = _inputs(equations)
+    predicted = np.zeros_like(residual)
+    scores: list[tuple[float, str]] = []
+    dependent: list[str] = []
+    for j in range(equations.width):
+        rows = equations.usable[:, j]
+        own = [key for key in groups if key.startswith(f"{names[j]}.") or key == "time"]
+        near = [key for key in groups if key.split(".")[0] in names[max(j - 1, 0) : j + 2] and key not in own]
+        whole = np.concatenate([groups[key] for key in own + near], axis=1)
+        predicted[:, j] = _cross_predicted(whole, residual[:, j], rows, equations.block)
+        before = float(np.mean(residual[rows, j] ** 2)) if rows.any() else 0.0
+        after = float(np.mean((residual[rows, j] - predicted[rows, j]) ** 2)) if rows.any() else 0.0
+        if before <= 0.0 or after > (1.0 - WORTH) * before:
+            predicted[:, j] = 0.0
+            continue
+        dependent.append(names[j])
+        for key in own + near:
+            alone = _cross_predicted(groups[key], residual[:, j], rows, equations.block)
+            gain = 1.0 - float(np.mean((residual[rows, j] - alone[rows]) ** 2)) / before
+            if gain > WORTH:
+                scores.append((gain * before / equations.effort_scale[j] ** 2, key))
+    floor = np.array(
+        [_rms((residual - predicted)[equations.usable[:, j], j]) for j in range(equations.width)]
+    )
+    order = [key for _, key in sorted(scores, key=lambda pair: -pair[0])]
+    return Remainder(floor, tuple(dict.fromkeys(order)), tuple(dependent), predicted)
+
+
+def _inputs(equations: Equations) -> dict[str, np.ndarray]:
+    """Features of every input, rows (R, k) each, made like the columns of effects: at the working rate, then reduced."""
+    motion = equations.motion
+    groups: dict[str, np.ndarray] = {}
+    for j, name in enumerate(motion.signals.joints):
+        q, v, load = motion.position[:, j], motion.velocity[:, j], motion.load[:, j]
+        waves = [f(k * q) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
+        fast = np.abs(v) / max(float(np.std(v)), 1e-6)
+        groups[f"{name}.position"] = np.stack(waves, axis=1)
+        steps = [motion.sign[:, j] * np.exp(-fast * k) for k in (0.0, 1.0, 4.0, 16.0)]
+        groups[f"{name}.velocity"] = np.stack([v, v * np.abs(v), *steps], axis=1)
+        groups[f"{name}.load"] = np.stack(
+            [load, np.abs(load) * motion.sign[:, j], load * np.abs(load)], axis=1
+        )
+    t = (motion.time - motion.time[0]) / max(float(np.ptp(motion.time)), 1e-9)
+    groups["time"] = np.stack([t, t**2, t**3], axis=1)
+    return {key: motion.signals.smooth(values)[equations.rows] for key, values in groups.items()}
+
+
+def _cross_predicted(x: np.ndarray, y: np.ndarray, rows: np.ndarray, block: np.ndarray) -> np.ndarray:
+    """Ridge prediction of y (R,) from x (R, k), each of five folds of blocks from the others."""
+    scale = np.maximum(x[rows].std(axis=0), 1e-9) if rows.any() else np.ones(x.shape[1])
+    z = np.concatenate([x / scale, np.ones((len(x), 1))], axis=1)
+    predicted = np.zeros_like(y)
+    for fold in range(5):
+        out = block % 5 == fold
+        fit = rows & ~out
+        if fit.sum() < 2 * z.shape[1]:
+            continue
+        a = z[fit].T @ z[fit] + RIDGE * fit.sum() * np.eye(z.shape[1])
+        predicted[out] = z[out] @ np.linalg.solve(a, z[fit].T @ y[fit])
+    return predicted
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
