@@ -28,6 +28,7 @@ class Recording:
         name: where it came from, for messages.
         urdf: robot description that came along, or None.
         notes: what was left out or repaired while reading, one sentence each.
+        epoch: the clock's reading at time 0 [ns]; as floats, stamps since 1970 would be too coarse.
 
     Raises:
         RecordingError: shapes disagree, a value is not finite, or stamps do not increase.
@@ -41,6 +42,7 @@ class Recording:
     name: str = "recording"
     urdf: str | None = None
     notes: tuple[str, ...] = ()
+    epoch: int = 0
 
     def __post_init__(self) -> None:
         count, width = len(self.time), len(self.joints)

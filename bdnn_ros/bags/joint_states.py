@@ -1,0 +1,201 @@
+"""Collects serialized JointStates into arrays, whoever sent them and in whatever order of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from bdnn_ros.bags.cdr import Layout, MalformedMessage, joint_state_layout
+
+BLOCK = 4096
+"""Messages that are decoded together: large enough for NumPy, small enough for memory."""
+
+
+class Block(NamedTuple):
+    """Some messages: arrival, log, stamp (K,); position, velocity, effort (K, n), None where left empty."""
+
+    arrival: np.ndarray
+    log: np.ndarray
+    stamp: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray | None
+    effort: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Joint states as they came.
+
+    Attributes:
+        joints: n joint names.
+        log, stamp: time of recording and of the header, (N,) int64 [ns].
+        position, velocity, effort: (N, n), NaN where a message left it empty; None where all did.
+        left_out: messages that hold other joints.
+    """
+
+    joints: tuple[str, ...]
+    log: np.ndarray
+    stamp: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray | None
+    effort: np.ndarray | None
+    left_out: int = 0
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+
+@dataclass
+class _Group:
+    """Messages that hold the same joints, in whatever order."""
+
+    joints: tuple[str, ...]
+    blocks: list[Block] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return sum(len(block.stamp) for block in self.blocks)
+
+
+class JointStates:
+    """What the JointStates of a topic hold, grouped by the joints they name.
+
+    Attributes:
+        count: messages so far.
+        malformed: messages left out because their fields do not fit together, with the first reason.
+        nameless: messages left out because they name no joint or hold no position.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.malformed: list[str] = []
+        self.nameless = 0
+        self._pending: list[tuple[int, bytes]] = []
+        self._layouts: dict[int, list[Layout]] = {}
+        self._groups: dict[frozenset[str], _Group] = {}
+
+    def add(self, log: int, data: bytes) -> None:
+        """Takes one message: its log time [ns] and its bytes."""
+        self._pending.append((log, data))
+        self.count += 1
+        if len(self._pending) == BLOCK:
+            self.flush()
+
+    def flush(self) -> None:
+        """Decodes what is pending."""
+        pending, self._pending = self._pending, []
+        first = self.count - len(pending)
+        by_size: dict[int, list[int]] = {}
+        for index, (_, data) in enumerate(pending):
+            by_size.setdefault(len(data), []).append(index)
+        for size, indices in by_size.items():
+            rows = np.frombuffer(b"".join(pending[k][1] for k in indices), np.uint8).reshape(-1, size)
+            logs = np.array([pending[k][0] for k in indices], np.int64)
+            self._decode(rows, logs, first + np.array(indices))
+
+    def _decode(self, rows: np.ndarray, logs: np.ndarray, arrival: np.ndarray) -> None:
+        """Messages of one size: those of a known layout together; the first to fit none makes a new one."""
+        known = self._layouts.setdefault(rows.shape[1], [])
+        tried = 0
+        while len(rows):
+            if tried == len(known):
+                try:
+                    known.append(joint_state_layout(rows[0].tobytes()))
+                except MalformedMessage as error:
+                    self.malformed.append(error.problem)
+                    rows, logs, arrival = rows[1:], logs[1:], arrival[1:]
+                    continue
+            layout = known[tried]
+            match = layout.matches(rows)
+            if match.all():
+                self._store(layout, rows, logs, arrival)
+                return
+            if match.any():
+                self._store(layout, rows[match], logs[match], arrival[match])
+                rows, logs, arrival = rows[~match], logs[~match], arrival[~match]
+            tried += 1
+
+    def _store(self, layout: Layout, rows: np.ndarray, logs: np.ndarray, arrival: np.ndarray) -> None:
+        position = layout.values(rows, layout.position)
+        if position is None:
+            self.nameless += len(rows)
+            return
+        group = self._groups.setdefault(frozenset(layout.names), _Group(layout.names))
+        order = [layout.names.index(name) for name in group.joints]
+
+        def arranged(values: np.ndarray | None) -> np.ndarray | None:
+            return None if values is None else values[:, order]
+
+        velocity = arranged(layout.values(rows, layout.velocity))
+        effort = arranged(layout.values(rows, layout.effort))
+        stamps = layout.stamps(rows)
+        group.blocks.append(Block(arrival, logs, stamps, position[:, order], velocity, effort))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Every joint that a message names, in the order of their first appearance."""
+        return tuple(dict.fromkeys(name for group in self._groups.values() for name in group.joints))
+
+    @property
+    def groups(self) -> list[tuple[str, ...]]:
+        """The joints that messages hold together, those that make most of the data first."""
+        groups = sorted(self._groups.values(), key=lambda group: len(group) * len(group.joints), reverse=True)
+        return [group.joints for group in groups]
+
+    def samples(self, joints: Sequence[str]) -> Samples:
+        """The messages that hold all these joints, in this order; frees what it has collected.
+
+        Messages with further joints beside them count as well, unless their stamps do not fit between the
+        others: then two publishers send the same joints, and only the one that sent most is taken.
+        """
+        wanted = frozenset(joints)
+        groups = sorted((g for names, g in self._groups.items() if wanted <= names), key=len, reverse=True)
+        self._groups = {}
+        parts = [
+            _joined([_columns(block, group.joints, joints) for block in group.blocks]) for group in groups
+        ]
+        kept = _joined(parts) if parts else _nothing(len(joints))
+        if len(parts) > 1 and (np.diff(kept.stamp) <= 0).any():
+            kept = parts[0]
+        left_out = self.count - len(kept.stamp) - len(self.malformed) - self.nameless
+        return Samples(
+            tuple(joints), kept.log, kept.stamp, kept.position, kept.velocity, kept.effort, left_out
+        )
+
+
+def _columns(block: Block, has: Sequence[str], wanted: Sequence[str]) -> Block:
+    """Only the wanted joints of a block."""
+    order = [has.index(name) for name in wanted]
+    return block._replace(
+        position=block.position[:, order],
+        velocity=None if block.velocity is None else block.velocity[:, order],
+        effort=None if block.effort is None else block.effort[:, order],
+    )
+
+
+def _joined(blocks: Sequence[Block]) -> Block:
+    """Blocks as one, in the order of arrival; a field that some leave empty is NaN there."""
+    arrival = np.concatenate([block.arrival for block in blocks])
+    order = slice(None) if (np.diff(arrival) > 0).all() else np.argsort(arrival)
+
+    def column(values: Sequence[np.ndarray | None]) -> np.ndarray | None:
+        if all(v is None for v in values):
+            return None
+        empty = (np.full_like(block.position, np.nan) for block in blocks)
+        return np.concatenate([e if v is None else v for v, e in zip(values, empty, strict=True)])[order]
+
+    return Block(
+        arrival[order],
+        np.concatenate([block.log for block in blocks])[order],
+        np.concatenate([block.stamp for block in blocks])[order],
+        np.concatenate([block.position for block in blocks])[order],
+        column([block.velocity for block in blocks]),
+        column([block.effort for block in blocks]),
+    )
+
+
+def _nothing(width: int) -> Block:
+    none = np.empty(0, np.int64)
+    return Block(none, none, none, np.empty((0, width)), None, None)

@@ -1,0 +1,152 @@
+"""The files of a bag and the serialized messages in them, by rosbags.
+
+The files are opened one by one rather than through metadata.yaml, which is only asked for their order and
+compression: a directory without it, or whose quality-of-service profiles differ from the file's, reads too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import yaml
+from rosbags.rosbag2 import Reader
+
+from bdnn_ros.errors import BagError, BdnnError, UsageError
+
+SUFFIXES = (".mcap", ".db3")
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag: its name, message type (`package/msg/Name`) and number of messages."""
+
+    name: str
+    type: str
+    count: int
+
+
+class Storage:
+    """An open bag: an `.mcap` file, a `.db3` file, or a rosbag2 directory of either.
+
+    Raises:
+        UsageError: there is nothing at the path.
+        BagError: what is there is not a bag, or damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._stack = ExitStack()
+        self._readers: list[Reader] = []
+        self._opened: dict[str, Topic] = {}
+
+    def __enter__(self) -> Storage:
+        try:
+            for part in _parts(self.path):
+                with _readable(part):
+                    self._readers.append(self._stack.enter_context(Reader(part)))
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    @property
+    def topics(self) -> list[Topic]:
+        """All topics, in the order of their names."""
+        found: dict[str, Topic] = {}
+        for connection in (c for reader in self._readers for c in reader.connections):
+            before = found[connection.topic].count if connection.topic in found else 0
+            found[connection.topic] = Topic(
+                connection.topic, connection.msgtype, before + connection.msgcount
+            )
+        return sorted(found.values(), key=lambda topic: topic.name)
+
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Topic, log time [ns] and bytes of each message of these topics, by log time within a file.
+
+        Raises:
+            BagError: the bag is damaged.
+        """
+        for reader in self._readers:
+            chosen = [c for c in reader.connections if c.topic in topics]
+            if not chosen:
+                continue
+            with _readable(self.path):
+                for connection, stamp, data in reader.messages(chosen):
+                    yield connection.topic, stamp, data
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """What fails inside means a damaged file: on such files the library raises errors of every kind."""
+    try:
+        yield
+    except (BdnnError, MemoryError):
+        raise
+    except PermissionError:
+        raise UsageError(f"{path} may not be read.", "Check its permissions.") from None
+    except Exception as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, error: Exception) -> BagError:
+    size = path.stat().st_size if path.is_file() else -1
+    if size == 0:
+        return BagError(
+            f"{path} is empty (0 bytes).", "Record it again, and stop the recorder before copying."
+        )
+    reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    head = b""
+    if size > 0:
+        with path.open("rb") as file:
+            head = file.read(16)
+    if size > 0 and not head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0")):
+        return BagError(
+            f"{path} is not a bag: it is neither MCAP nor SQLite.", "Pass an .mcap, .db3 or rosbag2 folder."
+        )
+    repair = "sqlite3 FILE .recover" if path.suffix == ".db3" else "mcap recover"
+    return BagError(
+        f"{path} is truncated or damaged ({reason}).", f"Repair it with `{repair}`, or record it again."
+    )
+
+
+def _parts(path: Path) -> list[Path]:
+    """What to open one after the other."""
+    if not path.exists():
+        raise UsageError(f"There is no bag {path}.", "Check the path.")
+    if path.is_file():
+        if path.suffix not in SUFFIXES:
+            raise BagError(f"{path} is not a bag.", "Pass an .mcap file, a .db3 file or a rosbag2 directory.")
+        return [path]
+    information = _information(path)
+    if information.get("compression_mode") in ("file", "FILE", "message", "MESSAGE"):
+        return [path]
+    named = [path / Path(str(name)).name for name in information.get("relative_file_paths") or []]
+    found = sorted(part for part in path.iterdir() if part.suffix in SUFFIXES)
+    missing = [part.name for part in named if not part.exists()]
+    if missing:
+        raise BagError(
+            f"{path}: the file {missing[0]} that metadata.yaml names is missing.", "Copy the whole directory."
+        )
+    if not named and not found:
+        raise BagError(f"{path} is a directory without a bag.", "Pass one that holds .mcap or .db3 files.")
+    return named or found
+
+
+def _information(path: Path) -> dict[str, Any]:
+    """The content of metadata.yaml, empty where there is none or it does not parse."""
+    try:
+        content = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
+        information = content["rosbag2_bagfile_information"]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+        return {}
+    return information if isinstance(information, dict) else {}
