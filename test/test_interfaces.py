@@ -37,7 +37,8 @@ def answer(request, response):
     return response
 
 node.create_service(InverseDynamics, "~/inverse_dynamics", answer)
-rclpy.spin(node)
+while rclpy.ok():  # rclpy.spin, without a timeout, sometimes sleeps through SIGTERM
+    rclpy.spin_once(node, timeout_sec=0.2)
 """
 
 
@@ -50,9 +51,11 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
     server = subprocess.Popen([sys.executable, "-c", SERVER], env=environment)
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
+    asker = Node("asker", context=context)
     try:
-        yield Node("asker", context=context)
+        yield asker
     finally:
+        asker.destroy_node()
         rclpy.try_shutdown(context=context)
         server.terminate()
         server.wait(10)
