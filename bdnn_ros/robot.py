@@ -28,7 +28,9 @@ class Dynamics(Protocol):
     def joints(self) -> tuple[str, ...]:
         """n joint names."""
 
-    def inverse_dynamics(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def inverse_dynamics(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
         """Effort [N·m], (..., n)."""
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
@@ -164,14 +166,18 @@ class Robot:
 
     # -- rigid-body dynamics ---------------------------------------------------------------------------------
 
-    def rigid_effort(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def rigid_effort(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
         """M q̈ + C q̇ + g of the bodies, without armature or friction, (..., n) [N·m]."""
         model, data, order = self._model, self._data, self._order
         q, v, a = self._columns(position), self._columns(velocity), self._columns(acceleration)
         result = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
         return result.reshape(len(q), -1)[:, order].reshape(np.shape(position))
 
-    def inverse_dynamics(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def inverse_dynamics(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
         """Effort of bodies, armature and friction, (..., n) [N·m]."""
         rigid = self.rigid_effort(position, velocity, acceleration)
         return rigid + self.armature * acceleration + self.friction(position, velocity)
@@ -226,7 +232,10 @@ class Robot:
         """
         frame = self._frame(link)
         aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        rows = [pin.computeFrameJacobian(self._model, self._data, q, frame, aligned) for q in self._columns(position)]
+        rows = [
+            pin.computeFrameJacobian(self._model, self._data, q, frame, aligned)
+            for q in self._columns(position)
+        ]
         return np.array(rows)[:, :, self._order]
 
     # -- links ------------------------------------------------------------------------------------------------
@@ -268,7 +277,7 @@ class Robot:
             UsageError: there is no such link, it does not move, or the URDF gives it no mass.
         """
         body, rotation, translation = self.body_of(link)
-        own = self._model.frames[self._frame(link)].inertia
+        own = _link_inertia(self.urdf, link)
         if own.mass <= 0.0:
             raise UsageError(f"Link {link!r} has no mass in the URDF.", "Name a link with an <inertial>.")
         return body, np.array(pin.SE3(rotation, translation).act(own).toDynamicParameters())
@@ -282,7 +291,9 @@ class Robot:
 
     def with_inertials(self, inertials: np.ndarray) -> Robot:
         """The same robot with other inertial parameters, (n, PER_LINK) or flat."""
-        return replace(self, inertials=np.reshape(np.asarray(inertials, float), (self.width, PER_LINK)).copy())
+        return replace(
+            self, inertials=np.reshape(np.asarray(inertials, float), (self.width, PER_LINK)).copy()
+        )
 
     def with_joint_parameters(
         self,
@@ -357,6 +368,26 @@ def _bounded(urdf: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def _link_inertia(urdf: str, link: str) -> pin.Inertia:
+    """The <inertial> of a link, in its frame; zero where it has none."""
+    path = f"./link[@name='{link}']/inertial"
+    element = ElementTree.fromstring(urdf).find(path)
+    if element is None:
+        return pin.Inertia.Zero()
+
+    def numbers(tag: str, key: str, default: str) -> np.ndarray:
+        found = element.find(tag)
+        return np.array([float(x) for x in (default if found is None else found.get(key, default)).split()])
+
+    ixx, ixy, ixz, iyy, iyz, izz = (
+        numbers("inertia", key, "0")[0] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    rotation = pin.rpy.rpyToMatrix(numbers("origin", "rpy", "0 0 0"))
+    centre = numbers("origin", "xyz", "0 0 0")
+    return pin.Inertia(float(numbers("mass", "value", "0")[0]), centre, rotation @ tensor @ rotation.T)
+
+
 def _joint_tags(urdf: str) -> dict[str, dict[str, float]]:
     """Damping and friction of each joint's <dynamics> tag."""
     tags: dict[str, dict[str, float]] = {}
@@ -364,7 +395,9 @@ def _joint_tags(urdf: str) -> dict[str, dict[str, float]]:
         dynamics = joint.find("dynamics")
         if dynamics is not None:
             try:
-                tags[str(joint.get("name"))] = {k: float(dynamics.get(k, "0")) for k in ("damping", "friction")}
+                tags[str(joint.get("name"))] = {
+                    k: float(dynamics.get(k, "0")) for k in ("damping", "friction")
+                }
             except ValueError:
                 raise RobotError(
                     f"The <dynamics> tag of joint {joint.get('name')} is not a number.", "Correct the URDF."

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import Robot
@@ -97,6 +98,20 @@ class Motion:
             result[:, target, k] = column
         return result
 
+    @cached_property
+    def regressor(self) -> np.ndarray:
+        """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
+        return self.robot.regressor(self.position, self.velocity, self.acceleration)
+
+    def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
+        """Values (N, n) as they will be `lead` seconds later, along each gap-free segment; held at its end."""
+        result = np.empty_like(values)
+        for rows in self.signals.segments:
+            time = self.time[rows]
+            later = np.minimum(time + lead, time[-1])
+            result[rows] = CubicSpline(time, values[rows])(later) if len(time) > 3 else values[rows]
+        return result
+
     def derivative(self, values: np.ndarray) -> np.ndarray:
         """Time derivative along each gap-free segment, same shape."""
         result = np.empty_like(values)
@@ -130,7 +145,11 @@ class Motion:
 
     def with_load(self, load: np.ndarray) -> Motion:
         """The same motion with another estimate of the load."""
-        return replace(self, load=load)
+        other = replace(self, load=load)
+        for kept in ("link_load", "regressor"):
+            if kept in self.__dict__:
+                other.__dict__[kept] = self.__dict__[kept]
+        return other
 
 
 class Effect(ABC):
@@ -150,8 +169,6 @@ class Effect(ABC):
     on: ClassVar[Where]
     also_on: ClassVar[tuple[Where, ...]] = ()
     """Where else it may act: a delay on one joint, though it is usually one for all."""
-    evidence: ClassVar[Literal["effort", "velocity"]] = "effort"
-    """What shows it: the measured effort, or the reported velocity beside the derivative of the position."""
     parameters: ClassVar[tuple[Parameter, ...]]
     equation: ClassVar[str]
     """Contribution to the resisting effort, plain text with the contract's names."""
@@ -199,10 +216,12 @@ class Effect(ABC):
         """Whether a shape's parameters are inside their bounds."""
         bounds = {parameter.name: parameter for parameter in self.parameters}
         return all(
-            bounds[name].lower <= value <= bounds[name].upper for name, value in shape.items() if name in bounds
+            bounds[name].lower <= value <= bounds[name].upper
+            for name, value in shape.items()
+            if name in bounds
         )
 
-    def shapes(self, motion: Motion, target: int) -> list[dict[str, float]]:
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         """Shapes to try first; one empty shape where every parameter is linear."""
         return [{}]
 
@@ -220,5 +239,9 @@ class Effect(ABC):
 
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
-        numbers = ", ".join(f"{p.name} {values[p.name]:.3g} {p.unit}".rstrip(" -") for p in self.parameters if p.name in values)
+        numbers = ", ".join(
+            f"{p.name} {values[p.name]:.3g} {p.unit}".rstrip(" -")
+            for p in self.parameters
+            if p.name in values
+        )
         return f"{where} has {self.title} that the model leaves out ({numbers})."

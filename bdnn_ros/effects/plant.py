@@ -9,10 +9,14 @@ import numpy as np
 
 from bdnn_ros.robot import Robot
 
-JointEffort = Callable[[float, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""(time [s], position (n,), velocity (n,), load (n,) [N·m]) -> smooth resisting effort (n,) [N·m]."""
-DryFriction = Callable[[float, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""As `JointEffort`, but the magnitude (n,) of dry friction; the integrator gives it the direction that resists."""
+JointEffort = Callable[[float, float, float, float], float]
+"""(time [s], position [rad], velocity [rad/s], load [N·m]) -> resisting effort of that joint [N·m], called in order
+of time, once a step. The load is the effort that acts on the joint."""
+DryFriction = Callable[[float, float, float, float], float]
+"""(time [s], speed [rad/s] >= 0, load [N·m], direction +1 or -1) -> magnitude of dry friction against a motion in that
+direction [N·m]; at speed 0 what holds the joint."""
+Wrench = Callable[[float], np.ndarray]
+"""Time [s] -> force and torque on a link frame's origin, in the base frame's axes, (6,) [N, N·m]."""
 
 
 @dataclass
@@ -21,18 +25,22 @@ class Plant:
 
     Attributes:
         robot: rigid bodies, armature, and the friction of the URDF's tags.
-        efforts: smooth resisting efforts (springs, drag, cogging, bristles ...).
-        dry: magnitudes of dry friction.
+        duration: how long the recording will be [s].
+        efforts: (joint, smooth resisting effort): springs, drag, cogging, bristles ...
+        dry: (joint, magnitude of dry friction); magnitudes on one joint add up.
+        wrenches: (link, wrench of the environment on it).
         scale, offset, delay: effort that acts = scale · commanded(t - delay) + offset; (n,) each, delay in [s].
         stiffness: joint elasticity between the motor, whose position is measured, and the link (n,) [N·m/rad].
         gap: backlash between motor and link, full width (n,) [rad].
         position_offset: measured position = true position + offset, (n,) [rad].
-        velocity_cutoff: low-pass of the reported velocity, (n,) [Hz].
+        velocity_cutoff: first-order low-pass of the reported velocity, (n,) [Hz].
     """
 
     robot: Robot
-    efforts: list[JointEffort] = field(default_factory=list)
-    dry: list[DryFriction] = field(default_factory=list)
+    duration: float = 0.0
+    efforts: list[tuple[int, JointEffort]] = field(default_factory=list)
+    dry: list[tuple[int, DryFriction]] = field(default_factory=list)
+    wrenches: list[tuple[str, Wrench]] = field(default_factory=list)
     scale: np.ndarray = field(init=False)
     offset: np.ndarray = field(init=False)
     delay: np.ndarray = field(init=False)

@@ -1,0 +1,193 @@
+"""Drives: what the commanded or measured effort is not, and what the drive adds on its own.
+
+The effort that acts is `scale · measured(t - delay) + offset`, so the measured effort is
+`(acting(t + delay) - offset) / scale`, and the columns below are written for the measured effort.
+"""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
+from bdnn_ros.effects.plant import Plant
+
+GAUTIER = "Gautier, Briot, Global identification of joint drive gains and dynamic parameters of robots, JDSMC 136(5), 2014"
+
+
+class EffortOffset(Effect):
+    """A constant that acts beside the measured effort: sensor bias, or a drive's offset."""
+
+    name = "effort_offset"
+    title = "an effort offset"
+    on = "joint"
+    parameters = (Parameter("offset", "N*m", plausible=(-0.4, 0.4), of_effort=True),)
+    equation = "-offset (effort that acts = measured + offset)"
+    confused_with = ("joint_spring", "asymmetric_friction", "base_tilt", "external_wrench")
+    shown_by = "poses whose gravity has both signs, and both directions of motion"
+    source = GAUTIER
+    coefficient_bounds = ((-np.inf, np.inf),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.offset[target] += values["offset"]
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, -np.ones(len(motion.time)))
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"offset": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["offset"]]), {}
+
+
+class EffortScale(Effect):
+    """A wrong torque constant: `scale` times the measured effort acts."""
+
+    name = "effort_scale"
+    title = "a wrong effort scale"
+    on = "joint"
+    parameters = (Parameter("scale", "-", 0.2, 5.0, plausible=(0.75, 1.3)),)
+    equation = "(1 / scale - 1) * effort (effort that acts = scale * measured)"
+    confused_with = ("link_inertia", "payload", "load_dependent_friction", "armature")
+    shown_by = "all joints together, so that the inertia that neighbours see tells the joint's own scale"
+    source = GAUTIER
+    coefficient_bounds = ((1.0 / 5.0 - 1.0, 1.0 / 0.2 - 1.0),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.scale[target] *= values["scale"]
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, motion.load[:, target])
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"scale": 1.0 / (1.0 + float(coefficients[0]))}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([1.0 / values["scale"] - 1.0]), {}
+
+    def sentence(self, where: str, values: Values) -> str:
+        return f"{where} acts with {values['scale']:.3g} times the effort that is measured."
+
+
+class EffortDelay(Effect):
+    """An effort that acts `delay` after its stamp, on one joint or on all alike.
+
+    Linear in the delay while it is short; the shape `at` [s] names the delay at which the columns are exact, as a
+    secant from no delay.
+    """
+
+    name = "effort_delay"
+    title = "an effort delay"
+    on = "all"
+    also_on = ("joint",)
+    parameters = (Parameter("delay", "s", 0.0, 0.2, plausible=(0.004, 0.03)),)
+    equation = "effort(t + delay) - effort(t)"
+    confused_with = ("armature", "viscous_friction", "velocity_filter")
+    shown_by = "fast changes of effort: high frequencies, reversals of acceleration"
+    source = "Swevers, Verdonck, De Schutter, Dynamic model identification for industrial robots, IEEE CSM 27(5), 2007"
+    coefficient_bounds = ((0.0, 0.2),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.delay[slice(None) if target < 0 else target] += values["delay"]
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        lead = shape["at"]
+        change = (
+            motion.load_rate if lead < 1e-4 else (motion.advanced(motion.load, lead) - motion.load) / lead
+        )
+        return change[..., None] if target < 0 else motion.joint_column(target, change[:, target])
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"at": 0.0}]
+
+    def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"at": float(np.clip(coefficients[0], 0.0, 0.2))}
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"delay": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["delay"]]), {"at": values["delay"]}
+
+    def sentence(self, where: str, values: Values) -> str:
+        return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms after its stamp."
+
+
+class Cogging(Effect):
+    """A ripple over position: magnets and slots, or the teeth of a gear."""
+
+    name = "cogging"
+    title = "cogging"
+    on = "joint"
+    parameters = (
+        Parameter("amplitude", "N*m", 0.0, plausible=(0.05, 0.3), of_effort=True),
+        Parameter("periods_per_rev", "-", 0.5, 400.0, plausible=(6.0, 36.0)),
+        Parameter("phase", "rad", -math.pi, math.pi, plausible=(-math.pi, math.pi), default=0.0),
+    )
+    equation = "amplitude * sin(periods_per_rev * q + phase)"
+    confused_with = ("joint_spring", "link_inertia")
+    shown_by = "slow motion over a wide range of positions"
+    source = "Thomas, Mendes, Torque ripple of gear drives; Gandhi et al., Modeling of harmonic drive ripple, ICRA 2002"
+    coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
+    shape_bounds = MappingProxyType({"periods_per_rev": (1.0, 80.0)})
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        amplitude, periods, phase = values["amplitude"], values["periods_per_rev"], values["phase"]
+        plant.efforts.append(
+            (target, lambda time, position, velocity, load: amplitude * math.sin(periods * position + phase))
+        )
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        angle = shape["periods_per_rev"] * motion.position[:, target]
+        return motion.joint_column(target, np.sin(angle), np.cos(angle))
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"periods_per_rev": float(p)} for p in (*range(2, 25), *range(26, 61, 2))]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        sine, cosine = (float(c) for c in coefficients)
+        return {
+            "amplitude": math.hypot(sine, cosine),
+            "periods_per_rev": float(shape["periods_per_rev"]),
+            "phase": math.atan2(cosine, sine),
+        }
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        sine = values["amplitude"] * math.cos(values["phase"])
+        cosine = values["amplitude"] * math.sin(values["phase"])
+        return np.array([sine, cosine]), {"periods_per_rev": values["periods_per_rev"]}
+
+
+class JointSpring(Effect):
+    """A spring across the joint: a balancer, a cable, a hose."""
+
+    name = "joint_spring"
+    title = "a spring"
+    on = "joint"
+    parameters = (
+        Parameter("stiffness", "N*m/rad", 0.0, plausible=(0.1, 0.6), of_effort=True),
+        Parameter("rest", "rad", -10.0, 10.0, plausible=(-1.0, 1.0), default=0.0),
+    )
+    equation = "stiffness * (q - rest)"
+    confused_with = ("effort_offset", "link_inertia", "cogging")
+    shown_by = "the whole range of positions of the joint, in poses of different gravity"
+    source = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 9.6 (gravity-compensating springs)"
+    coefficient_bounds = ((0.0, np.inf), (-np.inf, np.inf))
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        stiffness, rest = values["stiffness"], values["rest"]
+        plant.efforts.append((target, lambda time, position, velocity, load: stiffness * (position - rest)))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, motion.position[:, target], np.ones(len(motion.time)))
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        stiffness = float(coefficients[0])
+        rest = -float(coefficients[1]) / stiffness if stiffness > 1e-9 else 0.0
+        return {"stiffness": stiffness, "rest": rest}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["stiffness"], -values["stiffness"] * values["rest"]]), {}

@@ -1,0 +1,239 @@
+"""What changes with time: contact with the environment, and parameters that drift."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import MappingProxyType
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.effects.rigid import needed_link
+
+COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+WINDOW = (
+    Parameter("start", "s", plausible=(0.1, 0.6)),
+    Parameter("end", "s", plausible=(0.3, 0.9)),
+)
+HADDADIN = "Haddadin, De Luca, Albu-Schäffer, Robot collisions: a survey, IEEE T-RO 33(6), 2017"
+
+
+class ExternalWrench(Effect):
+    """A constant force and torque of the environment on a link, in the base frame's axes, between two times."""
+
+    name = "external_wrench"
+    variant = "link"
+    title = "an external wrench"
+    on = "link"
+    parameters = (
+        *WINDOW,
+        *(Parameter(c, "N", plausible=(-20.0, 20.0), default=0.0) for c in COMPONENTS[:3]),
+        *(Parameter(c, "N*m", plausible=(-1.0, 1.0), default=0.0) for c in COMPONENTS[3:]),
+    )
+    equation = "-J_link(q)' * (force, torque) where start <= t < end"
+    confused_with = ("payload", "effort_offset", "drift")
+    shown_by = "the same motion again without contact"
+    source = HADDADIN
+    coefficient_bounds = ((-np.inf, np.inf),) * 6
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        wrench, none = np.array([values[c] for c in COMPONENTS]), np.zeros(6)
+        start, end = values["start"], values["end"]
+        plant.wrenches.append((needed_link(link), lambda time: wrench if start <= time < end else none))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        inside = window(motion, shape)
+        result = np.zeros((*motion.position.shape, 6))
+        jacobian = motion.robot.link_jacobian(motion.position[inside], needed_link(link))
+        result[inside] = -np.swapaxes(jacobian, 1, 2)
+        return result
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return windows(motion)
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        components = dict(zip(COMPONENTS, (float(c) for c in coefficients), strict=True))
+        return {"start": float(shape["start"]), "end": float(shape["end"]), **components}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values[c] for c in COMPONENTS]), {key: values[key] for key in ("start", "end")}
+
+    def sentence(self, where: str, values: Values) -> str:
+        force = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[:3])
+        torque = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[3:])
+        return (
+            f"Something pushes {where} from {values['start']:.2f} s to {values['end']:.2f} s with ({force}) N and "
+            f"({torque}) N·m."
+        )
+
+
+class ExternalTorque(Effect):
+    """A constant torque of the environment about a joint, between two times."""
+
+    name = "external_wrench"
+    variant = "joint"
+    title = "an external torque"
+    on = "joint"
+    parameters = (*WINDOW, Parameter("torque", "N*m", plausible=(-0.5, 0.5), of_effort=True))
+    equation = "-torque where start <= t < end"
+    confused_with = ("payload", "effort_offset", "drift")
+    shown_by = "the same motion again without contact"
+    source = HADDADIN
+    coefficient_bounds = ((-np.inf, np.inf),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        torque, start, end = values["torque"], values["start"], values["end"]
+        plant.efforts.append(
+            (target, lambda time, position, velocity, load: -torque if start <= time < end else 0.0)
+        )
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, -window(motion, shape).astype(float))
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return windows(motion)
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"start": float(shape["start"]), "end": float(shape["end"]), "torque": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["torque"]]), {key: values[key] for key in ("start", "end")}
+
+    def sentence(self, where: str, values: Values) -> str:
+        return (
+            f"Something turns {where} from {values['start']:.2f} s to {values['end']:.2f} s with "
+            f"{values['torque']:.3g} N·m."
+        )
+
+
+class Drift(Effect):
+    """A parameter that changes linearly from the start of the recording to its end (warm-up, wear, sensor drift)."""
+
+    name = "drift"
+    on = "joint"
+    shown_by = "the same motion early and late in a long recording"
+    source = (
+        "Carvalho Bittencourt, Axelsson, Modeling and experiment design of static friction, DX 2014 (warm-up)"
+    )
+    shape_bounds = MappingProxyType({})
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"start": float(motion.time[0]), "end": float(motion.time[-1])}]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {
+            "start_value": float(coefficients[0]),
+            "end_value": float(coefficients[1]),
+            "start": float(shape["start"]),
+            "end": float(shape["end"]),
+        }
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        shape = {key: values[key] for key in ("start", "end")}
+        return np.array([values["start_value"], values["end_value"]]), shape
+
+    def sentence(self, where: str, values: Values) -> str:
+        unit = self.parameters[0].unit.replace("*", "·")
+        return (
+            f"{where} drifts: its {self.title} goes from {values['start_value']:.3g} to {values['end_value']:.3g} "
+            f"{unit} over the recording."
+        )
+
+
+TIMES = (Parameter("start", "s", default=0.0), Parameter("end", "s", default=np.inf))
+
+
+class DriftingCoulomb(Drift):
+    """Coulomb friction that changes over the recording."""
+
+    variant = "coulomb"
+    title = "Coulomb friction"
+    parameters = (
+        Parameter("start_value", "N*m", 0.0, plausible=(0.0, 0.4), of_effort=True),
+        Parameter("end_value", "N*m", 0.0, plausible=(0.1, 0.6), of_effort=True),
+        *TIMES,
+    )
+    equation = "(start_value + (end_value - start_value) * (t - start) / (end - start)) * sign(qd)"
+    confused_with = ("coulomb_friction", "external_wrench")
+    coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        level = ramp(values, plant.duration)
+        plant.dry.append((target, lambda time, speed, load, direction: level(time)))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, *_ramped(motion, shape, motion.sign[:, target]))
+
+
+class DriftingViscous(Drift):
+    """Viscous friction that changes over the recording."""
+
+    variant = "viscous"
+    title = "viscous friction"
+    parameters = (
+        Parameter("start_value", "N*m*s/rad", 0.0, plausible=(0.0, 0.4), of_effort=True),
+        Parameter("end_value", "N*m*s/rad", 0.0, plausible=(0.1, 0.6), of_effort=True),
+        *TIMES,
+    )
+    equation = "(start_value + (end_value - start_value) * (t - start) / (end - start)) * qd"
+    confused_with = ("viscous_friction",)
+    coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        level = ramp(values, plant.duration)
+        plant.efforts.append((target, lambda time, position, velocity, load: level(time) * velocity))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, *_ramped(motion, shape, motion.velocity[:, target]))
+
+
+class DriftingOffset(Drift):
+    """An effort offset that changes over the recording; effort that acts = measured + offset."""
+
+    variant = "offset"
+    title = "effort offset"
+    parameters = (
+        Parameter("start_value", "N*m", plausible=(-0.4, 0.4), of_effort=True),
+        Parameter("end_value", "N*m", plausible=(-0.4, 0.4), of_effort=True),
+        *TIMES,
+    )
+    equation = "-(start_value + (end_value - start_value) * (t - start) / (end - start))"
+    confused_with = ("effort_offset", "external_wrench")
+    coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        level = ramp(values, plant.duration)
+        plant.efforts.append((target, lambda time, position, velocity, load: -level(time)))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, *_ramped(motion, shape, -np.ones(len(motion.time))))
+
+
+def window(motion: Motion, shape: Values) -> np.ndarray:
+    """Samples between `start` and `end`, (N,) bool."""
+    return (motion.time >= shape["start"]) & (motion.time < shape["end"])
+
+
+def windows(motion: Motion) -> list[dict[str, float]]:
+    """Time windows to try first: an eighth, a quarter and a half of the recording, half overlapping."""
+    begin, duration = float(motion.time[0]), float(motion.time[-1] - motion.time[0])
+    result = []
+    for share in (0.125, 0.25, 0.5):
+        for start in np.arange(0.0, 1.0 - share + 1e-9, share / 2.0):
+            result.append({"start": begin + start * duration, "end": begin + (start + share) * duration})
+    return result
+
+
+def ramp(values: Values, duration: float) -> Callable[[float], float]:
+    """The drifting parameter against time [s]; `end` defaults to the end of the recording."""
+    first, last = values["start_value"], values["end_value"]
+    start, end = values["start"], min(values["end"], duration)
+    slope = (last - first) / max(end - start, 1e-9)
+    return lambda time: first + slope * (time - start)
+
+
+def _ramped(motion: Motion, shape: Values, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A column weighted towards the start and towards the end of the ramp."""
+    progress = (motion.time - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
+    return (1.0 - progress) * column, progress * column

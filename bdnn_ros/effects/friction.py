@@ -1,0 +1,261 @@
+"""Friction of joints and drives; every one resists the motion, so it adds to the measured effort with its sign."""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
+from bdnn_ros.effects.plant import Plant
+
+ARMSTRONG = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+BONA = "Bona, Indri, Friction compensation in robotics: an overview, CDC 2005"
+
+
+class CoulombFriction(Effect):
+    """Constant dry friction: `coulomb` against the direction of motion, sticking at rest."""
+
+    name = "coulomb_friction"
+    title = "Coulomb friction"
+    on = "joint"
+    parameters = (Parameter("coulomb", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),)
+    equation = "coulomb * sign(qd)"
+    confused_with = ("asymmetric_friction", "stribeck_friction", "hysteresis", "viscous_friction", "backlash")
+    shown_by = "reversals at several speeds, some of them slow"
+    source = ARMSTRONG
+    coefficient_bounds = ((0.0, np.inf),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        coulomb = values["coulomb"]
+        plant.dry.append((target, lambda time, speed, load, direction: coulomb))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, motion.sign[:, target])
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"coulomb": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["coulomb"]]), {}
+
+
+class ViscousFriction(Effect):
+    """Friction in proportion to the velocity."""
+
+    name = "viscous_friction"
+    title = "viscous friction"
+    on = "joint"
+    parameters = (Parameter("viscous", "N*m*s/rad", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    equation = "viscous * qd"
+    confused_with = ("quadratic_drag", "coulomb_friction", "effort_delay")
+    shown_by = "constant velocities over the whole range of speed, slow and fast"
+    source = ARMSTRONG
+    coefficient_bounds = ((0.0, np.inf),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        viscous = plant.robot.viscous.copy()
+        viscous[target] += values["viscous"]
+        plant.robot = plant.robot.with_joint_parameters(viscous=viscous)
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, motion.velocity[:, target])
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"viscous": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["viscous"]]), {}
+
+
+class StribeckFriction(Effect):
+    """Dry friction that falls from `static` at rest to `coulomb` within some multiples of `velocity`."""
+
+    name = "stribeck_friction"
+    title = "Stribeck friction"
+    on = "joint"
+    parameters = (
+        Parameter("coulomb", "N*m", 0.0, plausible=(0.05, 0.25), of_effort=True),
+        Parameter("static", "N*m", 0.0, plausible=(0.15, 0.5), of_effort=True),
+        Parameter("velocity", "rad/s", 1e-3, 2.0, plausible=(0.03, 0.2)),
+    )
+    equation = "(coulomb + (static - coulomb) * exp(-(qd / velocity)**2)) * sign(qd), static >= coulomb"
+    confused_with = ("coulomb_friction", "hysteresis", "asymmetric_friction")
+    shown_by = "long stretches slower than the Stribeck velocity, and fast ones"
+    source = ARMSTRONG
+    coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+    shape_bounds = MappingProxyType({"velocity": (5e-3, 1.0)})
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        coulomb, extra, velocity = values["coulomb"], values["static"] - values["coulomb"], values["velocity"]
+
+        def magnitude(time: float, speed: float, load: float, direction: float) -> float:
+            return coulomb + extra * math.exp(-((speed / velocity) ** 2))
+
+        plant.dry.append((target, magnitude))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        sign = motion.sign[:, target]
+        fall = np.exp(-((motion.velocity[:, target] / shape["velocity"]) ** 2))
+        return motion.joint_column(target, sign, fall * sign)
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"velocity": float(v)} for v in np.geomspace(0.02, 0.3, 5)]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        coulomb, extra = (float(c) for c in coefficients)
+        return {"coulomb": coulomb, "static": coulomb + extra, "velocity": float(shape["velocity"])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        extra = values["static"] - values["coulomb"]
+        return np.array([values["coulomb"], extra]), {"velocity": values["velocity"]}
+
+
+class AsymmetricFriction(Effect):
+    """Dry friction that differs between the two directions."""
+
+    name = "asymmetric_friction"
+    title = "asymmetric Coulomb friction"
+    on = "joint"
+    parameters = (
+        Parameter("positive", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
+        Parameter("negative", "N*m", 0.0, plausible=(0.0, 0.4), of_effort=True),
+    )
+    equation = "positive where qd > 0, -negative where qd < 0"
+    confused_with = ("coulomb_friction", "effort_offset")
+    shown_by = "both directions in equal parts, in several poses"
+    source = BONA
+    coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        positive, negative = values["positive"], values["negative"]
+        plant.dry.append(
+            (target, lambda time, speed, load, direction: positive if direction > 0 else negative)
+        )
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        sign = motion.sign[:, target]
+        return motion.joint_column(target, 0.5 * (sign + 1.0), 0.5 * (sign - 1.0))
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"positive": float(coefficients[0]), "negative": float(coefficients[1])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["positive"], values["negative"]]), {}
+
+
+class LoadDependentFriction(Effect):
+    """Dry friction in proportion to the effort that the gear carries."""
+
+    name = "load_dependent_friction"
+    title = "load-dependent friction"
+    on = "joint"
+    parameters = (Parameter("ratio", "-", 0.0, 0.9, plausible=(0.05, 0.3)),)
+    equation = "ratio * abs(effort) * sign(qd)"
+    confused_with = ("coulomb_friction", "effort_scale")
+    shown_by = "both directions under small and under large load"
+    source = "Hamon, Gautier, Garrec, Dynamic identification of robots with a dry friction model depending on load, IROS 2010"
+    coefficient_bounds = ((0.0, 0.9),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        ratio = values["ratio"]
+        plant.dry.append((target, lambda time, speed, load, direction: ratio * abs(load)))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, np.abs(motion.load[:, target]) * motion.sign[:, target])
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"ratio": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["ratio"]]), {}
+
+
+class QuadraticDrag(Effect):
+    """Drag in proportion to the square of the velocity (churning grease, fans, fluids)."""
+
+    name = "quadratic_drag"
+    title = "quadratic drag"
+    on = "joint"
+    parameters = (Parameter("drag", "N*m*s^2/rad^2", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    equation = "drag * abs(qd) * qd"
+    confused_with = ("viscous_friction",)
+    shown_by = "the highest speeds beside slow ones"
+    source = BONA
+    coefficient_bounds = ((0.0, np.inf),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        drag = values["drag"]
+        plant.efforts.append((target, lambda time, position, velocity, load: drag * abs(velocity) * velocity))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        velocity = motion.velocity[:, target]
+        return motion.joint_column(target, np.abs(velocity) * velocity)
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"drag": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["drag"]]), {}
+
+
+class Hysteresis(Effect):
+    """Pre-sliding friction: a bristle that is bent over the distance `breakaway` before it slides (Dahl)."""
+
+    name = "hysteresis"
+    title = "pre-sliding friction"
+    on = "joint"
+    parameters = (
+        Parameter("force", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
+        Parameter("breakaway", "rad", 1e-4, 0.5, plausible=(0.01, 0.1)),
+    )
+    equation = "F with dF/dq = (force / breakaway) * (1 - sign(qd) * F / force)"
+    confused_with = ("coulomb_friction", "joint_elasticity", "backlash", "stribeck_friction")
+    shown_by = "many small reversals, of about the breakaway distance, beside large ones"
+    source = "Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968"
+    coefficient_bounds = ((0.0, np.inf),)
+    shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        force, breakaway = values["force"], values["breakaway"]
+        last = math.nan
+        bend = 0.0
+
+        def resist(time: float, position: float, velocity: float, load: float) -> float:
+            nonlocal last, bend
+            step = 0.0 if math.isnan(last) else position - last
+            last = position
+            if step:
+                direction = math.copysign(1.0, step)
+                bend = direction + (bend - direction) * math.exp(-abs(step) / breakaway)
+            return force * bend
+
+        plant.efforts.append((target, resist))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        bend = np.zeros(len(motion.time))
+        for rows in motion.signals.segments:
+            bend[rows] = bristle(motion.position[rows, target], shape["breakaway"])
+        return motion.joint_column(target, bend)
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"breakaway": float(b)} for b in np.geomspace(0.005, 0.12, 5)]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"force": float(coefficients[0]), "breakaway": float(shape["breakaway"])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["force"]]), {"breakaway": values["breakaway"]}
+
+
+def bristle(position: np.ndarray, breakaway: float) -> np.ndarray:
+    """Bend of a Dahl bristle along positions (N,), in [-1, 1], from 0; exact between samples of one direction."""
+    result = np.zeros(len(position))
+    bend = 0.0
+    for k, step in enumerate(np.diff(position).tolist(), start=1):
+        if step:
+            direction = math.copysign(1.0, step)
+            bend = direction + (bend - direction) * math.exp(-abs(step) / breakaway)
+        result[k] = bend
+    return result

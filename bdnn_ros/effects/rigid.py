@@ -1,0 +1,232 @@
+"""Bodies that differ from the description: payload, scaled link, rotor inertia, tilted base.
+
+All of them add rigid-body effort, so what they add to the measured effort is a regressor times inertial parameters,
+or rigid effort under another gravity.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.errors import UsageError
+from bdnn_ros.robot import PER_LINK
+
+AXES = ("x", "y", "z")
+
+
+class Armature(Effect):
+    """Rotor inertia, reflected through the gear onto its joint."""
+
+    name = "armature"
+    title = "rotor inertia"
+    on = "joint"
+    parameters = (Parameter("armature", "kg*m^2", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    equation = "armature * qdd"
+    confused_with = ("link_inertia", "effort_delay", "effort_scale")
+    shown_by = "high accelerations in poses of different gravity and inertia"
+    source = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 9.2"
+    coefficient_bounds = ((0.0, np.inf),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        armature = plant.robot.armature.copy()
+        armature[target] += values["armature"]
+        plant.robot = plant.robot.with_joint_parameters(armature=armature)
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, motion.acceleration[:, target])
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"armature": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["armature"]]), {}
+
+
+class Payload(Effect):
+    """A mass fixed to a link, a point at its centre; its own rotational inertia is left out.
+
+    Linear in mass and first moments; the second moments m·c·cᵀ are carried by the mass at the centre of mass that the
+    shape names, so the columns are exact there.
+    """
+
+    name = "payload"
+    title = "a payload"
+    on = "link"
+    parameters = (
+        Parameter("mass", "kg", 0.0, plausible=(0.2, 3.0)),
+        Parameter("com_x", "m", -1.0, 1.0, plausible=(-0.05, 0.05), default=0.0),
+        Parameter("com_y", "m", -1.0, 1.0, plausible=(-0.05, 0.05), default=0.0),
+        Parameter("com_z", "m", -1.0, 1.0, plausible=(0.0, 0.12), default=0.0),
+    )
+    equation = "Y_link(q, qd, qdd) * (mass, mass * com, mass * (com.com * 1 - com * com'))"
+    confused_with = ("link_inertia", "base_tilt", "effort_scale")
+    shown_by = "poses in which the link points in all directions, and its accelerations"
+    source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, ICRA 2007"
+    coefficient_bounds = ((0.0, np.inf), (-np.inf, np.inf), (-np.inf, np.inf), (-np.inf, np.inf))
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        coefficients, shape = self.coefficients(values)
+        body, parameters = payload_parameters(plant.robot.body_of(needed_link(link)), shape)
+        inertials = plant.robot.inertials.copy()
+        inertials[body] += parameters @ coefficients
+        plant.robot = plant.robot.with_inertials(inertials)
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        body, parameters = payload_parameters(motion.robot.body_of(needed_link(link)), shape)
+        return body_regressor(motion, body) @ parameters
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{f"com_{axis}": 0.0 for axis in AXES}]
+
+    def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        found = self.values(coefficients, shape)
+        return {f"com_{axis}": float(np.clip(found[f"com_{axis}"], -1.0, 1.0)) for axis in AXES}
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        mass = float(coefficients[0])
+        centre = np.asarray(coefficients[1:]) / mass if mass > 1e-9 else np.zeros(3)
+        return {"mass": mass, **{f"com_{axis}": float(c) for axis, c in zip(AXES, centre, strict=True)}}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        centre = np.array([values[f"com_{axis}"] for axis in AXES])
+        return values["mass"] * np.array([1.0, *centre]), {
+            f"com_{axis}": values[f"com_{axis}"] for axis in AXES
+        }
+
+
+class LinkInertia(Effect):
+    """A link whose mass and inertia are `scale` times those of the description, its centre of mass unchanged."""
+
+    name = "link_inertia"
+    title = "wrong mass and inertia"
+    on = "link"
+    parameters = (
+        Parameter("mass", "kg", 0.0),
+        Parameter("nominal_mass", "kg", 0.0),
+        Parameter("scale", "-", 0.05, 10.0, plausible=(0.6, 1.6)),
+    )
+    equation = "(scale - 1) * Y_link(q, qd, qdd) * inertial parameters of the link"
+    confused_with = ("payload", "armature", "base_tilt")
+    shown_by = "poses in which the link points in all directions, and its accelerations"
+    source = "Atkeson, An, Hollerbach, Estimation of inertial parameters of manipulator loads and links, IJRR 5(3), 1986"
+    coefficient_bounds = ((-0.95, 9.0),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        body, parameters = plant.robot.link_inertial(needed_link(link))
+        inertials = plant.robot.inertials.copy()
+        inertials[body] += (values["scale"] - 1.0) * parameters
+        plant.robot = plant.robot.with_inertials(inertials)
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        body, parameters = motion.robot.link_inertial(_link_of(motion, target, link))
+        return (body_regressor(motion, body) @ parameters)[..., None]
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"nominal_mass": float(motion.robot.link_inertial(_link_of(motion, target, link))[1][0])}]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        scale, nominal = 1.0 + float(coefficients[0]), float(shape["nominal_mass"])
+        return {"mass": scale * nominal, "nominal_mass": nominal, "scale": scale}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["scale"] - 1.0]), {"nominal_mass": values["nominal_mass"]}
+
+    def sentence(self, where: str, values: Values) -> str:
+        return (
+            f"{where} weighs {values['mass']:.3g} kg, not {values['nominal_mass']:.3g} kg: its mass and inertia are "
+            f"{values['scale']:.3g} times those of the model."
+        )
+
+
+class BaseTilt(Effect):
+    """A base that stands turned by Ry(pitch)·Rx(roll) from level: gravity comes from another direction.
+
+    Linear in the angles [rad] near level; the shape names the tilt at which the columns are exact, as secants from
+    level to that tilt.
+    """
+
+    name = "base_tilt"
+    title = "a tilted base"
+    on = "base"
+    parameters = (
+        Parameter("roll_deg", "deg", -90.0, 90.0, plausible=(-6.0, 6.0), default=0.0),
+        Parameter("pitch_deg", "deg", -90.0, 90.0, plausible=(-6.0, 6.0), default=0.0),
+    )
+    equation = "g(q) under gravity turned by (Ry(pitch) * Rx(roll))' minus g(q)"
+    confused_with = ("payload", "effort_offset", "link_inertia")
+    shown_by = (
+        "poses that turn the arm about every horizontal axis, among them ones that swing the first axis"
+    )
+    source = "Craig, Introduction to Robotics, ch. 6: gravity as an acceleration of the base"
+    coefficient_bounds = ((-math.pi / 2, math.pi / 2), (-math.pi / 2, math.pi / 2))
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.robot = plant.robot.tilted(math.radians(values["roll_deg"]), math.radians(values["pitch_deg"]))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        roll, pitch = (_secant(math.radians(shape[key])) for key in ("roll_deg", "pitch_deg"))
+        level = motion.robot.gravity(motion.position)
+        rolled = motion.robot.tilted(roll, 0.0).gravity(motion.position)
+        tilted = motion.robot.tilted(roll, pitch).gravity(motion.position)
+        return np.stack([(rolled - level) / roll, (tilted - rolled) / pitch], axis=-1)
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"roll_deg": 0.0, "pitch_deg": 0.0}]
+
+    def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return self.values(coefficients, shape)
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"roll_deg": math.degrees(coefficients[0]), "pitch_deg": math.degrees(coefficients[1])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        shape = {key: values[key] for key in ("roll_deg", "pitch_deg")}
+        return np.radians([values["roll_deg"], values["pitch_deg"]]), shape
+
+    def sentence(self, where: str, values: Values) -> str:
+        return (
+            f"The base is tilted: roll {values['roll_deg']:.2f}°, pitch {values['pitch_deg']:.2f}° from the level that "
+            "the model takes."
+        )
+
+
+def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values) -> tuple[int, np.ndarray]:
+    """Inertial parameters of the body per unit of (m, m·cx, m·cy, m·cz) in the link frame: body, (PER_LINK, 4)."""
+    body, rotation, translation = place
+    x, y, z = rotation @ np.array([shape[f"com_{axis}"] for axis in AXES]) + translation
+    parameters = np.zeros((PER_LINK, 4))
+    parameters[0, 0] = 1.0
+    parameters[1:4, 0] = translation
+    parameters[1:4, 1:] = rotation
+    parameters[4:, 0] = (y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y)
+    return body, parameters
+
+
+def body_regressor(motion: Motion, body: int) -> np.ndarray:
+    """Columns of the regressor that belong to one body, (N, n, PER_LINK)."""
+    return motion.regressor[:, :, body * PER_LINK : (body + 1) * PER_LINK]
+
+
+def _secant(angle: float) -> float:
+    """An angle far enough from zero for a secant; the tangent near zero."""
+    return angle if abs(angle) > 1e-4 else 1e-4
+
+
+def needed_link(link: str | None) -> str:
+    """The link an effect was given.
+
+    Raises:
+        UsageError: none was.
+    """
+    if link is None:
+        raise UsageError("This effect acts on a link, and none is named.", "Name it: effect@link.")
+    return link
+
+
+def _link_of(motion: Motion, target: int, link: str | None) -> str:
+    """The link named, or the one that a joint moves."""
+    return motion.robot.moving_link(motion.robot.joints[target]) if link is None else link

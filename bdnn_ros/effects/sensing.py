@@ -1,0 +1,94 @@
+"""Sensors that report something else than the joint does."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
+from bdnn_ros.effects.plant import Plant
+
+
+class PositionOffset(Effect):
+    """An encoder whose zero is off: measured position = true position + offset.
+
+    The rigid effort belongs to the true position, so the measured effort is the model's at `q - offset`. The shape `at`
+    [rad] names the offset at which the column is exact, as a secant from none.
+    """
+
+    name = "position_offset"
+    title = "a position offset"
+    on = "joint"
+    parameters = (Parameter("offset", "rad", -1.0, 1.0, plausible=(-0.1, 0.1)),)
+    equation = "rigid effort at (q - offset) minus rigid effort at q (measured q = true q + offset)"
+    confused_with = ("base_tilt", "link_inertia", "payload", "effort_offset")
+    shown_by = "poses of different gravity, the joints beyond this one stretched out and folded"
+    source = "Hollerbach, Khalil, Gautier, Model identification, Springer Handbook of Robotics, ch. 6"
+    coefficient_bounds = ((-1.0, 1.0),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.position_offset[target] += values["offset"]
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        at = shape["at"] if abs(shape["at"]) > 1e-4 else 1e-4
+        change = np.zeros(motion.robot.width)
+        change[target] = -at
+        return (motion.changed(change) / at)[..., None]
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"at": 0.0}]
+
+    def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"at": float(np.clip(coefficients[0], -1.0, 1.0))}
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"offset": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["offset"]]), {"at": values["offset"]}
+
+    def sentence(self, where: str, values: Values) -> str:
+        return f"{where} reports its position {values['offset']:+.3g} rad off the true one."
+
+
+class VelocityFilter(Effect):
+    """A reported velocity that has passed a first-order low-pass.
+
+    It does not enter the effort. With the time constant T = 1 / (2π cutoff), the reported velocity v_r obeys
+    v_r = qd - T · dv_r/dt, which is linear in T.
+    """
+
+    name = "velocity_filter"
+    title = "a low-pass on the reported velocity"
+    on = "joint"
+    kinematic = True
+    parameters = (Parameter("cutoff", "Hz", 0.2, 1000.0, plausible=(3.0, 20.0)),)
+    equation = "reported velocity = qd - 1 / (2 * pi * cutoff) * d(reported velocity)/dt"
+    confused_with = ("effort_delay",)
+    shown_by = "fast changes of velocity"
+    source = "Franklin, Powell, Workman, Digital Control of Dynamic Systems, ch. 11 (velocity estimation)"
+    coefficient_bounds = ((0.0, 1.0),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.velocity_cutoff[target] = min(plant.velocity_cutoff[target], values["cutoff"])
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return np.zeros((*motion.position.shape, 1))
+
+    def velocity_columns(
+        self, motion: Motion, target: int, shape: Values, link: str | None = None
+    ) -> np.ndarray:
+        reported = motion.signals.reported_velocity
+        if reported is None:
+            return np.zeros((*motion.position.shape, 1))
+        return motion.joint_column(target, -motion.derivative(reported[:, [target]])[:, 0])
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"cutoff": 1.0 / (2.0 * math.pi * max(float(coefficients[0]), 1e-6))}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([1.0 / (2.0 * math.pi * values["cutoff"])]), {}
+
+    def sentence(self, where: str, values: Values) -> str:
+        return f"{where} reports a velocity that has passed a low-pass of {values['cutoff']:.3g} Hz."

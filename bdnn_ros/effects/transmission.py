@@ -1,0 +1,75 @@
+"""Transmissions that give: the measured position is the motor's, the link lags behind it by what the load bends.
+
+The rigid effort belongs to the link's motion, `q - deflection`, so the measured effort changes by the rigid effort's
+derivative along `-deflection` and its time derivatives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
+from bdnn_ros.effects.plant import Plant
+
+SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987"
+
+
+class JointElasticity(Effect):
+    """A spring between motor and link: link position = measured position - link load / stiffness."""
+
+    name = "joint_elasticity"
+    title = "joint elasticity"
+    on = "joint"
+    parameters = (Parameter("stiffness", "N*m/rad", 1.0, plausible=(100.0, 20000.0)),)
+    equation = "rigid effort of (q - link load / stiffness) minus rigid effort of q"
+    confused_with = ("backlash", "position_offset", "armature", "hysteresis")
+    shown_by = "fast changes of load: high accelerations, and poses of very different gravity"
+    source = SPONG
+    coefficient_bounds = ((0.0, 1.0),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        deflection = np.zeros(motion.position.shape)
+        deflection[:, target] = motion.signals.smooth(motion.link_load[:, target])
+        return -motion.shifted(deflection)[..., None]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"stiffness": 1.0 / max(float(coefficients[0]), 1e-9)}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([1.0 / values["stiffness"]]), {}
+
+    def sentence(self, where: str, values: Values) -> str:
+        return f"{where} gives: its transmission has a stiffness of {values['stiffness']:.3g} N·m/rad."
+
+
+class Backlash(Effect):
+    """Play between motor and link: the link lies half the gap behind, on the side the load pushes it to."""
+
+    name = "backlash"
+    title = "backlash"
+    on = "joint"
+    parameters = (Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),)
+    equation = "rigid effort of (q - gap / 2 * sign(link load)) minus rigid effort of q"
+    confused_with = ("joint_elasticity", "position_offset", "coulomb_friction", "hysteresis")
+    shown_by = "motion in which the load of the joint changes its sign often, in poses of small gravity load"
+    source = (
+        "Nordin, Gutman, Controlling mechanical systems with backlash - a survey, Automatica 38(10), 2002"
+    )
+    coefficient_bounds = ((0.0, 0.5),)
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.gap[target] += values["gap"]
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        side = np.zeros(motion.position.shape)
+        side[:, target] = motion.signals.smooth(np.sign(motion.link_load[:, target]))
+        return -0.5 * motion.shifted(side)[..., None]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"gap": float(coefficients[0])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["gap"]]), {}
