@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
 COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
@@ -27,7 +27,7 @@ class Candidates:
     def of(cls, robot: Robot) -> Candidates:
         """All effects of the registry that act on the effort, at all joints and moving links of a robot."""
         terms: list[Term] = []
-        for effect in EFFECTS.values():
+        for effect in ALL:
             if effect.kinematic:
                 continue
             for target, link in effect.places(robot):
@@ -59,11 +59,13 @@ class Candidates:
         result = []
         for chosen in fit.terms:
             term = pool.terms[chosen]
-            if not term.shape:
-                result.append(term)
-                continue
-            rest = [c for c in fit.terms if c != chosen]
-            result.append(_refined(equations, pool, pool.fit(rest), term))
+            coefficients, _ = pool.part(fit, chosen)
+            exact = term.effect.relinearised(coefficients, dict(term.shape))
+            term = term.shaped(exact)
+            if term.effect.shape_bounds:
+                rest = [c for c in fit.terms if c != chosen]
+                term = _refined(equations, pool, pool.fit(rest), term)
+            result.append(term)
         return result
 
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> np.ndarray:
@@ -90,18 +92,20 @@ def lone_gain(equations: Equations, pool: Pool, fit: Fit, term: Term) -> float:
 
 
 def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
-    names = [name for name, _ in term.shape]
-    start = np.array([value for _, value in term.shape])
+    """The term with its free shape parameters where they add most evidence to a fit."""
+    fixed = dict(term.shape)
+    names = [name for name in fixed if name in term.effect.shape_bounds]
+    start = np.array([fixed[name] for name in names])
     scale = np.where(np.abs(start) > 1e-9, np.abs(start), 1.0)
 
-    def loss(x: np.ndarray) -> float:
-        shape = dict(zip(names, (x * scale).tolist(), strict=True))
-        if not term.effect.shape_allowed(shape):
-            return 1e9
-        return -lone_gain(equations, pool, fit, term.shaped(shape))
+    def moved(x: np.ndarray) -> dict[str, float]:
+        return {**fixed, **dict(zip(names, (x * scale).tolist(), strict=True))}
 
-    best = minimize(
-        loss, start / scale, method="Nelder-Mead", options={"maxfev": 25 * len(names), "xatol": 1e-3}
-    )
-    shape = dict(zip(names, (best.x * scale).tolist(), strict=True))
-    return term.shaped(shape) if best.fun < loss(start / scale) else term
+    def loss(x: np.ndarray) -> float:
+        if not term.effect.shape_allowed(moved(x)):
+            return 1e9
+        return -lone_gain(equations, pool, fit, term.shaped(moved(x)))
+
+    first = loss(start / scale)
+    best = minimize(loss, start / scale, method="Nelder-Mead", options={"maxfev": 30 * len(names), "xatol": 1e-4})
+    return term.shaped(moved(best.x)) if best.fun < first else term

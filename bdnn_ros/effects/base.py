@@ -206,19 +206,22 @@ class Effect(ABC):
 
     def places(self, robot: Robot) -> list[tuple[int, str | None]]:
         """Where it can sit on a robot: (target, link) pairs."""
-        if self.on == "joint":
-            return [(i, None) for i in range(robot.width)]
-        if self.on == "link":
-            return [(i, robot.moving_link(joint)) for i, joint in enumerate(robot.joints)]
-        return [(-1, None)]
+        found: list[tuple[int, str | None]] = []
+        for where in (self.on, *self.also_on):
+            if where == "joint":
+                found += [(i, None) for i in range(robot.width)]
+            elif where == "link":
+                found += [(i, robot.moving_link(joint)) for i, joint in enumerate(robot.joints)]
+            else:
+                found.append((-1, None))
+        return found
 
     def shape_allowed(self, shape: Values) -> bool:
         """Whether a shape's parameters are inside their bounds."""
-        bounds = {parameter.name: parameter for parameter in self.parameters}
         return all(
-            bounds[name].lower <= value <= bounds[name].upper
+            self.shape_bounds[name][0] <= value <= self.shape_bounds[name][1]
             for name, value in shape.items()
-            if name in bounds
+            if name in self.shape_bounds
         )
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
