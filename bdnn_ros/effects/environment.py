@@ -36,6 +36,7 @@ class ExternalWrench(Effect):
     shown_by = "the same motion again without contact"
     source = HADDADIN
     coefficient_bounds = ((-np.inf, np.inf),) * 6
+    shape_bounds = MappingProxyType({"start": (-np.inf, np.inf), "end": (-np.inf, np.inf)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         wrench, none = np.array([values[c] for c in COMPONENTS]), np.zeros(6)
@@ -81,6 +82,7 @@ class ExternalTorque(Effect):
     shown_by = "the same motion again without contact"
     source = HADDADIN
     coefficient_bounds = ((-np.inf, np.inf),)
+    shape_bounds = MappingProxyType({"start": (-np.inf, np.inf), "end": (-np.inf, np.inf)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         torque, start, end = values["torque"], values["start"], values["end"]
@@ -116,7 +118,6 @@ class Drift(Effect):
     source = (
         "Carvalho Bittencourt, Axelsson, Modeling and experiment design of static friction, DX 2014 (warm-up)"
     )
-    shape_bounds = MappingProxyType({})
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"start": float(motion.time[0]), "end": float(motion.time[-1])}]

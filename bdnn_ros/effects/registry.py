@@ -1,4 +1,8 @@
-"""Every effect by name, specifications as users write them, and random draws of effects."""
+"""Every effect by name, and specifications as users write them.
+
+`ALL` holds every class once. Those of one contract name are variants (what drifts; a wrench on a link or a joint), each
+with its own columns and bounds: go through `ALL` to try everything, through `EFFECTS` to list the names.
+"""
 
 from __future__ import annotations
 
