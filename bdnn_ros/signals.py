@@ -92,10 +92,18 @@ class Signals:
         return inside
 
     @cached_property
-    def sign(self) -> np.ndarray:
+    def direction(self) -> np.ndarray:
         """Mean of sign(velocity) over each sample period, (N, n): a reversal between samples counts in part."""
         change = np.abs(self.acceleration) / self.rate
         return np.clip(2.0 * self.velocity / np.maximum(change, 1e-12), -1.0, 1.0)
+
+    @cached_property
+    def sign(self) -> np.ndarray:
+        """Direction low-passed as the effort was, (N, n): a step of dry friction is as soft in one as in the other.
+
+        With the sharp `direction` in its place the residual at reversals is a hundred times the noise's.
+        """
+        return self.smooth(self.direction)
 
     @cached_property
     def rest_velocity(self) -> np.ndarray:

@@ -112,3 +112,18 @@ def test_columns_times_parameters_is_the_effort():
     moving = np.abs(signals.sign) == 1.0
     expected = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
     np.testing.assert_allclose(effort[moving], expected[moving], atol=1e-9)
+
+
+def test_a_step_of_dry_friction_is_as_soft_in_the_column_as_in_the_effort():
+    from bdnn_ros.recording import Recording
+    from bdnn_ros.signals import prepare
+
+    time = np.arange(0.0, 10.0, 0.002)
+    position, velocity = np.sin(3.0 * time)[:, None], 3.0 * np.cos(3.0 * time)[:, None]
+    signals = prepare(Recording(time, ("joint",), position, None, np.sign(velocity)))
+
+    def error(column):
+        return np.abs(signals.smooth(signals.effort - column)[signals.interior]).max()
+
+    assert error(signals.sign) < 0.01
+    assert error(signals.direction) > 0.1
