@@ -123,7 +123,8 @@ def test_a_step_of_dry_friction_is_as_soft_in_the_column_as_in_the_effort():
     signals = prepare(Recording(time, ("joint",), position, None, np.sign(velocity)))
 
     def error(column):
-        return np.abs(signals.smooth(signals.effort - column)[signals.interior]).max()
+        residual = signals.smooth(signals.effort - column)[50:-50]
+        return np.sqrt(np.mean(residual**2))
 
     assert error(signals.sign) < 0.01
-    assert error(signals.direction) > 0.1
+    assert error(signals.direction) > 0.03
