@@ -11,8 +11,12 @@ import numpy as np
 from bdnn_ros.errors import RecordingError, UsageError, listed
 
 GAP_FACTOR = 5.0
-"""A pause longer than this many sample periods, and than `GAP_SECONDS`, is a gap: nothing is interpolated across it."""
+"""A pause longer than this many sample periods, and than `GAP_SECONDS`, is a gap: left as it is."""
 GAP_SECONDS = 0.05
+STILL_WIDTHS = 12.0
+"""A joint that covers less than this many standard deviations of its position's noise does not move."""
+STILL_RANGE = 1e-4
+"""Nor does one that covers less than this [rad]."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,8 @@ class Recording:
         missing = [joint for joint in joints if joint not in self.joints]
         if missing:
             raise UsageError(
-                f"{self.name}: joint {listed(missing)} is not in the recording, which has {listed(self.joints, 20)}.",
+                f"{self.name}: joint {listed(missing)} is not in the recording, "
+                f"which has {listed(self.joints, 20)}.",
                 "Name the joints with --joints, or map the names with --rename old=new.",
             )
         if len(set(joints)) != len(joints):
@@ -181,7 +186,7 @@ def renamed(names: Sequence[str], rules: Iterable[str]) -> tuple[str, ...]:
         if result == before:
             raise UsageError(f"--rename {rule} matches none of {listed(before, 20)}.", "Check the names.")
     if len(set(result)) != len(result):
-        raise UsageError(f"--rename gives two joints one name: {listed(result, 20)}.", "Make the names differ.")
+        raise UsageError(f"--rename makes two names equal: {listed(result, 20)}.", "Make the names differ.")
     return tuple(result)
 
 
@@ -213,7 +218,8 @@ def cleaned(
     keep = np.ones(len(time), bool)
     keep[1:] = time[1:] != time[:-1]
     if not keep.all():
-        notes.append(f"{name}: {np.count_nonzero(~keep)} of {len(time)} samples repeat the stamp before; left out.")
+        repeated = np.count_nonzero(~keep)
+        notes.append(f"{name}: {repeated} of {len(time)} samples repeat the stamp before; left out.")
     if drop_invalid:
         valid = np.isfinite(time)
         for values in (position, velocity, effort):
@@ -223,7 +229,7 @@ def cleaned(
         valid[1:] &= time[1:] > highest[:-1]
         dropped = np.count_nonzero(keep & ~valid)
         if dropped:
-            notes.append(f"{name}: {dropped} of {len(time)} samples are not finite or go back in time; left out.")
+            notes.append(f"{name}: {dropped} of {len(time)} samples are not finite or go back in time.")
         keep &= valid
     rows = slice(None) if keep.all() else keep
     return Recording(
@@ -238,13 +244,29 @@ def cleaned(
     )
 
 
+def position_noise(recording: Recording) -> np.ndarray:
+    """Standard deviation of white noise (and rounding) on the position, by third differences, (n,) [rad]."""
+    if len(recording) < 8:
+        return np.zeros(recording.width)
+    third = np.diff(recording.position, n=3, axis=0)
+    return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0))
+
+
+def moving(recording: Recording) -> np.ndarray:
+    """Which joints move at all, (n,) bool: further than noise and rounding."""
+    if not len(recording):
+        return np.zeros(recording.width, bool)
+    still = np.maximum(STILL_RANGE, STILL_WIDTHS * position_noise(recording))
+    return np.asarray(np.ptp(recording.position, axis=0) > still)
+
+
 def _refuse_invalid(recording: Recording, field: str, values: np.ndarray) -> None:
     finite = np.isfinite(values)
     if finite.all():
         return
     row, column = np.argwhere(~finite)[0]
     raise RecordingError(
-        f"{recording.name}: {field} of {recording.joints[column]} is not finite at {recording.time[row]:.3f} s "
-        f"({np.count_nonzero(~finite.all(axis=1))} of {len(values)} samples).",
+        f"{recording.name}: {field} of {recording.joints[column]} is not finite at "
+        f"{recording.time[row]:.3f} s ({np.count_nonzero(~finite.all(axis=1))} of {len(values)} samples).",
         "Fix the driver, or pass --drop-invalid to leave such samples out.",
     )

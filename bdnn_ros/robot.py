@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,11 +13,12 @@ import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.errors import RobotError, UsageError, listed
+from bdnn_ros.urdf import Limits, child_link, joint_tags, limits_of, link_inertia, reduced_model
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 BUNDLED = ("arm2", "arm6", "arm7")
 PER_LINK = 10
-"""Inertial parameters of a link: m, m·c (3), then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame's origin."""
+"""Inertial parameters of a link: m, m·c (3), then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin."""
 
 
 class Dynamics(Protocol):
@@ -46,17 +46,7 @@ class Dynamics(Protocol):
         """g(q) [N·m], (..., n)."""
 
     def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Everything in the effort that is neither inertial, Coriolis nor gravity, at zero acceleration (..., n)."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What the URDF allows each joint; (n,) each, infinite where it says nothing."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+        """What in the effort is neither inertial, Coriolis nor gravity, at zero acceleration (..., n)."""
 
 
 @dataclass(frozen=True)
@@ -95,22 +85,16 @@ class Robot:
         Raises:
             RobotError: the text is not a usable URDF or lacks a joint.
         """
-        model, names = _reduced(urdf, tuple(joints))
-        tags = _joint_tags(urdf)
+        model, names = reduced_model(urdf, tuple(joints))
+        tags = joint_tags(urdf)
         order = np.array([model.idx_vs[model.getJointId(name)] for name in names])
         inertials = np.array([model.inertias[model.getJointId(name)].toDynamicParameters() for name in names])
 
         def tag(key: str) -> np.ndarray:
             return np.array([tags.get(name, {}).get(key, 0.0) for name in names])
 
-        limits = Limits(
-            lower=model.lowerPositionLimit[order].copy(),
-            upper=model.upperPositionLimit[order].copy(),
-            velocity=_open(model.velocityLimit[order]),
-            effort=_open(model.effortLimit[order]),
-        )
         none = np.zeros(len(names))
-        return cls(urdf, names, inertials, none, tag("damping"), tag("friction"), limits)
+        return cls(urdf, names, inertials, none, tag("damping"), tag("friction"), limits_of(model, order))
 
     @classmethod
     def from_file(cls, path: str | Path, joints: Sequence[str] = ()) -> Robot:
@@ -130,8 +114,8 @@ class Robot:
         """
         if name not in BUNDLED:
             raise UsageError(f"No bundled robot {name!r}.", f"There are {listed(BUNDLED)}.")
-        text = resources.files("bdnn_ros").joinpath("robots", f"{name}.urdf").read_text(encoding="utf-8")
-        return cls.from_urdf(text, joints)
+        file = resources.files("bdnn_ros") / "robots" / f"{name}.urdf"
+        return cls.from_urdf(file.read_text(encoding="utf-8"), joints)
 
     @property
     def width(self) -> int:
@@ -140,7 +124,7 @@ class Robot:
 
     @cached_property
     def _model(self) -> pin.Model:
-        model, _ = _reduced(self.urdf, self.joints)
+        model, _ = reduced_model(self.urdf, self.joints)
         for name, values in zip(self.joints, self.inertials, strict=True):
             model.inertias[model.getJointId(name)] = pin.Inertia.FromDynamicParameters(np.asarray(values))
         model.armature[:] = 0.0
@@ -161,6 +145,10 @@ class Robot:
         """Our index of each of Pinocchio's velocity entries, (n,)."""
         return np.argsort(self._order)
 
+    def pinocchio_model(self) -> tuple[pin.Model, np.ndarray]:
+        """A copy of Pinocchio's model of the bodies, and its velocity index of each joint, (n,)."""
+        return self._model.copy(), self._order.copy()
+
     def __getstate__(self) -> dict[str, object]:
         return {key: value for key, value in self.__dict__.items() if not key.startswith("_")}
 
@@ -173,7 +161,7 @@ class Robot:
         model, data, order = self._model, self._data, self._order
         q, v, a = self._columns(position), self._columns(velocity), self._columns(acceleration)
         result = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
-        return result.reshape(len(q), -1)[:, order].reshape(np.shape(position))
+        return result.reshape(len(q), self.width)[:, order].reshape(np.shape(position))
 
     def inverse_dynamics(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
@@ -191,7 +179,10 @@ class Robot:
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         """M(q) with armature on its diagonal, (..., n, n) [kg·m²]."""
         model, data, order = self._model, self._data, self._order
-        upper = np.array([pin.crba(model, data, row) for row in self._columns(position)])
+        rows = self._columns(position)
+        upper = np.array([pin.crba(model, data, row) for row in rows]).reshape(
+            len(rows), self.width, self.width
+        )
         full = np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
         full = full[:, order][:, :, order] + np.diag(self.armature)
         return full.reshape(*np.shape(position), self.width)
@@ -232,13 +223,11 @@ class Robot:
         """
         frame = self._frame(link)
         aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        rows = [
-            pin.computeFrameJacobian(self._model, self._data, q, frame, aligned)
-            for q in self._columns(position)
-        ]
-        return np.array(rows)[:, :, self._order]
+        q = self._columns(position)
+        rows = [pin.computeFrameJacobian(self._model, self._data, row, frame, aligned) for row in q]
+        return np.array(rows).reshape(len(q), 6, self.width)[:, :, self._order]
 
-    # -- links ------------------------------------------------------------------------------------------------
+    # -- links -----------------------------------------------------------------------------------------------
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -247,10 +236,9 @@ class Robot:
 
     def moving_link(self, joint: str) -> str:
         """The child link of a joint: the frame of the body that moves with it."""
-        for element in ElementTree.fromstring(self.urdf).iter("joint"):
-            child = element.find("child")
-            if element.get("name") == joint and child is not None:
-                return str(child.get("link"))
+        link = child_link(self.urdf, joint)
+        if link is not None:
+            return link
         raise UsageError(f"The URDF has no joint {joint!r}.", f"It has {listed(self.joints, 20)}.")
 
     def body_of(self, link: str) -> tuple[int, np.ndarray, np.ndarray]:
@@ -269,7 +257,7 @@ class Robot:
         return self.joints.index(name), frame.placement.rotation.copy(), frame.placement.translation.copy()
 
     def link_inertial(self, link: str) -> tuple[int, np.ndarray]:
-        """What one link of the URDF adds to its body: (joint index, inertial parameters in the body's frame (PER_LINK,)).
+        """What one link adds to its body: (joint index, inertial parameters in the body's frame (PER_LINK,)).
 
         Links fixed to it are not counted.
 
@@ -277,7 +265,7 @@ class Robot:
             UsageError: there is no such link, it does not move, or the URDF gives it no mass.
         """
         body, rotation, translation = self.body_of(link)
-        own = _link_inertia(self.urdf, link)
+        own = link_inertia(self.urdf, link)
         if own.mass <= 0.0:
             raise UsageError(f"Link {link!r} has no mass in the URDF.", "Name a link with an <inertial>.")
         return body, np.array(pin.SE3(rotation, translation).act(own).toDynamicParameters())
@@ -287,7 +275,7 @@ class Robot:
             raise UsageError(f"The URDF has no link {link!r}.", f"It has {listed(self.links, 20)}.")
         return int(self._model.getFrameId(link, pin.FrameType.BODY))
 
-    # -- changes ----------------------------------------------------------------------------------------------
+    # -- changes ---------------------------------------------------------------------------------------------
 
     def with_inertials(self, inertials: np.ndarray) -> Robot:
         """The same robot with other inertial parameters, (n, PER_LINK) or flat."""
@@ -318,88 +306,3 @@ class Robot:
         """Values (..., n) as contiguous rows in Pinocchio's order, (N, n)."""
         rows = np.asarray(values, dtype=float).reshape(-1, self.width)
         return np.ascontiguousarray(rows[:, self._from_pinocchio])
-
-
-def _open(limit: np.ndarray) -> np.ndarray:
-    """A limit of zero says nothing."""
-    return np.where(limit > 0, limit, np.inf)
-
-
-def _reduced(urdf: str, joints: tuple[str, ...]) -> tuple[pin.Model, tuple[str, ...]]:
-    try:
-        full = pin.buildModelFromXML(_bounded(urdf))
-    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
-        reason = str(error).strip().splitlines()
-        raise RobotError(
-            f"The robot description is not a usable URDF ({reason[0] if reason else 'no reason given'}).",
-            "Check it with check_urdf.",
-        ) from None
-    movable = tuple(full.names[1:])
-    if full.nv != len(movable):
-        raise RobotError("The URDF has a joint of more than one degree of freedom.", "Use a fixed-base arm.")
-    names = joints or movable
-    missing = [name for name in names if name not in movable]
-    if missing or not names:
-        raise RobotError(
-            f"The URDF has no movable joint {listed(missing)}; it has {listed(movable, 20)}.",
-            "Use the URDF of this robot, or map the bag's names with --rename.",
-        )
-    lock = [full.getJointId(name) for name in movable if name not in names]
-    if lock:
-        rest = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
-        full = pin.buildReducedModel(full, lock, rest)
-    return full, tuple(names)
-
-
-def _bounded(urdf: str) -> str:
-    """The URDF with continuous joints as revolute ones without limits: one angle a joint."""
-    root = ElementTree.fromstring(urdf)
-    if root.tag != "robot":
-        raise ValueError(f"the root element is <{root.tag}>, not <robot>")
-    for joint in root.iter("joint"):
-        if joint.get("type") != "continuous":
-            continue
-        joint.set("type", "revolute")
-        limit = joint.find("limit")
-        if limit is None:
-            limit = ElementTree.SubElement(joint, "limit", effort="0", velocity="0")
-        limit.set("lower", "-1e9")
-        limit.set("upper", "1e9")
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _link_inertia(urdf: str, link: str) -> pin.Inertia:
-    """The <inertial> of a link, in its frame; zero where it has none."""
-    path = f"./link[@name='{link}']/inertial"
-    element = ElementTree.fromstring(urdf).find(path)
-    if element is None:
-        return pin.Inertia.Zero()
-
-    def numbers(tag: str, key: str, default: str) -> np.ndarray:
-        found = element.find(tag)
-        return np.array([float(x) for x in (default if found is None else found.get(key, default)).split()])
-
-    ixx, ixy, ixz, iyy, iyz, izz = (
-        numbers("inertia", key, "0")[0] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    )
-    tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-    rotation = pin.rpy.rpyToMatrix(numbers("origin", "rpy", "0 0 0"))
-    centre = numbers("origin", "xyz", "0 0 0")
-    return pin.Inertia(float(numbers("mass", "value", "0")[0]), centre, rotation @ tensor @ rotation.T)
-
-
-def _joint_tags(urdf: str) -> dict[str, dict[str, float]]:
-    """Damping and friction of each joint's <dynamics> tag."""
-    tags: dict[str, dict[str, float]] = {}
-    for joint in ElementTree.fromstring(urdf).iter("joint"):
-        dynamics = joint.find("dynamics")
-        if dynamics is not None:
-            try:
-                tags[str(joint.get("name"))] = {
-                    k: float(dynamics.get(k, "0")) for k in ("damping", "friction")
-                }
-            except ValueError:
-                raise RobotError(
-                    f"The <dynamics> tag of joint {joint.get('name')} is not a number.", "Correct the URDF."
-                ) from None
-    return tags

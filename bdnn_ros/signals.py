@@ -1,9 +1,10 @@
 """Clean signals from a recording: even sampling, zero-phase low-pass, derivatives.
 
 Every signal passes the same Gaussian kernel, and derivatives are that kernel's own derivatives, so position,
-velocity, acceleration and effort are filtered exactly alike. What is computed from them (a regressor, a model's
-effort) is then filtered by `Signals.smooth` once more, and so is the effort it is compared with: filtering both
-sides alike leaves the parameters unbiased. A Gaussian never overshoots, which matters beside the steps of dry friction.
+velocity, acceleration and effort are filtered exactly alike. What is computed from them (a regressor, a
+model's effort) is then filtered by `Signals.smooth` once more, and so is the effort it is compared with:
+filtering both sides alike leaves the parameters unbiased. A Gaussian never overshoots, which matters beside
+the steps of dry friction.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.recording import Recording
+from bdnn_ros.recording import Recording, position_noise
 
 DEFAULT_CUTOFF = 10.0
 """-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""
@@ -27,6 +28,8 @@ KERNEL_WIDTHS = 4.0
 """Half length of the kernel in standard deviations."""
 MINIMUM_SAMPLES = 20
 """A segment shorter than this many working samples is left out."""
+SAME_RATE = 0.02
+"""Signals whose working rates differ by more than this share are not joined."""
 REST_WIDTHS = 5.0
 """A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
 
@@ -88,18 +91,18 @@ class Signals:
         margin = int(np.ceil(2.0 * self.kernel_std * self.rate))
         inside = np.zeros(len(self), bool)
         for rows in self.segments:
-            inside[rows.start + margin : rows.stop - margin] = True
+            inside[rows.start + margin : max(rows.stop - margin, rows.start)] = True
         return inside
 
     @cached_property
     def direction(self) -> np.ndarray:
-        """Mean of sign(velocity) over each sample period, (N, n): a reversal between samples counts in part."""
+        """Mean of sign(velocity) over each sample period, (N, n): a reversal in between counts in part."""
         change = np.abs(self.acceleration) / self.rate
         return np.clip(2.0 * self.velocity / np.maximum(change, 1e-12), -1.0, 1.0)
 
     @cached_property
     def sign(self) -> np.ndarray:
-        """Direction low-passed as the effort was, (N, n): a step of dry friction is as soft in one as in the other.
+        """Direction low-passed as the effort was, (N, n): steps of dry friction are as soft in both.
 
         With the sharp `direction` in its place the residual at reversals is a hundred times the noise's.
         """
@@ -108,7 +111,9 @@ class Signals:
     @cached_property
     def rest_velocity(self) -> np.ndarray:
         """Speed under which a joint counts as at rest, (n,) [rad/s]."""
-        return np.maximum(REST_WIDTHS * velocity_noise(self.position_noise, self.kernel_std, self.raw_rate), 1e-5)
+        return np.maximum(
+            REST_WIDTHS * velocity_noise(self.position_noise, self.kernel_std, self.raw_rate), 1e-5
+        )
 
     @cached_property
     def at_rest(self) -> np.ndarray:
@@ -123,7 +128,7 @@ class Signals:
     def rows(self, chosen: np.ndarray) -> Signals:
         """The chosen samples, (N,) bool; segments are cut where samples are left out."""
         index = np.flatnonzero(chosen)
-        owner = np.concatenate([np.full(s.stop - s.start, k) for k, s in enumerate(self.segments)] or [[]])
+        owner = np.repeat(np.arange(len(self.segments)), [s.stop - s.start for s in self.segments])
         breaks = np.flatnonzero((np.diff(index) > 1) | (np.diff(owner[index]) != 0)) + 1
         edges = [0, *breaks.tolist(), len(index)]
         return replace(
@@ -165,8 +170,8 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
     pieces = [piece for piece in pieces if len(piece["time"]) >= MINIMUM_SAMPLES]
     if not pieces:
         raise RecordingError(
-            f"{recording.name}: {recording.duration:.2f} s in {len(recording.segments())} pieces is too short "
-            f"for a low-pass at {chosen:g} Hz.",
+            f"{recording.name}: {recording.duration:.2f} s in {len(recording.segments())} pieces is too "
+            f"short for a low-pass at {chosen:g} Hz.",
             "Record a longer motion without gaps, or raise --cutoff.",
         )
     joined = {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]}
@@ -188,9 +193,23 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
 
 
 def concatenated(parts: list[Signals]) -> Signals:
-    """Several signals of the same joints and cut-off as one; stamps are shifted so that they follow one another."""
+    """Several signals of the same joints as one; stamps are shifted so that they follow one another.
+
+    Raises:
+        UsageError: their joints, cut-offs or working rates differ, so that one kernel does not fit all.
+    """
     if len(parts) == 1:
         return parts[0]
+    for part in parts[1:]:
+        if part.joints != parts[0].joints:
+            raise UsageError(
+                f"The recordings hold different joints: {part.joints}.", "Choose them with --joints."
+            )
+        if part.cutoff != parts[0].cutoff or abs(part.rate / parts[0].rate - 1.0) > SAME_RATE:
+            raise UsageError(
+                f"Recordings of {parts[0].raw_rate:.4g} Hz and {part.raw_rate:.4g} Hz do not go together.",
+                "Use bags of one rate, or give a --cutoff that suits the slowest.",
+            )
     shift, offset = 0.0, 0
     times: list[np.ndarray] = []
     segments: list[slice] = []
@@ -224,7 +243,8 @@ def gaussian_std(cutoff: float) -> float:
 def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights of the low-pass and of its first and second derivative, to be convolved with even samples.
 
-    Moments are made exact on the grid: constants, ramps and parabolas come out as they are.
+    Moments are made exact on the grid: the low-pass keeps constants and ramps (a parabola is raised by the
+    kernel's variance), and the derivatives of parabolas are exact.
     """
     half = max(int(np.ceil(KERNEL_WIDTHS * std * rate)), 2)
     t = np.arange(-half, half + 1) / rate
@@ -243,14 +263,6 @@ def velocity_noise(position_noise: np.ndarray, std: float, rate: float) -> np.nd
     return np.asarray(position_noise / np.sqrt(4.0 * np.sqrt(np.pi) * std**3 * rate))
 
 
-def position_noise(recording: Recording) -> np.ndarray:
-    """Standard deviation of the white noise (and rounding) on the position, from third differences, (n,) [rad]."""
-    if len(recording) < 8:
-        return np.zeros(recording.width)
-    third = np.diff(recording.position, n=3, axis=0)
-    return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0))
-
-
 def _grid(rate: float, cutoff: float) -> tuple[float, int]:
     """Step of the even grid [s] and how many of its samples make one working sample."""
     needed = SAMPLES_PER_CUTOFF * cutoff
@@ -259,7 +271,9 @@ def _grid(rate: float, cutoff: float) -> tuple[float, int]:
     return 1.0 / (rate * np.ceil(needed / rate)), 1
 
 
-def _segment(recording: Recording, rows: slice, cutoff: float, step: float, every: int) -> dict[str, np.ndarray]:
+def _segment(
+    recording: Recording, rows: slice, cutoff: float, step: float, every: int
+) -> dict[str, np.ndarray]:
     """One gap-free piece on the working grid, without the kernel's half length at each end."""
     stamps = recording.time[rows]
     grid = np.arange(stamps[0], stamps[-1], step)
@@ -270,8 +284,10 @@ def _segment(recording: Recording, rows: slice, cutoff: float, step: float, ever
     if len(grid) <= 2 * half or len(stamps) < 4:
         return {"time": np.empty(0), "position": np.empty((0, recording.width))}
 
+    # against the grid itself, not step by step: small differences add up
+    uniform = len(grid) <= len(stamps) and np.abs(stamps[: len(grid)] - grid).max() < 1e-3 * step
+
     def even(values: np.ndarray) -> np.ndarray:
-        uniform = np.abs(np.diff(stamps) - step).max() < 1e-3 * step
         return values[rows][: len(grid)] if uniform else CubicSpline(stamps, values[rows])(grid)
 
     def filtered(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

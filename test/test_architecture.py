@@ -14,8 +14,9 @@ PACKAGE = "bdnn_ros"
 ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
     {"errors"},
-    {"recording"},
+    {"recording", "urdf"},
     {"robot", "signals"},
+    {"scores"},
     {"effects", "bdnn", "physical", "bags"},
     {"diagnosis", "simulation"},
     {"online", "report"},

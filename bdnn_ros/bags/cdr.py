@@ -1,7 +1,7 @@
 """CDR, the encoding of ROS 2 messages: JointState by blocks at the speed of NumPy, and two small messages.
 
 Plain CDR (OMG DDSI-RTPS 2.5, 10.5; XCDR version 1) is four bytes that name the byte order, then the fields,
-each aligned to its own size from there. A JointState's layout is fixed once its names are known, so that a block
+each aligned to its own size from there. A JointState's layout is fixed once its names are known, so a block
 of messages with the same names is read by slicing columns of bytes; what does not fit is parsed with care.
 """
 

@@ -1,0 +1,1 @@
+"""The command `bdnn`, one module a verb."""

@@ -1,0 +1,84 @@
+"""`bdnn VERB ...`: finds the verb, runs it, turns what goes wrong into one sentence and an exit status."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NoReturn
+
+from bdnn_ros.errors import BdnnError, UsageError, listed
+
+VERBS = {
+    "simulate": "record a simulated robot with chosen or hidden effects",
+    "info": "say what a bag holds and whether it is fit for identification",
+    "identify": "identify a model from recordings",
+    "diagnose": "name what the simulation gets wrong, with the gain of mending it",
+    "predict": "predict the effort along a recording, as CSV",
+    "evaluate": "score a model on a recording",
+}
+"""What `bdnn --help` says of each verb, as `HELP` of its module, which is imported only when called."""
+USAGE_STATUS = 2
+INTERRUPTED_STATUS = 130
+BROKEN_PIPE_STATUS = 141
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose complaints are errors like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raises `UsageError`."""
+        raise UsageError(f"{message[:1].upper()}{message[1:].rstrip('.')}.", f"See {self.prog} --help.")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command line and returns its exit status: 0 done, 1 the data cannot answer, 2 wrong usage."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        status = _run(words)
+        sys.stdout.flush()
+        return status
+    except BdnnError as error:
+        return _complain(str(error), error.exit_status)
+    except KeyboardInterrupt:
+        return INTERRUPTED_STATUS
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
+        return BROKEN_PIPE_STATUS
+    except OSError as error:
+        return _complain(f"{error.strerror or error}: {error.filename or 'a file'}.", USAGE_STATUS)
+
+
+def _run(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help"):
+        print(_help())
+        return 0 if words else USAGE_STATUS
+    verb, *rest = words
+    if verb not in VERBS:
+        raise UsageError(f"There is no verb {verb!r}; there are {listed(VERBS, 20)}.", "See bdnn --help.")
+    module = import_module(f"bdnn_ros.cli.{verb}")
+    parser = Parser(prog=f"bdnn {verb}", description=f"{VERBS[verb][:1].upper()}{VERBS[verb][1:]}.")
+    module.add_arguments(parser)
+    try:
+        args = parser.parse_args(rest)
+    except SystemExit as stop:  # --help
+        return int(stop.code or 0)
+    return int(module.run(args))
+
+
+def _help() -> str:
+    width = max(map(len, VERBS)) + 2
+    verbs = "\n".join(f"  {verb:{width}}{text}" for verb, text in VERBS.items())
+    about = "Learns a robot's dynamics from its motion and names what its simulation gets wrong."
+    return f"usage: bdnn VERB ...\n\n{about}\n\n{verbs}\n\nbdnn VERB --help says more."
+
+
+def _complain(sentence: str, status: int) -> int:
+    print(f"bdnn: error: {' '.join(sentence.split())}", file=sys.stderr)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

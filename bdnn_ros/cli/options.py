@@ -1,0 +1,179 @@
+"""Options that several verbs share, and the recordings and the robot they ask for."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+from tqdm import tqdm
+
+from bdnn_ros import bags
+from bdnn_ros.errors import RecordingError, RobotError, UsageError, listed
+from bdnn_ros.recording import Recording, moving
+from bdnn_ros.robot import BUNDLED, Robot
+
+
+def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one", "many"]) -> None:
+    """BAG, what to read from it and how to clean it, and the robot."""
+    parser.add_argument(
+        "bags",
+        metavar="BAG",
+        nargs=1 if bags == "one" else "+",
+        type=Path,
+        help=".mcap file, .db3 file or rosbag2 directory",
+    )
+    add_robot_arguments(parser)
+    parser.add_argument(
+        "--joint-states", metavar="TOPIC", default="/joint_states", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--effort-commands", metavar="TOPIC", help="std_msgs/Float64MultiArray, for --effort command"
+    )
+    parser.add_argument(
+        "--effort",
+        choices=("measured", "command"),
+        default="measured",
+        help="take the effort of the joint states or the commanded one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--joints",
+        metavar="A,B,C",
+        type=_names,
+        default=(),
+        help="joints and their order (default: the URDF's)",
+    )
+    parser.add_argument(
+        "--rename",
+        metavar="RULE",
+        action="append",
+        default=[],
+        help="map joint names of the bag: old=new or s/pattern/replacement/; repeatable",
+    )
+    parser.add_argument(
+        "--cutoff", metavar="HZ", type=float, help="low-pass of all signals (default: 10, or less)"
+    )
+    parser.add_argument(
+        "--drop-invalid", action="store_true", help="leave out samples that are NaN or go back in time"
+    )
+
+
+def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
+    """--urdf and --robot."""
+    parser.add_argument("--urdf", metavar="FILE", type=Path, help="robot description (default: the bag's)")
+    parser.add_argument("--robot", metavar="NAME", help=f"a bundled robot: {', '.join(BUNDLED)}")
+
+
+def load(
+    args: argparse.Namespace, *, joints: Sequence[str] = (), moves: bool = True, needs_robot: bool = True
+) -> tuple[list[Recording], Robot | None]:
+    """The recordings that the arguments ask for, all with the same joints, and their robot.
+
+    The robot is that of --urdf, else of the (first) bag's description, else of --robot; None without any.
+    Its joints and the recordings' are --joints, else `joints`, else those of the robot that every bag has.
+    What is left out or repaired is said on stderr.
+
+    Args:
+        joints: joints that must be there, unless --joints says others (a model's).
+        moves: refuse recordings in which no joint moves.
+        needs_robot: an unusable description in a bag is an error; otherwise it is as if there were none.
+
+    Raises:
+        BdnnError: as `bags.read` and `Robot.from_urdf`; or the robot and the bag share no joint.
+    """
+    required = tuple(args.joints or joints)
+    given = Robot.from_file(args.urdf) if args.urdf else None
+    recordings = [_read(path, args, required, given.joints if given else ()) for path in args.bags]
+    robot = given or _own_robot(args, recordings, needs_robot)
+    chosen = required or _common_joints(recordings, robot)
+    recordings = [recording.select(chosen) for recording in recordings]
+    for recording in recordings:
+        for note in recording.notes:
+            say(note)
+        still = [joint for joint, m in zip(chosen, moving(recording), strict=True) if not m]
+        if moves and len(still) == len(chosen):
+            raise RecordingError(f"{recording.name}: no joint moves.", "Record the robot in motion.")
+        if moves and still:
+            say(f"{recording.name}: {listed(still)} does not move: nothing can be learned about it.")
+    if robot is None:
+        return recordings, None
+    unused = [joint for joint in robot.joints if joint not in chosen]
+    if unused and not required:
+        say(f"Joints {listed(unused)} of the URDF are not in the bag; they are held where they are.")
+    return recordings, Robot.from_urdf(robot.urdf, chosen)
+
+
+def say(sentence: str) -> None:
+    """Tells the user something beside the result."""
+    print(f"bdnn: note: {sentence}", file=sys.stderr)
+
+
+@contextmanager
+def progress(label: str) -> Iterator[bags.Progress]:
+    """A bar on stderr, on a terminal only: a callback that takes what is done and how much there is."""
+    with tqdm(desc=label, disable=not sys.stderr.isatty(), leave=False, unit_scale=True) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show
+
+
+def _read(
+    path: Path, args: argparse.Namespace, joints: Sequence[str], robot_joints: Sequence[str]
+) -> Recording:
+    with progress(f"reading {path.name}") as show:
+        return bags.read(
+            path,
+            args.joint_states,
+            args.effort_commands,
+            args.effort,
+            args.drop_invalid,
+            show,
+            rename=args.rename,
+            joints=joints,
+            robot_joints=robot_joints,
+        )
+
+
+def _own_robot(args: argparse.Namespace, recordings: Sequence[Recording], needed: bool) -> Robot | None:
+    """The robot of the first bag's description, else of --robot."""
+    name = args.robot
+    described = [recording for recording in recordings if recording.urdf]
+    if described:
+        if name:
+            say(f"--robot {name} is not needed: {described[0].name} holds a robot description.")
+        if len({recording.urdf for recording in described}) > 1:
+            say(f"The bags hold different robot descriptions; that of {described[0].name} is taken.")
+        try:
+            return Robot.from_urdf(described[0].urdf or "")
+        except RobotError:
+            if needed:
+                raise
+            return None
+    return Robot.bundled(name) if name else None
+
+
+def _common_joints(recordings: Sequence[Recording], robot: Robot | None) -> tuple[str, ...]:
+    """Joints of the robot, else of the first recording, that every recording has."""
+    candidates = robot.joints if robot else recordings[0].joints
+    chosen = tuple(joint for joint in candidates if all(joint in r.joints for r in recordings))
+    if chosen:
+        return chosen
+    theirs = listed(dict.fromkeys(joint for r in recordings for joint in r.joints), 20)
+    if robot is None:
+        raise UsageError(
+            f"The bags share no joint; they have {theirs}.", "Map the names with --rename old=new."
+        )
+    raise UsageError(
+        f"The bag's joints ({theirs}) are none of the URDF's ({listed(robot.joints, 20)}).",
+        "Map the names with --rename old=new or --rename s/pattern/replacement/, or pass the robot's --urdf.",
+    )
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -1,0 +1,164 @@
+"""How well a model predicts: errors of the effort, and of the motion integrated from the effort."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.robot import Dynamics
+from bdnn_ros.signals import Signals
+
+DIVERGED = 1e3
+"""A rollout faster than this [rad/s] is given up."""
+STILL = 1e-9
+"""A measured effort that varies less [N·m] has no scale to compare an error with."""
+
+
+class Predictor(Protocol):
+    """What predicts the effort along a motion."""
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """Effort, (N, n) [N·m], not low-passed."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Errors of the predicted effort by joint.
+
+    Attributes:
+        joints: n joint names.
+        rmse: root mean square error, (n,) [N·m].
+        nrmse: the same over the standard deviation of the measured effort, (n,); NaN where that is constant.
+        nmse: the square of that, (n,).
+        nrmse_mean: mean over the joints.
+    """
+
+    joints: tuple[str, ...]
+    rmse: np.ndarray
+    nrmse: np.ndarray
+    nmse: np.ndarray
+    nrmse_mean: float
+
+    def as_json(self) -> dict[str, Any]:
+        """For `metrics.json` and `evaluate --json`; NaN becomes null."""
+        return {
+            "joints": list(self.joints),
+            "rmse": numbers(self.rmse),
+            "nrmse": numbers(self.nrmse),
+            "nmse": numbers(self.nmse),
+            "nrmse_mean": numbers([self.nrmse_mean])[0],
+        }
+
+
+@dataclass(frozen=True)
+class RolloutError:
+    """Error of the motion that a model integrates from the measured effort.
+
+    Attributes:
+        horizon: length of each rollout [s].
+        windows: number of rollouts.
+        position: root mean square error of the position at the end of the horizon, (n,) [rad]; infinite
+            where a rollout diverged.
+    """
+
+    horizon: float
+    windows: int
+    position: np.ndarray
+
+    def as_json(self) -> dict[str, Any]:
+        """For `evaluate --json`; infinite becomes null."""
+        return {"horizon": self.horizon, "windows": self.windows, "position": numbers(self.position)}
+
+
+def score(measured: np.ndarray, predicted: np.ndarray, joints: Sequence[str]) -> Scores:
+    """Errors of a predicted effort.
+
+    Args:
+        measured, predicted: effort, (N, n) each [N·m], low-passed alike.
+
+    Raises:
+        RecordingError: there is no sample to score.
+    """
+    if not len(measured):
+        raise RecordingError("No sample is left to score.", "Use a longer recording, or a smaller hold-out.")
+    rmse = np.sqrt(np.mean((predicted - measured) ** 2, axis=0))
+    spread = np.std(measured, axis=0)
+    nrmse = np.where(spread > STILL, rmse / np.maximum(spread, STILL), np.nan)
+    mean = float(np.mean(nrmse[np.isfinite(nrmse)])) if np.isfinite(nrmse).any() else float("nan")
+    return Scores(tuple(joints), rmse, nrmse, nrmse**2, mean)
+
+
+def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
+    """Errors of a model's effort, both sides low-passed alike, without the ends that the filter reaches.
+
+    Raises:
+        RecordingError: a part has no effort, or no sample is left.
+    """
+    measured, predicted = [], []
+    for signals in parts:
+        if signals.effort is None:
+            raise RecordingError(
+                "There is no effort to compare with.", "Use --effort command, or another bag."
+            )
+        measured.append(signals.smooth(signals.effort)[signals.interior])
+        predicted.append(signals.smooth(model.predict(signals))[signals.interior])
+    return score(np.concatenate(measured), np.concatenate(predicted), parts[0].joints)
+
+
+def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutError:
+    """Error of the motion that a model integrates from the measured effort, started anew every `horizon`.
+
+    Integrates the forward dynamics by Runge-Kutta's fourth order at the working rate; all windows at once.
+
+    Args:
+        horizon: [s]; cut to the longest gap-free piece.
+
+    Raises:
+        RecordingError: there is no effort.
+        UsageError: the horizon is not above zero.
+    """
+    if signals.effort is None:
+        raise RecordingError("There is no effort to integrate.", "Use --effort command, or another bag.")
+    if not horizon > 0.0:
+        raise UsageError(f"A horizon of {horizon:g} s is no time.", "Give seconds above zero.")
+    longest = max(rows.stop - rows.start for rows in signals.segments) - 1
+    steps = int(np.clip(round(horizon * signals.rate), 1, longest))
+    starts = np.array([k for s in signals.segments for k in range(s.start, s.stop - steps, steps)])
+    end = _integrate(model, signals, signals.effort, starts, steps)
+    error = np.sqrt(np.mean((end - signals.position[starts + steps]) ** 2, axis=0))
+    return RolloutError(steps / signals.rate, len(starts), error)
+
+
+def _integrate(
+    model: Dynamics, signals: Signals, effort: np.ndarray, starts: np.ndarray, steps: int
+) -> np.ndarray:
+    """Positions `steps` samples after each start, (W, n)."""
+    h = 1.0 / signals.rate
+    q, v = signals.position[starts].copy(), signals.velocity[starts].copy()
+    lost = np.zeros(len(starts), bool)
+    with np.errstate(all="ignore"):  # a rollout may diverge; that is an answer
+        for step in range(steps):
+            u0, u1 = effort[starts + step], effort[starts + step + 1]
+            half = 0.5 * (u0 + u1)
+            a0 = model.forward_dynamics(q, v, u0)
+            v1 = v + 0.5 * h * a0
+            a1 = model.forward_dynamics(q + 0.5 * h * v, v1, half)
+            v2 = v + 0.5 * h * a1
+            a2 = model.forward_dynamics(q + 0.5 * h * v1, v2, half)
+            v3 = v + h * a2
+            a3 = model.forward_dynamics(q + h * v2, v3, u1)
+            q = q + h / 6.0 * (v + 2.0 * v1 + 2.0 * v2 + v3)
+            v = v + h / 6.0 * (a0 + 2.0 * a1 + 2.0 * a2 + a3)
+            lost |= ~(np.abs(v) < DIVERGED).all(axis=1) | ~np.isfinite(q).all(axis=1)
+            q[lost], v[lost] = signals.position[starts[lost]], 0.0
+    q[lost] = np.inf
+    return q
+
+
+def numbers(values: Sequence[float] | np.ndarray) -> list[float | None]:
+    """Values for JSON, which has no NaN or infinity: null instead."""
+    return [float(value) if np.isfinite(value) else None for value in values]

@@ -1,0 +1,157 @@
+"""Reads a URDF for Pinocchio."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from bdnn_ros.errors import RobotError, listed
+
+UNLIMITED = 1e9
+"""Limit [rad] that stands for none while Pinocchio has the robot."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the URDF allows each joint; (n,) each, infinite where it says nothing."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+
+
+def limits_of(model: pin.Model, order: np.ndarray) -> Limits:
+    """The limits of a model's joints.
+
+    Args:
+        order: velocity index of each joint, (n,).
+    """
+    lower, upper = model.lowerPositionLimit[order], model.upperPositionLimit[order]
+    velocity, effort = model.velocityLimit[order], model.effortLimit[order]
+    return Limits(
+        lower=np.where(lower > -UNLIMITED, lower, -np.inf),
+        upper=np.where(upper < UNLIMITED, upper, np.inf),
+        velocity=np.where(velocity > 0.0, velocity, np.inf),
+        effort=np.where(effort > 0.0, effort, np.inf),
+    )
+
+
+def reduced_model(urdf: str, joints: tuple[str, ...]) -> tuple[pin.Model, tuple[str, ...]]:
+    """Pinocchio's model of a URDF, and the names of its joints.
+
+    Args:
+        urdf: the XML text.
+        joints: movable joints to keep; the others are held at zero, or at the nearest limit. Empty keeps all.
+
+    Raises:
+        RobotError: the text is not a usable URDF or lacks a joint.
+    """
+    said: list[str] = []
+    try:
+        with _overheard(said):
+            full = pin.buildModelFromXML(_bounded(urdf))
+    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
+        reasons = [*said, *str(error).strip().splitlines(), "no reason given"]
+        raise RobotError(
+            f"The robot description is not a usable URDF ({reasons[0].rstrip('.')}).",
+            "Check it with check_urdf.",
+        ) from None
+    movable = tuple(full.names[1:])
+    if full.nv != len(movable):
+        raise RobotError("The URDF has a joint of more than one degree of freedom.", "Use a fixed-base arm.")
+    names = joints or movable
+    missing = [name for name in names if name not in movable]
+    if missing or not names:
+        raise RobotError(
+            f"The URDF has no movable joint {listed(missing)}; it has {listed(movable, 20)}.",
+            "Use the URDF of this robot, or map the bag's names with --rename.",
+        )
+    lock = [full.getJointId(name) for name in movable if name not in names]
+    if lock:
+        rest = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
+        full = pin.buildReducedModel(full, lock, rest)
+    return full, tuple(names)
+
+
+@contextmanager
+def _overheard(said: list[str]) -> Iterator[None]:
+    """Collects what the URDF parser complains about: it writes to the process's stderr instead of raising."""
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as heard:
+        stderr = os.dup(2)
+        os.dup2(heard.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+            heard.seek(0)
+            lines = [line.strip() for line in heard.read().splitlines()]
+            said += [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
+
+
+def _bounded(urdf: str) -> str:
+    """The URDF with continuous joints as revolute ones without limits: one angle a joint."""
+    root = ElementTree.fromstring(urdf)
+    if root.tag != "robot":
+        raise ValueError(f"the root element is <{root.tag}>, not <robot>")
+    for joint in root.iter("joint"):
+        if joint.get("type") != "continuous":
+            continue
+        joint.set("type", "revolute")
+        limit = joint.find("limit")
+        if limit is None:
+            limit = ElementTree.SubElement(joint, "limit", effort="0", velocity="0")
+        limit.set("lower", str(-UNLIMITED))
+        limit.set("upper", str(UNLIMITED))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def link_inertia(urdf: str, link: str) -> pin.Inertia:
+    """The <inertial> of a link, in its frame; zero where it has none."""
+    path = f"./link[@name='{link}']/inertial"
+    element = ElementTree.fromstring(urdf).find(path)
+    if element is None:
+        return pin.Inertia.Zero()
+
+    def numbers(tag: str, key: str, default: str) -> np.ndarray:
+        found = element.find(tag)
+        return np.array([float(x) for x in (default if found is None else found.get(key, default)).split()])
+
+    ixx, ixy, ixz, iyy, iyz, izz = (
+        numbers("inertia", key, "0")[0] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    rotation = pin.rpy.rpyToMatrix(numbers("origin", "rpy", "0 0 0"))
+    centre = numbers("origin", "xyz", "0 0 0")
+    return pin.Inertia(float(numbers("mass", "value", "0")[0]), centre, rotation @ tensor @ rotation.T)
+
+
+def child_link(urdf: str, joint: str) -> str | None:
+    """The link that a joint moves; None where there is no such joint."""
+    child = ElementTree.fromstring(urdf).find(f"./joint[@name='{joint}']/child")
+    return None if child is None else child.get("link")
+
+
+def joint_tags(urdf: str) -> dict[str, dict[str, float]]:
+    """Damping and friction of each joint's <dynamics> tag."""
+    tags: dict[str, dict[str, float]] = {}
+    for joint in ElementTree.fromstring(urdf).iter("joint"):
+        dynamics = joint.find("dynamics")
+        if dynamics is not None:
+            try:
+                tags[str(joint.get("name"))] = {
+                    k: float(dynamics.get(k, "0")) for k in ("damping", "friction")
+                }
+            except ValueError:
+                raise RobotError(
+                    f"The <dynamics> tag of joint {joint.get('name')} is not a number.", "Correct the URDF."
+                ) from None
+    return tags
