@@ -1,0 +1,245 @@
+"""The extended model against closed forms, axioms, and its own parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.bdnn import modelfile
+from bdnn_ros.diagnosis.equations import Term, build, relative_inertials
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.extension import ExtendedModel, corrected_links, extend
+from bdnn_ros.diagnosis.posterior import estimates
+from bdnn_ros.effects.registry import Installed, parse_spec
+from bdnn_ros.errors import ModelFileError
+from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.physical.consistency import feasible
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+TIMELESS = (
+    "coulomb_friction@arm7_joint4:coulomb=1.3",
+    "viscous_friction@arm7_joint2:viscous=0.7",
+    "stribeck_friction@arm7_joint1:coulomb=1.0,static=1.8,velocity=0.1",
+    "asymmetric_friction@arm7_joint3:positive=0.8,negative=0.3",
+    "load_dependent_friction@arm7_joint2:ratio=0.15",
+    "quadratic_drag@arm7_joint5:drag=0.4",
+    "armature@arm7_joint6:armature=0.05",
+    "payload@arm7_link7:mass=1.5,com_x=0.02,com_z=0.1",
+    "link_inertia@arm7_link4:scale=1.2",
+    "base_tilt:roll_deg=3,pitch_deg=-4",
+    "joint_spring@arm7_joint4:stiffness=3.0,rest=-1.5",
+    "effort_offset@arm7_joint5:offset=0.4",
+    "effort_scale@arm7_joint5:scale=0.8",
+    "cogging@arm7_joint1:amplitude=0.5,periods_per_rev=12,phase=0.4",
+    "position_offset@arm7_joint4:offset=0.05",
+)
+TIMED = (
+    "hysteresis@arm7_joint1:force=0.9,breakaway=0.03",
+    "effort_delay:delay=0.012",
+    "external_wrench@arm7_joint3:start=1.0,end=2.0,torque=2.0",
+    "drift@arm7_joint2:of=viscous,start_value=0.1,end_value=1.0,start=0,end=4",
+    "joint_elasticity@arm7_joint2:stiffness=900",
+    "backlash@arm7_joint4:gap=0.01",
+)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return Robot.bundled("arm7")
+
+
+def motion(robot: Robot, duration: float = 4.0, rate: float = 100.0) -> Signals:
+    """Sines of every joint about the middle of its range, derivatives exact."""
+    time = np.arange(0.0, duration, 1.0 / rate)
+    rate_ = 2.0 + np.arange(robot.width) * 0.3
+    centre = 0.5 * (robot.limits.lower + robot.limits.upper)
+    angle = time[:, None] * rate_
+    return Signals(
+        time=time,
+        joints=robot.joints,
+        position=centre + 0.4 * np.sin(angle),
+        velocity=0.4 * rate_ * np.cos(angle),
+        acceleration=-0.4 * rate_**2 * np.sin(angle),
+        effort=None,
+        reported_velocity=None,
+        rate=rate,
+        cutoff=10.0,
+        segments=(slice(0, len(time)),),
+        position_noise=np.zeros(robot.width),
+        raw_rate=rate,
+    )
+
+
+def with_effects(robot: Robot, *specs: str) -> ExtendedModel:
+    return ExtendedModel(robot, tuple(parse_spec(spec, robot) for spec in specs), np.zeros(robot.width))
+
+
+def test_without_effects_it_is_the_robot(robot: Robot) -> None:
+    model, signals = with_effects(robot), motion(robot)
+    state = (signals.position, signals.velocity, signals.acceleration)
+    np.testing.assert_allclose(model.inverse_dynamics(*state), robot.inverse_dynamics(*state))
+    np.testing.assert_allclose(model.predict(signals), robot.rigid_effort(*state), atol=1e-9)
+
+
+@pytest.mark.parametrize("spec", TIMELESS)
+def test_a_point_and_a_motion_agree(robot: Robot, spec: str) -> None:
+    model, signals = with_effects(robot, spec), motion(robot)
+    pointwise = model.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+    along = model.predict(signals)
+    steady = (np.abs(signals.sign) > 1.0 - 1e-9).all(axis=1)  # elsewhere the motion's direction is low-passed
+    assert steady.sum() > 50
+    np.testing.assert_allclose(pointwise[steady], along[steady], atol=2e-6 * np.abs(along).max())
+
+
+@pytest.mark.parametrize("spec", TIMED)
+def test_what_needs_a_motion_counts_in_predict_only(robot: Robot, spec: str) -> None:
+    model, signals = with_effects(robot, spec), motion(robot)
+    state = (signals.position, signals.velocity, signals.acceleration)
+    np.testing.assert_allclose(model.inverse_dynamics(*state), robot.inverse_dynamics(*state), atol=1e-9)
+    assert np.abs(model.predict(signals) - with_effects(robot).predict(signals)).max() > 0.01
+
+
+def test_forward_inverts_inverse(robot: Robot) -> None:
+    model, signals = with_effects(robot, *TIMELESS), motion(robot, 1.0)
+    effort = model.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+    again = model.forward_dynamics(signals.position, signals.velocity, effort)
+    np.testing.assert_allclose(again, signals.acceleration, atol=1e-6)
+
+
+def test_parts_add_up_to_the_effort_that_acts(robot: Robot) -> None:
+    model, signals = with_effects(robot, *TIMELESS), motion(robot, 1.0)
+    q, v, zero = signals.position, signals.velocity, np.zeros_like(signals.position)
+    parts = model.coriolis(q, v) + model.gravity(q) + model.friction(q, v)
+    np.testing.assert_allclose(parts, model.inverse_dynamics(q, v, zero), atol=1e-9)
+    mass = model.mass_matrix(q)
+    np.testing.assert_allclose(mass, np.swapaxes(mass, 1, 2), atol=1e-12)
+    assert (np.linalg.eigvalsh(mass)[:, 0] > 0.0).all()
+
+
+def test_the_contract_joins_scale_offset_and_delay(robot: Robot) -> None:
+    """scale · measured(t - delay) + offset is the effort that acts."""
+    specs = (
+        "effort_scale@arm7_joint2:scale=0.8",
+        "effort_offset@arm7_joint2:offset=2",
+        "effort_delay:delay=0.02",
+    )
+    signals = motion(robot)
+    acting = with_effects(robot).predict(signals)
+    measured = with_effects(robot, *specs).predict(signals)
+    late = np.roll(measured, 2, axis=0)[2:-5]
+    np.testing.assert_allclose(0.8 * late[:, 1] + 2.0, acting[2:-5, 1], atol=1e-4)
+    np.testing.assert_allclose(late[:, 0], acting[2:-5, 0], atol=1e-4)
+
+
+def test_one_state_or_none(robot: Robot) -> None:
+    model = with_effects(robot, *TIMELESS)
+    q = np.full(7, 0.1)
+    assert model.inverse_dynamics(q, q, q).shape == (7,)
+    assert model.mass_matrix(q).shape == (7, 7)
+    assert model.inverse_dynamics(np.empty((0, 7)), np.empty((0, 7)), np.empty((0, 7))).shape == (0, 7)
+
+
+def test_files_keep_everything(robot: Robot, tmp_path) -> None:
+    signals = motion(robot)
+    model = replace(
+        with_effects(robot, *TIMELESS, *TIMED),
+        robot=robot.with_inertials(1.05 * robot.inertials),
+        noise=np.arange(7.0),
+        stds=({"coulomb": 0.1},),
+        lead=0.003,
+    )
+    again = load_model(save_model(tmp_path, model))
+    assert isinstance(again, ExtendedModel)
+    np.testing.assert_array_equal(again.predict(signals), model.predict(signals))
+    np.testing.assert_array_equal(again.noise, model.noise)
+    assert again.stds == model.stds and again.lead == model.lead
+
+
+def test_a_damaged_file_is_refused(robot: Robot, tmp_path) -> None:
+    arrays, info = with_effects(robot, TIMELESS[0]).to_state()
+    info["effects"][0]["joint"] = "elbow"
+    modelfile.save(tmp_path, "extended", arrays, info)
+    with pytest.raises(ModelFileError, match="incomplete"):
+        load_model(tmp_path)
+
+
+def test_corrected_links_stay_feasible(robot: Robot) -> None:
+    """A belief that the last link weighs less than nothing becomes a light link, the others hardly change."""
+    relative = relative_inertials(robot)
+    errors = np.zeros(70)
+    errors[[60, 62, 65, 69]] = -1.2  # the diagonal of the link's pseudo-inertia
+    corrected = corrected_links(robot, [], relative, errors, np.diag(np.full(70, 0.3**2)))
+    assert feasible(corrected.inertials)
+    np.testing.assert_allclose(corrected.inertials[:6], robot.inertials[:6], rtol=1e-2, atol=1e-3)
+    assert 0.0 < corrected.inertials[6, 0] < 0.5 * robot.inertials[6, 0]
+
+
+def test_links_are_feasible_together_with_the_effects_on_them(robot: Robot) -> None:
+    shrunk = [parse_spec("link_inertia@arm7_link4:scale=0.1", robot)]
+    errors = np.zeros(70)
+    errors[30:40] = -0.3
+    corrected = corrected_links(
+        robot, shrunk, relative_inertials(robot), errors, np.diag(np.full(70, 0.05**2))
+    )
+    model = ExtendedModel(corrected, tuple(shrunk), np.zeros(7))
+    assert feasible(model.rigid_robot.inertials)
+
+
+def _examination(robot: Robot, signals: Signals, terms: list[Term]) -> SimpleNamespace:
+    """What `extend` reads of an examination, for terms that are known."""
+    equations = build(signals, robot)
+    noise = equations.noise_of(1e-3 * equations.target, 1e-4 * equations.effort_scale)
+    pool = Pool(equations, noise, terms, 0.06, 1e-4)
+    fit = pool.fit(range(len(terms)))
+    return SimpleNamespace(
+        robot=robot,
+        equations=equations,
+        pool=pool,
+        fit=fit,
+        estimates=tuple(estimates(pool, fit)),
+        diagnosis=SimpleNamespace(findings=()),
+        test=equations.block % 5 == 2,
+        extended=pool.residual(fit),
+    )
+
+
+def test_extend_predicts_what_the_diagnosis_fitted() -> None:
+    """On a robot with wrong links, friction and an offset, the extended model reaches the fit's own error."""
+    robot = Robot.bundled("arm2")
+    real = robot.with_inertials(robot.inertials * np.array([[1.05], [0.93]]))
+    truth = with_effects(
+        real, "coulomb_friction@arm2_joint1:coulomb=0.8", "effort_offset@arm2_joint2:offset=0.2"
+    )
+    signals = motion(robot, 30.0)
+    signals = replace(signals, effort=truth.predict(signals))
+    terms = [Term(e.effect, e.target, e.link) for e in truth.effects]
+    examination = _examination(robot, signals, terms)
+    model = extend(examination)
+    assert [e.effect.name for e in model.effects] == ["coulomb_friction", "effort_offset"]
+    assert model.effects[0].values["coulomb"] == pytest.approx(0.8, rel=0.02)
+    assert model.stds[0]["coulomb"] > 0.0
+    inside = signals.interior
+
+    def error(values: np.ndarray) -> float:
+        return float(np.sqrt(np.mean((signals.smooth(values - signals.effort)[inside]) ** 2)))
+
+    before = error(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
+    fitted = float(np.sqrt(np.mean(examination.pool.residual(examination.fit) ** 2)))
+    assert error(model.predict(signals)) < max(1.05 * fitted, 2e-3 * before)
+
+
+def test_offsets_beside_a_scale_follow_the_contract() -> None:
+    """The regression's offset is that of the measured effort; the contract's acts behind the scale."""
+    robot = Robot.bundled("arm2")
+    truth = with_effects(robot, "effort_scale@arm2_joint1:scale=0.8", "effort_offset@arm2_joint1:offset=1.0")
+    signals = motion(robot, 30.0)
+    signals = replace(signals, effort=truth.predict(signals))
+    terms = [Term(e.effect, e.target, e.link) for e in truth.effects]
+    model = extend(_examination(robot, signals, terms))
+    found: dict[str, Installed] = {e.effect.name: e for e in model.effects}
+    assert found["effort_scale"].values["scale"] == pytest.approx(0.8, abs=0.02)
+    assert found["effort_offset"].values["offset"] == pytest.approx(1.0, abs=0.05)
