@@ -10,7 +10,7 @@ from bdnn_ros.errors import RecordingError, UpdateRejected, UsageError
 from bdnn_ros.physical.columns import parameter_columns, parameter_index
 from bdnn_ros.physical.consistency import consistent, feasible
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import Parameters, Spread, prior
+from bdnn_ros.physical.parameters import Parameters, Prior, Spread, prior
 from bdnn_ros.physical.recursive import Posterior, Recursion
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
@@ -35,12 +35,22 @@ class Identifier:
         robot: the simulation's robot, the prior.
         cutoff: of the low-pass [Hz], None for the recording's default.
         spread: how far the real robot may be from the prior.
+        belief: what is known already, instead of the robot and the spread.
+
+    Attributes:
+        latest: motion of the last chunk and its rows, until somebody takes them; None before.
     """
 
-    def __init__(self, robot: Robot, cutoff: float | None = None, spread: Spread | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        cutoff: float | None = None,
+        spread: Spread | None = None,
+        belief: Prior | None = None,
+    ) -> None:
         self.robot = robot
         self.cutoff = cutoff
-        belief = prior(robot, spread)
+        belief = belief or prior(robot, spread)
         self.recursion = Recursion(
             belief.mean, belief.covariance, parameter_index(robot.width), belief.effort_scale
         )
@@ -48,12 +58,13 @@ class Identifier:
         self.samples = 0
         self.chunks = 0
         self.left_out = 0
+        self.latest: tuple[Signals, np.ndarray] | None = None
         self._pending: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._chunk: float | None = None
         self._start = 0.0
         self._due = np.inf
 
-    # -- samples in ------------------------------------------------------------------------------
+    # -- samples in --------------------------------------------------------------------------------
 
     def feed(self, time: np.ndarray, position: np.ndarray, effort: np.ndarray) -> int:
         """Take in samples in order of their stamps.
@@ -111,7 +122,7 @@ class Identifier:
             progress(1.0, "done")
         return model
 
-    # -- models out ------------------------------------------------------------------------------
+    # -- models out --------------------------------------------------------------------------------
 
     def model(self, iterations: int = 1) -> PhysicalModel:
         """The robot as known now, checked.
@@ -124,7 +135,7 @@ class Identifier:
         self.version += 1
         return physical_model(self.robot, posterior, self.version)
 
-    # -- chunks ----------------------------------------------------------------------------------
+    # -- chunks ------------------------------------------------------------------------------------
 
     def _settle(self, final: bool) -> bool:
         """Fix the chunk's length from the first second of samples; False while there are too few."""
@@ -172,6 +183,7 @@ class Identifier:
             return
         columns = signals.smooth(parameter_columns(self.robot, signals))
         self.recursion.update(columns[rows], signals.smooth(signals.effort)[rows])
+        self.latest = signals, rows
 
 
 def physical_model(robot: Robot, posterior: Posterior, version: int = 1) -> PhysicalModel:

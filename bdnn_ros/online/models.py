@@ -41,9 +41,19 @@ def load_model(path: str | Path) -> Model:
     Raises:
         ModelFileError: the file is missing, damaged, of another version, or of a kind that is not known.
     """
-    kind, arrays, info = modelfile.load(path)
+    return build_model(*modelfile.load(path), source=str(path))
+
+
+def build_model(
+    kind: str, arrays: dict[str, np.ndarray], info: dict[str, Any], source: str = "The state"
+) -> Model:
+    """The model of a kind and its state.
+
+    Raises:
+        ModelFileError: the kind is not known, or the state is incomplete.
+    """
     if kind not in KINDS:
-        raise ModelFileError(f"{path} holds a model of kind {kind!r}.", f"Known kinds are {listed(KINDS)}.")
+        raise ModelFileError(f"{source} holds a model of kind {kind!r}.", f"Known kinds are {listed(KINDS)}.")
     module, name = KINDS[kind].split(":")
     model: Model = getattr(import_module(module), name).from_state(arrays, info)
     return model

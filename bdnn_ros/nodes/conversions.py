@@ -1,0 +1,129 @@
+"""Between messages and arrays: what is asked is checked by name, what is answered is filled in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+
+from bdnn_interfaces.msg import DynamicsEstimate, Finding, Findings
+from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.online.estimate import Instant, Parts
+
+
+def nanoseconds(stamp: Time) -> int:
+    """A stamp [ns]."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def stamp(nanoseconds: int) -> Time:
+    """A stamp of [ns]."""
+    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def requested(
+    joints: Sequence[str], names: Sequence[str], fields: dict[str, Sequence[float]]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """What a request asks, in the model's order.
+
+    Args:
+        joints: the model's n joints.
+        names: the request's, any order; empty means the model's.
+        fields: numbers by field name, in the order of the names.
+
+    Returns:
+        Index of each of the request's joints in the model's order, and the fields in the model's order.
+
+    Raises:
+        UsageError: a joint is unknown, missing or named twice; a field has the wrong size or is not finite.
+    """
+    order = list(names) or list(joints)
+    unknown = [name for name in order if name not in joints]
+    if unknown:
+        raise UsageError(f"Unknown joint {listed(unknown)}; the model has {listed(joints, 20)}.")
+    twice = sorted({name for name in order if order.count(name) > 1})
+    if twice:
+        raise UsageError(f"Joint {listed(twice)} is named twice.")
+    missing = [name for name in joints if name not in order]
+    if missing:
+        raise UsageError(f"Joint {listed(missing)} is missing; the model needs all of {listed(joints, 20)}.")
+    index = np.array([list(joints).index(name) for name in order])
+    arranged: dict[str, np.ndarray] = {}
+    for field, values in fields.items():
+        if len(values) != len(order):
+            raise UsageError(f"{field} has {len(values)} values, the {len(order)} joints need {len(order)}.")
+        numbers = np.asarray(values, float)
+        if not np.isfinite(numbers).all():
+            culprit = order[int(np.argmin(np.isfinite(numbers)))]
+            raise UsageError(f"{field} of {culprit} is not finite.")
+        arranged[field] = np.empty(len(joints))
+        arranged[field][index] = numbers
+    return index, arranged
+
+
+def estimate_message(joints: Sequence[str], instant: Instant, parts: Parts, version: int) -> DynamicsEstimate:
+    """Everything about one instant; efforts that were not measured are left empty."""
+    message = DynamicsEstimate()
+    message.header.stamp = stamp(instant.stamp)
+    message.joint_names = list(joints)
+    message.position = instant.position.tolist()
+    message.velocity = instant.velocity.tolist()
+    message.acceleration = instant.acceleration.tolist()
+    message.effort_measured = instant.effort.tolist() if np.isfinite(instant.effort).all() else []
+    message.effort_estimate = parts.effort.tolist()
+    message.effort_std = parts.std.tolist()
+    message.inertial = parts.inertial.tolist()
+    message.coriolis = parts.coriolis.tolist()
+    message.gravity = parts.gravity.tolist()
+    message.friction = parts.friction.tolist()
+    message.learned = parts.learned.tolist()
+    message.mass_matrix = parts.mass_matrix.ravel().tolist()
+    message.model_version = version
+    return message
+
+
+def effort_message(joints: Sequence[str], instant: Instant, parts: Parts) -> JointState:
+    """The estimated effort as a joint state of the same stamp."""
+    message = JointState()
+    message.header.stamp = stamp(instant.stamp)
+    message.name = list(joints)
+    message.position = instant.position.tolist()
+    message.velocity = instant.velocity.tolist()
+    message.effort = parts.effort.tolist()
+    return message
+
+
+def findings_message(diagnosis: dict[str, Any], now: Time) -> Findings:
+    """A diagnosis (`Diagnosis.as_json`) as a message."""
+    message = Findings()
+    message.header.stamp = now
+    message.verdict = diagnosis["verdict"]
+    message.findings = [_finding(entry) for entry in diagnosis["findings"]]
+    message.gain = float(diagnosis["gain"]["value"])
+    message.gain_low, message.gain_high = (float(x) for x in diagnosis["gain"]["interval"])
+    message.advice = list(diagnosis["advice"])
+    return message
+
+
+def _finding(entry: dict[str, Any]) -> Finding:
+    message = Finding()
+    message.effect = entry["effect"]
+    message.joint = entry["joint"] or ""
+    message.link = entry["link"] or ""
+    message.parameter_names = list(entry["parameters"])
+    message.values = [float(p["value"]) for p in entry["parameters"].values()]
+    message.stds = [float(p["std"]) for p in entry["parameters"].values()]
+    message.units = [p["unit"] for p in entry["parameters"].values()]
+    message.share = float(entry["share"])
+    message.probability = float(entry["probability"])
+    message.rivals = [_rival(rival) for rival in entry["rivals"]]
+    message.sentence = entry["sentence"]
+    return message
+
+
+def _rival(entry: dict[str, Any]) -> str:
+    where = entry["link"] or entry["joint"] or "base"
+    return f"{entry['effect']}@{where} ({entry['probability']:.2f})"

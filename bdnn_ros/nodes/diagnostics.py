@@ -1,0 +1,128 @@
+"""What the node tells on /diagnostics: once a second, in numbers."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from bdnn_ros.online.session import Session
+
+NAME = "bdnn: identification"
+SILENCE = 2.0
+"""Without a joint state for so long [s], the stream counts as broken."""
+MEMORY = 10.0
+"""Time constant of the error now [s]."""
+
+
+class ErrorNow:
+    """Running NRMSE of the estimates over the last `MEMORY` seconds: RMSE / spread of the measured effort."""
+
+    def __init__(self) -> None:
+        self._stamp = 0
+        self._squared: np.ndarray | None = None
+        self._mean = np.zeros(0)
+        self._power = np.zeros(0)
+
+    def add(self, stamp: int, measured: np.ndarray, estimated: np.ndarray) -> None:
+        """One instant: efforts (n,) [N·m] at a stamp [ns]."""
+        squared = (measured - estimated) ** 2
+        if self._squared is None or len(self._squared) != len(squared):
+            self._squared, self._mean, self._power = squared, measured.copy(), measured**2
+        weight = min(max((stamp - self._stamp) * 1e-9 / MEMORY, 0.0), 1.0)
+        self._stamp = stamp
+        self._squared = self._squared + weight * (squared - self._squared)
+        # the spread is remembered three times as long: a robot at rest has none
+        self._mean = self._mean + weight / 3.0 * (measured - self._mean)
+        self._power = self._power + weight / 3.0 * (measured**2 - self._power)
+
+    @property
+    def nrmse(self) -> np.ndarray:
+        """Of each joint, (n,); empty before the first instant."""
+        if self._squared is None:
+            return np.empty(0)
+        variance = np.maximum(self._power - self._mean**2, 1e-12)
+        return np.asarray(np.sqrt(self._squared / variance))
+
+
+class Reporter:
+    """Turns the session's counts into a status."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._received = 0
+        self._progress = time.monotonic()
+        self._looked = time.monotonic()
+
+    def status(self, error: ErrorNow, active: bool, trouble: str, message_lost: int) -> DiagnosticStatus:
+        """The status now.
+
+        Args:
+            trouble: what keeps the node from working, one sentence; empty if nothing does.
+            message_lost: messages the middleware says it lost.
+        """
+        session, now = self._session, time.monotonic()
+        intake, served = session.intake, session.served
+        received = intake.received if intake else 0
+        rate = (received - self._received) / max(now - self._looked, 1e-3)
+        if received > self._received:
+            self._progress = now
+        self._received, self._looked = received, now
+        rejected = dict(intake.rejected) if intake else {}
+        nrmse = error.nrmse
+        values: dict[str, object] = {
+            "samples_received": received,
+            "samples_lost": intake.clock.lost if intake else 0,
+            "samples_rejected": sum(rejected.values()),
+            "model_version": served.number if served else 0,
+            "effort_nrmse": f"{nrmse.mean():.4g}" if len(nrmse) else math.nan,
+            "trainer_alive": session.supervisor.alive,
+            **{f"rejected_{reason}": count for reason, count in sorted(rejected.items())},
+            **(
+                {f"effort_nrmse_{j}": f"{x:.4g}" for j, x in zip(intake.joints, nrmse, strict=False)}
+                if intake
+                else {}
+            ),
+            "stream_rate": f"{rate:.1f}",
+            "stream_pauses": intake.clock.pauses if intake else 0,
+            "stream_clock_restarts": intake.clock.restarts if intake else 0,
+            "stream_messages_lost": message_lost,
+            "samples_buffered": intake.ring.written - intake.ring.consumed if intake else 0,
+            "samples_unlearned": session.counts.overrun,
+            "model_age": f"{now - served.since:.1f}" if served else math.nan,
+            "model_samples": served.samples if served else 0,
+            "model_origin": served.origin if served else "",
+            "updates_rejected": session.counts.updates_rejected,
+            "training": session.training,
+            "trainer_restarts": session.supervisor.restarts,
+        }
+        level, message = self._verdict(active, trouble, now)
+        pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+        return DiagnosticStatus(level=level, name=NAME, message=message, values=pairs)
+
+    def _verdict(self, active: bool, trouble: str, now: float) -> tuple[bytes, str]:
+        session = self._session
+        if trouble:
+            return DiagnosticStatus.ERROR, trouble
+        if session.counts.trouble:
+            return DiagnosticStatus.ERROR, session.counts.trouble
+        if not active:
+            return DiagnosticStatus.OK, "inactive"
+        if session.robot is None:
+            return DiagnosticStatus.WARN, "waiting for robot_description"
+        if session.intake is None:
+            return DiagnosticStatus.WARN, "waiting for joint states"
+        if not session.supervisor.alive:
+            why = session.supervisor.trouble
+            return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
+        if now - self._progress > SILENCE:
+            return DiagnosticStatus.WARN, f"no joint state for {now - self._progress:.0f} s"
+        if session.counts.updates_rejected and session.counts.reason:
+            return DiagnosticStatus.OK, f"an update was refused: {session.counts.reason}"
+        return DiagnosticStatus.OK, "training" if session.training else "serving, training is paused"
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

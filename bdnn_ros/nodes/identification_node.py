@@ -1,0 +1,375 @@
+"""`identification_node`: learns a robot's dynamics from its joint states, beside the robot."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+
+from bdnn_interfaces.msg import DynamicsEstimate, Findings
+from bdnn_ros.errors import BdnnError, UsageError, listed
+from bdnn_ros.nodes import parameters
+from bdnn_ros.nodes.conversions import effort_message, estimate_message, findings_message
+from bdnn_ros.nodes.diagnostics import ErrorNow, Reporter
+from bdnn_ros.nodes.services import Services
+from bdnn_ros.online import session as live
+from bdnn_ros.online.estimate import parts
+from bdnn_ros.online.places import model_place
+from bdnn_ros.online.session import Session
+from bdnn_ros.robot import Robot
+
+NAME = "identification_node"
+LATCHED = QoSProfile(
+    depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
+)
+MOST_AT_ONCE = 200
+"""Joint states taken in one go when they have piled up."""
+TRAINER_TIMEOUT = 10.0
+"""Joint states are subscribed to when the trainer is ready, or after so long [s]."""
+SWITCH_INTERVAL = 5e-4
+"""Longest time another thread may hold up the stream [s]."""
+HOUSEKEEPING = 1.0
+
+
+class IdentificationNode(LifecycleNode):
+    """Takes joint states, has a model learned from them, publishes estimates and answers.
+
+    Raises:
+        UsageError: a parameter given at start is wrong.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self._session: Session | None = None
+        self._active = False
+        self.settings = parameters.Settings(
+            self, parameters.IDENTIFICATION, lambda: self._session is not None, self._setting_changed
+        )
+        self._streams: list[Any] = []
+        self._timers_of_ours: list[Any] = []
+        self._trouble = ""
+        self._message_lost = 0
+        self._last_stamp = 0
+        self._opening: Any = None
+        self._complained: str = ""
+
+    # -- lifecycle -------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start the trainer, offer services and topics."""
+        settings = self.settings
+        session = Session(
+            live.Settings(
+                effort_source=settings["effort_source"],
+                cutoff=settings["cutoff"] or None,
+                capacity=settings["buffer_size"],
+                niceness=settings["trainer_niceness"],
+                diagnosis_period=settings["diagnosis_period"],
+                diagnosis_window=settings["diagnosis_window"],
+            ),
+            training=settings["training"],
+        )
+        try:
+            if settings["effort_source"] == live.COMMANDED and not settings["joints"]:
+                raise UsageError(
+                    "effort_source command needs the parameter joints, the order of the commands."
+                )
+            if settings["urdf_file"]:
+                self._meet(session, Robot.from_file(settings["urdf_file"]))
+        except BdnnError as error:
+            self.get_logger().error(str(error))
+            self._trouble = str(error)
+            return TransitionCallbackReturn.FAILURE
+        self._trouble = ""
+        session.start()
+        self._session = session
+        self._error = ErrorNow()
+        self._reporter = Reporter(session)
+        self._estimates = self.create_publisher(DynamicsEstimate, "~/estimate", 10)
+        self._efforts = self.create_publisher(JointState, "~/effort_estimate", 10)
+        self._findings = self.create_publisher(Findings, "~/findings", LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._services_of_ours = Services(
+            self, session, lambda: self.settings["model_directory"], self._training_was_set
+        )
+        self._timers_of_ours = [self.create_timer(HOUSEKEEPING, self._keep_house)]
+        self._description = None
+        if not settings["urdf_file"]:
+            self._description = self.create_subscription(
+                String, "robot_description", self._on_description, LATCHED
+            )
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Listen as soon as the trainer is ready: what arrives earlier would only fill the queue."""
+        self._active = True
+        self._waited_since = self.get_clock().now()
+        self._opening = self.create_timer(0.02, self._open)
+        rate = self.settings["estimate_rate"]
+        if rate > 0:
+            self._timers_of_ours.append(self.create_timer(1.0 / rate, self._publish_estimate))
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening; services go on answering."""
+        self._active = False
+        self._close_streams()
+        for timer in self._timers_of_ours[1:]:
+            self.destroy_timer(timer)
+        del self._timers_of_ours[1:]
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Save, end the trainer, withdraw services and topics."""
+        self.finish()
+        for publisher in (self._estimates, self._efforts, self._findings, self._diagnostics):
+            self.destroy_publisher(publisher)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Save and end the trainer, whatever state the node is in."""
+        self.finish()
+        return TransitionCallbackReturn.SUCCESS
+
+    def finish(self) -> None:
+        """Learn what came, save the model, end the trainer, and give back the memory."""
+        session, self._session = self._session, None
+        if session is None:
+            return
+        self._active = False
+        self._close_streams()
+        for timer in self._timers_of_ours:
+            self.destroy_timer(timer)
+        self._timers_of_ours = []
+        self._services_of_ours.close()
+        if self._description is not None:
+            self.destroy_subscription(self._description)
+        learned = session.stop()
+        directory = self.settings["model_directory"]
+        if directory and learned:
+            try:
+                self.get_logger().info(f"model saved to {session.save_now(model_place(directory, ''))}")
+            except BdnnError as error:
+                self.get_logger().error(str(error))
+
+    # -- the robot -------------------------------------------------------------------------------
+
+    def _on_description(self, message: String) -> None:
+        assert self._session is not None
+        try:
+            self._meet(self._session, Robot.from_urdf(message.data))
+        except BdnnError as error:
+            self._trouble = f"robot_description: {error}"
+            self.get_logger().error(self._trouble)
+        else:
+            self._trouble = ""
+
+    def _meet(self, session: Session, robot: Robot) -> None:
+        """Get to know the robot: choose joints if they are given, and go on from a model that was kept."""
+        joints = self.settings["joints"]
+        if joints:
+            robot = Robot.from_urdf(robot.urdf, joints)
+        session.set_robot(robot)
+        if joints and session.intake is None:
+            self._begin(session, joints)
+
+    def _begin(self, session: Session, joints: Sequence[str]) -> None:
+        session.begin(joints)
+        directory = self.settings["model_directory"]
+        if directory:
+            path = model_place(directory, "")
+            if path.is_file():
+                try:
+                    session.load_now(path)
+                    self.get_logger().info(f"going on from {path}")
+                except BdnnError as error:
+                    self.get_logger().warning(f"not going on from {path}: {error}")
+        self.get_logger().info(f"identifying {listed(joints, 20)}")
+
+    # -- the stream ------------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        """Subscribe to joint states once there is somebody to learn from them."""
+        session = self._session
+        if session is None or session.robot is None:
+            return
+        waited = (self.get_clock().now() - self._waited_since).nanoseconds * 1e-9
+        if not session.supervisor.alive and 0.0 <= waited < TRAINER_TIMEOUT:
+            return
+        self.destroy_timer(self._opening)
+        self._opening = None
+        gc.collect()
+        gc.freeze()
+        best_effort = self.settings["reliability"] == "best_effort"
+        profile = QoSProfile(
+            depth=self.settings["queue_depth"],
+            reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        )
+        if self.settings["effort_source"] == live.COMMANDED:
+            self._streams.append(
+                self.create_subscription(Float64MultiArray, "effort_commands", self._on_command, profile)
+            )
+        self._stream = self.create_subscription(
+            JointState,
+            "joint_states",
+            self._on_joint_state,
+            profile,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
+        )
+        self._streams.append(self._stream)
+
+    def _close_streams(self) -> None:
+        if self._opening is not None:
+            self.destroy_timer(self._opening)
+            self._opening = None
+        for stream in self._streams:
+            self.destroy_subscription(stream)
+        self._streams = []
+
+    def _on_joint_state(self, message: JointState) -> None:
+        self._take(message)
+        # what has piled up is taken at once: by way of the executor each would cost ten times as much
+        handle = self._stream.handle
+        with handle:
+            for _ in range(MOST_AT_ONCE):
+                taken = handle.take_message(JointState, False)
+                if taken is None:
+                    return
+                self._take(taken[0])
+
+    def _take(self, message: JointState) -> None:
+        session = self._session
+        if session is None:
+            return
+        if session.intake is None and not self._choose_joints(session, message.name):
+            return
+        header = message.header.stamp
+        session.intake.take(  # type: ignore[union-attr]
+            message.name,
+            message.position,
+            message.velocity,
+            message.effort,
+            header.sec * 1_000_000_000 + header.nanosec,
+        )
+
+    def _choose_joints(self, session: Session, names: Sequence[str]) -> bool:
+        """Fix the joints by the first joint state that has some of the robot's."""
+        assert session.robot is not None
+        joints = [joint for joint in session.robot.joints if joint in names]
+        if joints:
+            self._complained = ""
+            self._begin(session, joints)
+            return True
+        complaint = f"joint_states has {listed(names, 20)}, the robot {listed(session.robot.joints, 20)}."
+        if complaint != self._complained:
+            self._complained = complaint
+            self.get_logger().warning(complaint)
+        return False
+
+    def _on_command(self, message: Float64MultiArray, info: dict[str, int]) -> None:
+        session = self._session
+        if session is None or session.commands is None:
+            return
+        simulated = self.get_parameter("use_sim_time").value
+        # the message has no stamp: when it was sent is the nearest there is
+        sent = self.get_clock().now().nanoseconds if simulated else int(info["source_timestamp"])
+        session.commands.take(message.data, sent)
+
+    def _on_lost(self, event: Any) -> None:
+        self._message_lost = int(event.total_count)
+
+    # -- what is published -------------------------------------------------------------------------
+
+    def _publish_estimate(self) -> None:
+        session = self._session
+        if session is None or session.served is None:
+            return
+        served = session.served
+        instant = session.instant()
+        if instant is None or instant.stamp == self._last_stamp:
+            return
+        self._last_stamp = instant.stamp
+        told = parts(served.model, instant.position, instant.velocity, instant.acceleration)
+        if np.isfinite(instant.effort).all():
+            self._error.add(instant.stamp, instant.effort, told.effort)
+        joints = served.model.joints
+        self._estimates.publish(estimate_message(joints, instant, told, served.number))
+        self._efforts.publish(effort_message(joints, instant, told))
+
+    def _keep_house(self) -> None:
+        session = self._session
+        if session is None:
+            return
+        now = self.get_clock().now().to_msg()
+        array = DiagnosticArray()
+        array.header.stamp = now
+        trouble = self._trouble or self._complained
+        array.status = [self._reporter.status(self._error, self._active, trouble, self._message_lost)]
+        self._diagnostics.publish(array)
+        while session.findings:
+            info = session.findings.popleft().info
+            if "diagnosis" in info:
+                self._findings.publish(findings_message(info["diagnosis"], now))
+            else:
+                self.get_logger().info(f"no diagnosis: {info['error']}")
+        gc.collect()
+
+    # -- parameters ------------------------------------------------------------------------------
+
+    def _setting_changed(self, name: str, value: Any) -> None:
+        if name == "training" and self._session is not None and value != self._session.training:
+            self._session.set_training(value)
+
+    def _training_was_set(self, on: bool) -> None:
+        if self.settings["training"] != on:
+            self.set_parameters([rclpy.parameter.Parameter("training", value=on)])
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    rclpy.init(args=arguments)
+    node = None
+    status = 0
+    try:
+        node = IdentificationNode()
+        if node.settings["autostart"] and not _start(node):
+            return UsageError.exit_status
+        gc.disable()  # its pauses over a growing heap hold up the stream; `_keep_house` collects instead
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except BdnnError as error:
+        print(f"{NAME}: error: {error}", file=sys.stderr)
+        status = error.exit_status
+    finally:
+        for number in (signal.SIGINT, signal.SIGTERM):  # a second one must not leave half a model
+            signal.signal(number, signal.SIG_IGN)
+        if node is not None:
+            node.finish()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return status
+
+
+def _start(node: IdentificationNode) -> bool:
+    success = TransitionCallbackReturn.SUCCESS
+    return bool(node.trigger_configure() == success and node.trigger_activate() == success)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

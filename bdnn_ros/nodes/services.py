@@ -1,0 +1,183 @@
+"""The services of the identification node; every refusal names what is wrong, and the node goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Future as Later
+from typing import Any, TypeVar
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+
+from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
+from bdnn_ros.errors import BdnnError, UsageError
+from bdnn_ros.nodes.conversions import findings_message, requested
+from bdnn_ros.online.estimate import parts
+from bdnn_ros.online.places import model_place
+from bdnn_ros.online.session import Served, Session
+
+Result = TypeVar("Result")
+
+
+class Services:
+    """Creates the services; `close` takes them away again.
+
+    Args:
+        node: to create them on.
+        session: what they are about.
+        directory: gives the model directory.
+        training_set: called after training was switched on or off.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        session: Session,
+        directory: Callable[[], str],
+        training_set: Callable[[bool], None],
+    ) -> None:
+        self._node = node
+        self._session = session
+        self._directory = directory
+        self._training_set = training_set
+        # these wait for the disk or the trainer; others go on meanwhile
+        beside = ReentrantCallbackGroup()
+        self._services = [
+            node.create_service(InverseDynamics, "~/inverse_dynamics", self._inverse_dynamics),
+            node.create_service(ForwardDynamics, "~/forward_dynamics", self._forward_dynamics),
+            node.create_service(Trigger, "~/reset", self._reset),
+            node.create_service(SetBool, "~/set_training", self._set_training),
+            node.create_service(Diagnose, "~/diagnose", self._diagnose, callback_group=beside),
+            node.create_service(SaveModel, "~/save_model", self._save, callback_group=beside),
+            node.create_service(LoadModel, "~/load_model", self._load, callback_group=beside),
+        ]
+
+    def close(self) -> None:
+        """Take the services away."""
+        for service in self._services:
+            self._node.destroy_service(service)
+        self._services.clear()
+
+    # -- dynamics --------------------------------------------------------------------------------
+
+    def _served(self) -> Served:
+        served = self._session.served
+        if served is None:
+            raise UsageError("The robot is not known yet.", "Publish robot_description, or set urdf_file.")
+        return served
+
+    def _inverse_dynamics(
+        self, request: InverseDynamics.Request, response: InverseDynamics.Response
+    ) -> InverseDynamics.Response:
+        try:
+            served = self._served()
+            fields = {name: getattr(request, name) for name in ("position", "velocity", "acceleration")}
+            index, motion = requested(served.model.joints, request.joint_names, fields)
+        except BdnnError as error:
+            return _refused(response, error)
+        told = parts(served.model, motion["position"], motion["velocity"], motion["acceleration"])
+        response.joint_names = [served.model.joints[k] for k in index]
+        response.effort = told.effort[index].tolist()
+        response.effort_std = told.std[index].tolist() if len(told.std) else []
+        response.mass_matrix = told.mass_matrix[index][:, index].ravel().tolist()
+        response.coriolis = told.coriolis[index].tolist()
+        response.gravity = told.gravity[index].tolist()
+        response.friction = told.friction[index].tolist()
+        response.model_version = served.number
+        return _done(response)
+
+    def _forward_dynamics(
+        self, request: ForwardDynamics.Request, response: ForwardDynamics.Response
+    ) -> ForwardDynamics.Response:
+        try:
+            served = self._served()
+            fields = {name: getattr(request, name) for name in ("position", "velocity", "effort")}
+            index, motion = requested(served.model.joints, request.joint_names, fields)
+        except BdnnError as error:
+            return _refused(response, error)
+        acceleration = served.model.forward_dynamics(motion["position"], motion["velocity"], motion["effort"])
+        response.joint_names = [served.model.joints[k] for k in index]
+        response.acceleration = acceleration[index].tolist()
+        response.model_version = served.number
+        return _done(response)
+
+    # -- learning --------------------------------------------------------------------------------
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._session.reset()
+        except BdnnError as error:
+            return _refused(response, error)
+        return _done(response, "What was learned is forgotten; the robot description serves.")
+
+    def _set_training(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._session.set_training(request.data)
+        self._training_set(request.data)
+        return _done(response, "Training goes on." if request.data else "Training is paused.")
+
+    async def _diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> Diagnose.Response:
+        try:
+            if not 0.0 <= request.window < float("inf"):
+                raise UsageError(f"window is {request.window:g}; it must be zero or more seconds.")
+            answer = await self._until(self._session.diagnose(request.window))
+            if "error" in answer.info:
+                response.success, response.message = False, str(answer.info["error"])
+                return response
+        except BdnnError as error:
+            return _refused(response, error)
+        now = self._node.get_clock().now().to_msg()
+        response.findings = findings_message(answer.info["diagnosis"], now)
+        return _done(response, response.findings.verdict)
+
+    # -- files -----------------------------------------------------------------------------------
+
+    async def _save(self, request: SaveModel.Request, response: SaveModel.Response) -> SaveModel.Response:
+        try:
+            place = model_place(self._directory(), request.name)
+            path = await self._until(self._session.save(place))
+        except BdnnError as error:
+            return _refused(response, error)
+        return _done(response, f"Saved to {path}.")
+
+    async def _load(self, request: LoadModel.Request, response: LoadModel.Response) -> LoadModel.Response:
+        try:
+            place = model_place(self._directory(), request.name)
+            model = await self._until(self._session.load(place))
+        except BdnnError as error:
+            return _refused(response, error)
+        resumed = self._session.training
+        self._training_set(resumed)
+        note = "training goes on from it" if resumed else "training is paused, it cannot go on from this kind"
+        return _done(response, f"A {model.kind} model serves; {note}.")
+
+    def _until(self, later: Later[Result]) -> Awaitable[Result]:
+        """Wait for a thread's result without holding up the executor."""
+        executor = self._node.executor
+        future: Future = Future(executor=executor)
+
+        def settle(done: Later[Result]) -> None:
+            error = None if done.cancelled() else done.exception()
+            if done.cancelled():
+                future.set_exception(UsageError("The node is shutting down."))
+            elif error is not None:
+                future.set_exception(error)
+            else:
+                future.set_result(done.result())
+            if executor is not None:
+                executor.wake()
+
+        later.add_done_callback(settle)
+        awaitable: Awaitable[Result] = future
+        return awaitable
+
+
+def _done(response: Any, message: str = "") -> Any:
+    response.success, response.message = True, message
+    return response
+
+
+def _refused(response: Any, error: BdnnError) -> Any:
+    response.success, response.message = False, str(error)
+    return response

@@ -1,0 +1,92 @@
+"""Diagnoses beside the learning: when asked, and from time to time."""
+
+from __future__ import annotations
+
+import queue
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from bdnn_ros.errors import BdnnError
+from bdnn_ros.online.channel import Message
+from bdnn_ros.online.feed import Feed
+from bdnn_ros.robot import Robot
+
+FIRST = 10.0
+"""Stream time before the first diagnosis of its own accord [s]."""
+MOST_WAITING = 4
+
+
+@dataclass(frozen=True)
+class _Job:
+    robot: Robot
+    feed: Feed
+    window: float
+    request: int
+    cutoff: float | None
+
+
+class Analyst:
+    """Runs one diagnosis at a time in a thread of the trainer's process; learning goes on beside it."""
+
+    def __init__(self, say: Callable[[Message], None]) -> None:
+        self._say = say
+        self._jobs: queue.Queue[_Job] = queue.Queue(MOST_WAITING)
+        self._busy = threading.Event()
+        self._robot: Robot | None = None
+        self._feed: Feed | None = None
+        self._cutoff: float | None = None
+        self._period = 0.0
+        self._window = 0.0
+        self._due = FIRST
+        threading.Thread(target=self._work, name="analyst", daemon=True).start()
+
+    def begin(self, robot: Robot, feed: Feed, info: dict[str, Any]) -> None:
+        """Look at this stream from now on."""
+        self._robot, self._feed, self._cutoff = robot, feed, info.get("cutoff")
+        self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
+        self._due = feed.latest_time() + FIRST
+
+    def tick(self, time: float) -> None:
+        """Diagnose if it is time to, at this stream time [s]."""
+        if self._period <= 0.0 or time < self._due or self._robot is None or self._busy.is_set():
+            return
+        self._due = time + self._period
+        self.ask(self._window, 0)
+
+    def ask(self, window: float, request: int) -> None:
+        """Diagnose the last `window` [s], 0 for all that is kept, and say what it found under `request`."""
+        if self._robot is None or self._feed is None:
+            self._refuse(request, "No joint state has come yet. Check the topic joint_states.")
+            return
+        try:
+            self._jobs.put_nowait(_Job(self._robot, self._feed, window, request, self._cutoff))
+        except queue.Full:
+            self._refuse(request, f"{MOST_WAITING} diagnoses are waiting already. Ask again later.")
+
+    def _refuse(self, request: int, reason: str) -> None:
+        self._say(Message("findings", {"request": request, "error": reason}))
+
+    def _work(self) -> None:
+        while True:
+            job = self._jobs.get()
+            self._busy.set()
+            try:
+                self._say(Message("findings", {"request": job.request, "diagnosis": _diagnose(job)}))
+            except BdnnError as error:
+                self._refuse(job.request, str(error))
+            except Exception as error:  # whatever it is, the learning goes on
+                traceback.print_exc(file=sys.stderr)
+                self._refuse(job.request, f"The diagnosis failed ({type(error).__name__}).")
+            finally:
+                self._busy.clear()
+
+
+def _diagnose(job: _Job) -> dict[str, Any]:
+    from bdnn_ros.diagnosis.diagnose import diagnose  # slow to import, and not needed to learn
+
+    recording = job.feed.recording(job.window)
+    return diagnose([recording], job.robot, cutoff=job.cutoff).as_json()

@@ -1,0 +1,192 @@
+"""Samples in shared memory, from the process that receives to the process that learns; neither waits.
+
+The memory is an anonymous file (memfd) handed down to the reader as a file descriptor: it has no name in
+/dev/shm, so nothing can stay behind, however the processes end.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.errors import UsageError
+
+MAGIC = 0x62646E6E
+HEADER_BYTES = 4096
+_MAGIC, _CAPACITY, _WIDTH, _WRITTEN, _ORIGIN, _CONSUMED, _BEAT = range(7)
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Consecutive samples of a ring, oldest first.
+
+    Attributes:
+        first: number of the first sample, counted from the first ever written.
+        stamp: as it was sent [ns], (N,).
+        time: strictly increasing stream time [ns], (N,): the stamp, moved on where the clock jumped back.
+        values: (N, width).
+        missed: samples asked for that had been overwritten.
+    """
+
+    first: int
+    stamp: np.ndarray
+    time: np.ndarray
+    values: np.ndarray
+    missed: int
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+    @property
+    def end(self) -> int:
+        """Number of the sample that comes next."""
+        return self.first + len(self.stamp)
+
+
+class Ring:
+    """The last `capacity` samples of a stream: one writer, any readers, all memory taken at the start.
+
+    A sample is two stamps and `width` numbers. The writer never looks at the readers; a reader that is too
+    slow is told how many samples it missed.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        """Map a ring that `create` laid out.
+
+        Raises:
+            UsageError: the descriptor is not a ring.
+        """
+        size = os.fstat(descriptor).st_size
+        if size < HEADER_BYTES:
+            raise UsageError("The shared memory holds no ring.", "Create it with Ring.create.")
+        self.descriptor = descriptor
+        self._memory = mmap.mmap(descriptor, size)
+        self._header = np.frombuffer(self._memory, np.int64, 8)
+        if self._header[_MAGIC] != MAGIC:
+            raise UsageError("The shared memory holds no ring.", "Create it with Ring.create.")
+        self.capacity, self.width = int(self._header[_CAPACITY]), int(self._header[_WIDTH])
+        stamps = 8 * self.capacity
+        self._stamp = np.frombuffer(self._memory, np.int64, self.capacity, HEADER_BYTES)
+        self._time = np.frombuffer(self._memory, np.int64, self.capacity, HEADER_BYTES + stamps)
+        values = np.frombuffer(
+            self._memory, np.float64, self.capacity * self.width, HEADER_BYTES + 2 * stamps
+        )
+        self._values = values.reshape(self.capacity, self.width)
+        self._next = self.written
+
+    @classmethod
+    def create(cls, capacity: int, width: int) -> Ring:
+        """A new ring; every page is touched now, so that writing never faults one in."""
+        if capacity < 2 or width < 1:
+            raise UsageError(f"A ring of {capacity} samples of {width} numbers makes no sense.", "")
+        size = HEADER_BYTES + capacity * (16 + 8 * width)
+        descriptor = os.memfd_create("bdnn_ring")
+        os.ftruncate(descriptor, size)
+        with mmap.mmap(descriptor, size) as memory:
+            np.frombuffer(memory, np.uint8).fill(0)
+            header = np.frombuffer(memory, np.int64, 8)
+            header[_CAPACITY], header[_WIDTH] = capacity, width
+            header[_MAGIC] = MAGIC
+            del header
+        return cls(descriptor)
+
+    # -- the writer --------------------------------------------------------------------------------
+
+    def slot(self) -> np.ndarray:
+        """The row the next sample goes to, (width,): fill it, then `commit`."""
+        row: np.ndarray = self._values[self._next % self.capacity]
+        return row
+
+    def commit(self, stamp: int, stream_time: int) -> int:
+        """Make the filled slot a sample [ns] and return its number."""
+        number = self._next
+        row = number % self.capacity
+        self._stamp[row] = stamp
+        self._time[row] = stream_time
+        self._next = number + 1
+        if number == 0:
+            self._header[_ORIGIN] = stream_time
+        self._header[_WRITTEN] = self._next
+        return number
+
+    # -- readers -----------------------------------------------------------------------------------
+
+    @property
+    def written(self) -> int:
+        """How many samples were ever written."""
+        return int(self._header[_WRITTEN])
+
+    @property
+    def origin(self) -> int:
+        """Stream time of the first sample ever written [ns]."""
+        return int(self._header[_ORIGIN])
+
+    @property
+    def oldest(self) -> int:
+        """Number of the oldest sample that is surely whole (the slot being written is not)."""
+        return max(self.written - self.capacity + 1, 0)
+
+    def read(self, start: int, most: int | None = None) -> Chunk:
+        """Copies of the samples from number `start` on, at most `most` of them."""
+        begin = max(start, self.oldest)
+        end = self.written
+        if most is not None:
+            end = min(end, begin + most)
+        rows = np.arange(begin, max(end, begin)) % self.capacity
+        stamp, stream_time, values = self._stamp[rows], self._time[rows], self._values[rows]
+        # what the writer overtook while we copied is torn
+        torn = min(max(self.oldest - begin, 0), len(rows))
+        first = begin + torn
+        return Chunk(first, stamp[torn:], stream_time[torn:], values[torn:], max(first - max(start, 0), 0))
+
+    def latest(self, count: int) -> Chunk:
+        """Copies of the last `count` samples, or of as many as there are."""
+        return self.read(max(self.written - count, self.oldest))
+
+    def first_after(self, stream_time: int) -> int:
+        """Number of the oldest whole sample with time > `stream_time` [ns]."""
+        low, high = self.oldest, self.written
+        while low < high:
+            middle = (low + high) // 2
+            if self._time[middle % self.capacity] > stream_time:
+                high = middle
+            else:
+                low = middle + 1
+        return low
+
+    # -- the reader's signs of life, for the writer's process --------------------------------------
+
+    @property
+    def consumed(self) -> int:
+        """How many samples the learning process has taken in."""
+        return int(self._header[_CONSUMED])
+
+    @consumed.setter
+    def consumed(self, number: int) -> None:
+        self._header[_CONSUMED] = number
+
+    def beat(self) -> None:
+        """Tell that the learning process lives."""
+        self._header[_BEAT] = time.monotonic_ns()
+
+    @property
+    def silence(self) -> float:
+        """Time since the last `beat` [s]; infinite before the first."""
+        beat = int(self._header[_BEAT])
+        return (time.monotonic_ns() - beat) * 1e-9 if beat else float("inf")
+
+    def close(self) -> None:
+        """Give the memory back; the ring is not usable afterwards. Arrays that `read` returned stay valid."""
+        if self.descriptor < 0:
+            return
+        for name in ("_header", "_stamp", "_time", "_values"):
+            setattr(self, name, None)
+        with suppress(BufferError):  # a slot somebody still holds keeps the mapping until it goes
+            self._memory.close()
+        os.close(self.descriptor)
+        self.descriptor = -1

@@ -1,0 +1,145 @@
+"""What the model says of one instant: effort, its parts, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from bdnn_ros.online.feed import Samples
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import PER_JOINT
+from bdnn_ros.robot import PER_LINK, Dynamics
+from bdnn_ros.signals import (
+    CUTOFF_PER_RATE,
+    DEFAULT_CUTOFF,
+    SAMPLES_PER_CUTOFF,
+    gaussian_kernel,
+    gaussian_std,
+)
+
+EVEN = 1e-3
+"""Steps that differ by less than this share of the period count as even."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Effort of a motion and the parts it is the sum of; (n,) each [N·m].
+
+    Attributes:
+        effort: inertial + coriolis + gravity + friction + learned.
+        std: standard deviation of the measured effort around it; empty where the model does not know.
+        learned: what the model's networks add, zero without.
+        mass_matrix: (n, n) [kg·m²].
+    """
+
+    effort: np.ndarray
+    std: np.ndarray
+    inertial: np.ndarray
+    coriolis: np.ndarray
+    gravity: np.ndarray
+    friction: np.ndarray
+    learned: np.ndarray
+    mass_matrix: np.ndarray
+
+
+@dataclass(frozen=True)
+class Instant:
+    """Low-passed motion at one stamp; (n,) each, NaN where not measured."""
+
+    stamp: int
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    effort: np.ndarray
+
+
+def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Parts:
+    """Effort of one motion, (n,) each, with its parts."""
+    effort = model.inverse_dynamics(position, velocity, acceleration)
+    matrix = model.mass_matrix(position)
+    inertial = matrix @ acceleration
+    coriolis = model.coriolis(position, velocity)
+    gravity = model.gravity(position)
+    friction = model.friction(position, velocity)
+    learned = effort - (inertial + coriolis + gravity + friction)
+    std = effort_std(model, position, velocity, acceleration)
+    return Parts(effort, std, inertial, coriolis, gravity, friction, learned, matrix)
+
+
+def effort_std(
+    model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+) -> np.ndarray:
+    """Standard deviation of the effort at one motion, (n,) [N·m]: of parameters and residual together.
+
+    Empty where the model does not know its parameters' covariance.
+    """
+    if not isinstance(model, PhysicalModel):
+        return np.empty(0)
+    n = model.robot.width
+    regressor = model.robot.regressor(position[None], velocity[None], acceleration[None])[0]
+    own = np.zeros((PER_JOINT, n, n))
+    own[:, np.arange(n), np.arange(n)] = [acceleration, velocity, np.sign(velocity), np.ones(n)]
+    columns = np.concatenate([regressor, *own], axis=1)
+    assert columns.shape[1] == n * (PER_LINK + PER_JOINT)
+    variance = np.einsum("jk,kl,jl->j", columns, model.covariance, columns, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0) + model.noise**2))
+
+
+class Smoother:
+    """The low-pass of `signals` at the newest stamp that allows it: half a kernel before the last sample.
+
+    Attributes:
+        cutoff: -3 dB frequency [Hz]; None until the rate is known.
+    """
+
+    def __init__(self, cutoff: float | None = None) -> None:
+        self.cutoff = cutoff
+        self._period = 0.0
+
+    def settle(self, period: float) -> None:
+        """Choose kernel and grid for a stream of this period [s]."""
+        if abs(period - self._period) <= 0.02 * self._period:
+            return
+        self._period = period
+        rate = 1.0 / period
+        chosen = min(DEFAULT_CUTOFF, rate * CUTOFF_PER_RATE) if self.cutoff is None else self.cutoff
+        steps = max(int(np.ceil(SAMPLES_PER_CUTOFF * chosen / rate)), 1)
+        self._step = period / steps
+        self._kernels = np.array(gaussian_kernel(gaussian_std(chosen), 1.0 / self._step))
+        self._half = self._kernels.shape[1] // 2
+        self._direct = steps == 1
+
+    @property
+    def count(self) -> int:
+        """Samples that `at` needs at least; 0 before `settle`."""
+        return int(np.ceil((2 * self._half + 1) * self._step / self._period)) + 3 if self._period else 0
+
+    def at(self, samples: Samples, stamps: np.ndarray) -> Instant | None:
+        """Motion at the newest stamp that has half a kernel behind and before it, or None.
+
+        Args:
+            samples: the latest of the stream, `count` or more.
+            stamps: of those samples [ns].
+        """
+        time = samples.time
+        reach = self._half * self._step
+        centre = int(np.searchsorted(time, time[-1] - reach, side="right")) - 1
+        if centre < 0 or time[centre] - time[0] < reach or np.diff(time).max() > 5.0 * self._period + 0.05:
+            return None
+        values = np.concatenate([samples.position, samples.effort], axis=1)
+        if not np.isfinite(samples.effort).all():
+            values = samples.position
+        low, high = centre - self._half, centre + self._half + 1
+        even = self._direct and low >= 0 and high <= len(time)
+        if even and np.abs(np.diff(time[low:high]) - self._step).max() < EVEN * self._step:
+            window = values[low:high]
+        else:
+            grid = time[centre] + self._step * np.arange(-self._half, self._half + 1)
+            window = CubicSpline(time, values)(grid)
+        # the kernel is even, its first derivative odd: convolution turns it round
+        smooth, first, second = self._kernels[:, ::-1] @ window
+        n = samples.position.shape[1]
+        effort = smooth[n:] if values.shape[1] > n else np.full(n, np.nan)
+        return Instant(int(stamps[centre]), smooth[:n], first[:n], second[:n], effort)

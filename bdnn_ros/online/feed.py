@@ -1,0 +1,141 @@
+"""Samples out of the rings: joint states with the effort that belongs to each stamp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.online.buffer import Chunk, Ring
+from bdnn_ros.recording import Recording
+
+COMMAND_AGE = 0.5
+"""An effort command acts for so long [s] at most; a joint state later than that has no effort."""
+COMMANDS_PER_STATE = 4
+"""Commands looked at for each of the latest joint states."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Joint states in order of stream time.
+
+    Attributes:
+        time: [s], (N,); counted from the ring's first sample.
+        position, velocity, effort: (N, n); NaN where not measured.
+        missed: samples that were overwritten before they were read.
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+    missed: int = 0
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def with_effort(self) -> Samples:
+        """Those whose effort is known."""
+        known = np.isfinite(self.effort).all(axis=1)
+        if known.all():
+            return self
+        position, velocity, effort = self.position[known], self.velocity[known], self.effort[known]
+        return Samples(self.time[known], position, velocity, effort, self.missed)
+
+
+class Feed:
+    """Reads a ring of joint states, and one of effort commands if these are the effort, sample after sample.
+
+    Attributes:
+        next: number of the joint state that is read next.
+    """
+
+    def __init__(
+        self, joints: tuple[str, ...], states: Ring, commands: Ring | None = None, start: int = 0
+    ) -> None:
+        self.joints = joints
+        self.states = states
+        self.commands = commands
+        self.next = start
+        self._next_command = 0
+
+    def read(self, most: int) -> Samples:
+        """The samples that came since the last call, at most `most`."""
+        if self.commands is None:
+            chunk = self.states.read(self.next, most)
+            self.next = chunk.end
+            return self._samples(chunk)
+        commands = self.commands.read(self._next_command)
+        chunk = self.states.read(self.next, self._ready(most, commands))
+        self.next = chunk.end
+        if len(chunk):  # the next joint states may still stand under the command in force now
+            used = np.flatnonzero(commands.stamp <= chunk.stamp[-1])
+            self._next_command = commands.first + (int(used[-1]) if len(used) else 0)
+        return self._samples(chunk, commands)
+
+    def latest(self, count: int) -> Samples:
+        """The last `count` samples, or as many as there are; does not move `next`."""
+        commands = None if self.commands is None else self.commands.latest(COMMANDS_PER_STATE * count)
+        return self._samples(self.states.latest(count), commands)
+
+    def latest_time(self) -> float:
+        """Stream time of the newest joint state [s]; 0 before the first."""
+        newest = self.states.latest(1)
+        return float(newest.time[0] - self.states.origin) * 1e-9 if len(newest) else 0.0
+
+    def recording(self, seconds: float, name: str = "live stream") -> Recording:
+        """The last `seconds` (0: all that is kept) as a recording; samples without effort are left out.
+
+        Raises:
+            RecordingError: there are none.
+        """
+        newest = self.states.latest(1)
+        if len(newest) == 0:
+            raise RecordingError("No joint state has come yet.", "Check the topic joint_states.")
+        start = (
+            self.states.oldest
+            if seconds <= 0
+            else self.states.first_after(int(newest.time[0] - seconds * 1e9))
+        )
+        commands = None if self.commands is None else self.commands.latest(self.commands.capacity)
+        samples = self._samples(self.states.read(start), commands).with_effort()
+        if len(samples) == 0:
+            raise RecordingError(
+                "None of the joint states carries effort.",
+                "Set effort_source to command, or use a driver that fills it.",
+            )
+        velocity = samples.velocity if np.isfinite(samples.velocity).all() else None
+        return Recording(samples.time, self.joints, samples.position, velocity, samples.effort, name=name)
+
+    def _ready(self, most: int, commands: Chunk) -> int:
+        """How many joint states may be read: those whose commands have come, or are overdue."""
+        chunk = self.states.read(self.next, most)
+        if len(chunk) == 0:
+            return 0
+        settled = chunk.stamp <= self.states.latest(1).stamp[0] - int(COMMAND_AGE * 1e9)
+        if len(commands):
+            settled |= chunk.stamp <= commands.stamp[-1]
+        return int(np.count_nonzero(np.logical_and.accumulate(settled)))
+
+    def _samples(self, chunk: Chunk, commands: Chunk | None = None) -> Samples:
+        n = len(self.joints)
+        position, velocity, effort = (chunk.values[:, k * n : (k + 1) * n] for k in range(3))
+        if commands is not None:
+            effort = commanded(chunk.stamp, commands)
+        time = (chunk.time - self.states.origin) * 1e-9
+        return Samples(time, position, velocity, effort, chunk.missed)
+
+
+def commanded(stamp: np.ndarray, commands: Chunk) -> np.ndarray:
+    """The command in force at each stamp [ns], (N, n): the last one sent, NaN where that is too long ago."""
+    effort = np.full((len(stamp), commands.values.shape[1]), np.nan)
+    if len(commands) == 0:
+        return effort
+    jumps = np.flatnonzero(np.diff(commands.stamp) <= 0)
+    since = int(jumps[-1]) + 1 if len(jumps) else 0  # stamps increase from where the clock last jumped back
+    sent, values = commands.stamp[since:], commands.values[since:]
+    last = np.searchsorted(sent, stamp, side="right") - 1
+    valid = (last >= 0) & (stamp - sent[np.maximum(last, 0)] <= COMMAND_AGE * 1e9)
+    effort[valid] = values[last[valid]]
+    return effort

@@ -1,0 +1,204 @@
+"""What becomes a sample: names, lengths, values and stamps of each message, checked without waiting.
+
+Stamps decide, not arrival. A message that cannot be used is counted under its reason and left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.online.buffer import Ring
+
+PAUSE = 1_000_000_000
+"""A step of the stamps longer than this [ns], either way, is a pause or a new clock, not a loss."""
+BACKWARDS_LIMIT = 20
+"""So many samples in a row that go back by less than a `PAUSE` are a new clock too."""
+BLOCK = 64
+"""Steps between stamps that are looked at together for gaps."""
+
+NO_STAMP = "stamp_missing"
+BACKWARDS = "stamp_backwards"
+JOINTS = "joints_missing"
+LENGTH = "wrong_length"
+NOT_FINITE = "not_finite"
+NO_EFFORT = "effort_missing"
+
+
+class Clock:
+    """Strictly increasing stream time from stamps that may jump, and the samples their gaps show as lost.
+
+    Attributes:
+        lost: samples that the steps between stamps show missing.
+        pauses: steps longer than `PAUSE`.
+        restarts: times the clock jumped back.
+        period: median step [ns] of the last block; 0 before there is one.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self.pauses = 0
+        self.restarts = 0
+        self.period = 0.0
+        self._stamp = 0
+        self._time = 0
+        self._backwards = 0
+        self._steps = np.zeros(BLOCK, np.int64)
+        self._filled = 0
+
+    def advance(self, stamp: int) -> int:
+        """Stream time of a sample with this stamp [ns], or -1 where the stamp repeats or goes back a bit."""
+        step = stamp - self._stamp
+        if self._stamp == 0:
+            self._stamp = self._time = stamp
+            return stamp
+        if 0 < step <= PAUSE:
+            self._steps[self._filled] = step
+            self._filled += 1
+            if self._filled == BLOCK:
+                self._count_gaps()
+        elif step > PAUSE:
+            self.pauses += 1
+        else:
+            self._backwards += 1
+            if step > -PAUSE and self._backwards < BACKWARDS_LIMIT:
+                return -1
+            self.restarts += 1
+            step = 2 * PAUSE  # what follows a new clock is never joined to what was before
+        self._backwards = 0
+        self._stamp = stamp
+        self._time += step
+        return self._time
+
+    def _count_gaps(self) -> None:
+        steps = self._steps
+        self._filled = 0
+        self.period = period = float(np.median(steps))
+        if steps.max() <= 1.5 * period:
+            return
+        owed = 0
+        for step in steps.tolist():
+            if step > 1.5 * period:
+                owed = round(step / period) - 1
+                self.lost += owed
+            elif step < 0.5 * period and owed:  # late, not lost: the next ones catch up
+                owed -= 1
+                self.lost -= 1
+            else:
+                owed = 0
+
+
+class Intake:
+    """Joint states into a ring of position, velocity, effort (3n numbers, NaN where not measured).
+
+    Attributes:
+        joints: n names, the order in the ring.
+        received: messages that named any of the joints.
+        rejected: messages left out, by reason.
+        without_effort: samples kept whose effort is missing.
+        jumps: times the order of the names in the messages changed.
+    """
+
+    def __init__(self, joints: Sequence[str], ring: Ring, needs_effort: bool = True) -> None:
+        self.joints = tuple(joints)
+        self.ring = ring
+        self.clock = Clock()
+        self.received = 0
+        self.rejected: Counter[str] = Counter()
+        self.needs_effort = needs_effort
+        self.jumps = 0
+        self._names: Sequence[str] = ()
+        self._index: np.ndarray | None = None
+        self._foreign = False
+
+    def take(self, names: Sequence[str], position: Any, velocity: Any, effort: Any, stamp: int) -> bool:
+        """Copy one message into the ring; False if it was left out.
+
+        Args:
+            names: joints of the message, any order, others between.
+            position, velocity, effort: their numbers (buffers or sequences); the last two may be empty.
+            stamp: [ns].
+        """
+        if names != self._names:
+            self._learn_order(names)
+        if self._foreign:
+            return False
+        self.received += 1
+        index = self._index
+        if index is None:
+            return self._reject(JOINTS)
+        if stamp <= 0:
+            return self._reject(NO_STAMP)
+        count = len(names)
+        if len(position) != count or len(velocity) not in (0, count) or len(effort) not in (0, count):
+            return self._reject(LENGTH)
+        row = self.ring.slot()
+        n = len(self.joints)
+        row[:n] = np.asarray(position)[index]
+        row[n : 2 * n] = np.asarray(velocity)[index] if len(velocity) else math.nan
+        row[2 * n :] = np.asarray(effort)[index] if len(effort) else math.nan
+        if not math.isfinite(row.sum()) and not self._acceptable(row, n):
+            return self._reject(NOT_FINITE)
+        stream_time = self.clock.advance(stamp)
+        if stream_time < 0:
+            return self._reject(BACKWARDS)
+        if self.needs_effort and math.isnan(row[2 * n]):
+            self.rejected[NO_EFFORT] += 1
+        self.ring.commit(stamp, stream_time)
+        return True
+
+    def _acceptable(self, row: np.ndarray, n: int) -> bool:
+        """Finite where measured; drivers without velocity or effort may fill them with NaN throughout."""
+        if not np.isfinite(row[:n]).all():
+            return False
+        for part in (row[n : 2 * n], row[2 * n :]):
+            if not np.isfinite(part).all() and not np.isnan(part).all():
+                return False
+        return True
+
+    def _learn_order(self, names: Sequence[str]) -> None:
+        known = [name for name in self.joints if name in names]
+        self._foreign = not known and bool(names)
+        if self._foreign:
+            self._names = list(names)
+            return
+        self.jumps += self._index is not None
+        self._names = list(names)
+        order = {name: k for k, name in enumerate(names)}
+        whole = len(known) == len(self.joints) and len(order) == len(names)
+        self._index = np.array([order[name] for name in self.joints]) if whole else None
+
+    def _reject(self, reason: str) -> bool:
+        self.rejected[reason] += 1
+        return False
+
+
+class CommandIntake:
+    """Effort commands into a ring of their own (n numbers), to be aligned with the joint states by stamp."""
+
+    def __init__(self, joints: Sequence[str], ring: Ring) -> None:
+        self.joints = tuple(joints)
+        self.ring = ring
+        self.clock = Clock()
+        self.rejected: Counter[str] = Counter()
+
+    def take(self, values: Any, stamp: int) -> bool:
+        """Copy one command [N·m], in the order of `joints`, into the ring; False if it was left out."""
+        if len(values) != len(self.joints):
+            self.rejected[LENGTH] += 1
+            return False
+        row = self.ring.slot()
+        row[:] = values
+        if not math.isfinite(row.sum()):
+            self.rejected[NOT_FINITE] += 1
+            return False
+        stream_time = self.clock.advance(stamp)
+        if stream_time < 0:
+            self.rejected[BACKWARDS] += 1
+            return False
+        self.ring.commit(stamp, stream_time)
+        return True

@@ -1,0 +1,252 @@
+"""Learning from a stream: what the trainer does live and `bdnn replay` with a bag, sample for sample."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.errors import DataError, UpdateRejected
+from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import Prior, prior
+from bdnn_ros.robot import Dynamics, Robot
+from bdnn_ros.signals import Signals
+
+PAUSE_SECONDS = 1.0
+"""A longer step of the stamps ends a stretch: nothing before is joined to what follows."""
+STEP_SECONDS = 0.2
+"""Samples are fed in pieces of this length, so that every chunk of the identifier gives its own model."""
+WORSE = 1.2
+"""A new model may err so many times as much as the one that serves, on motion neither has seen."""
+NEGLIGIBLE = 0.02
+"""Errors under this share of the effort's spread count as equal."""
+POSES = 12
+"""Poses of the last chunk at which the mass matrix is tried."""
+
+
+@dataclass(frozen=True)
+class Version:
+    """A model that passed the checks.
+
+    Attributes:
+        model: the robot as known.
+        number: counts the versions handed over.
+        samples: samples taken in so far.
+        time: stamp of the last of them [s].
+    """
+
+    model: PhysicalModel
+    number: int
+    samples: int
+    time: float
+
+
+@dataclass(frozen=True)
+class Error:
+    """How the model that served predicted a chunk before anything was learned from it.
+
+    Attributes:
+        time: end of the chunk [s].
+        squared: mean squared error of the effort, (n,) [N²·m²].
+        variance: of the measured effort over all chunks so far, (n,) [N²·m²].
+        number: version that predicted; 0 is the robot description.
+    """
+
+    time: float
+    squared: np.ndarray
+    variance: np.ndarray
+    number: int
+
+    @property
+    def nmse(self) -> np.ndarray:
+        """Squared error over the effort's variance, (n,)."""
+        return np.asarray(self.squared / np.maximum(self.variance, 1e-12))
+
+
+class Learning:
+    """An identifier and the rule by which its models are handed over.
+
+    A new model waits for the next chunk, which neither it nor the model that serves has seen: it is handed
+    over if it is finite, its mass matrix positive-definite, and its error not worse. Only the first need not
+    wait: it takes over from the robot description as soon as it explains its chunk better.
+
+    Args:
+        robot: the robot description, known before any motion.
+        cutoff: of the low-pass [Hz], None chooses by the rate.
+        resume: a model of the robot to go on from, instead of the robot description.
+        number: of the version before the first.
+
+    Attributes:
+        served: the last version handed over, or None.
+        error: of the last chunk, or None.
+        rejected: reasons why updates were not handed over, the latest last.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        cutoff: float | None = None,
+        resume: PhysicalModel | None = None,
+        number: int = 0,
+    ) -> None:
+        self._before: Dynamics = robot if resume is None else resume
+        self._number = number
+        belief = None
+        if resume is not None:
+            mean, scale = resume.parameters.vector(), prior(robot).effort_scale
+            belief = Prior(mean, resume.covariance, scale)
+        self.identifier = Identifier(robot, cutoff, belief=belief)
+        self.served: Version | None = None
+        self.error: Error | None = None
+        self.rejected: list[str] = []
+        self._candidate: Version | None = None
+        self._end: float | None = None
+        self._spread = _Spread(robot.width)
+
+    def take(self, time: np.ndarray, position: np.ndarray, effort: np.ndarray) -> Iterator[Version]:
+        """Learn from samples in order of their stamps; yields each version as it is handed over.
+
+        Args:
+            time: [s], (N,), later than all before.
+            position, effort: [rad], [N·m], (N, n).
+        """
+        for rows in _pieces(time):
+            if self._end is not None and time[rows.start] - self._end > PAUSE_SECONDS:
+                yield from self.finish()
+            self._end = float(time[rows.stop - 1])
+            if self.identifier.feed(time[rows], position[rows], effort[rows]):
+                yield from self._review(final=False)
+
+    def finish(self) -> Iterator[Version]:
+        """The stretch ends here: learn from what is left of it."""
+        chunks = self.identifier.chunks
+        self.identifier.finish()
+        self._end = None
+        if self.identifier.chunks > chunks:
+            yield from self._review(final=True)
+
+    # -- handing over ------------------------------------------------------------------------------
+
+    @property
+    def _serving(self) -> Dynamics:
+        return self._before if self.served is None else self.served.model
+
+    def _review(self, final: bool) -> Iterator[Version]:
+        latest, self.identifier.latest = self.identifier.latest, None
+        if latest is None:
+            return
+        signals, rows = latest
+        assert signals.effort is not None
+        measured = signals.smooth(signals.effort)[rows]
+        self._spread.add(measured)
+        before = squared_error(self._serving, signals, rows, measured)
+        number = self._number if self.served is None else self.served.number
+        self.error = Error(float(signals.time[rows[-1]]), before, self._spread.variance, number)
+        if self._candidate is not None:
+            yield from self._hand_over(self._candidate, signals, rows, measured, before)
+        self._candidate = self._propose(float(signals.time[rows[-1]]))
+        if self._candidate is not None and (self.served is None or final):
+            yield from self._hand_over(self._candidate, signals, rows, measured, before)
+
+    def _propose(self, time: float) -> Version | None:
+        try:
+            model = self.identifier.model()
+        except (DataError, np.linalg.LinAlgError) as error:
+            self.rejected.append(str(error))
+            return None
+        return Version(model, self._number + model.version, self.identifier.samples, time)
+
+    def _hand_over(
+        self, candidate: Version, signals: Signals, rows: np.ndarray, measured: np.ndarray, before: np.ndarray
+    ) -> Iterator[Version]:
+        self._candidate = None
+        try:
+            check(candidate.model, signals, rows, measured, before, self._spread.variance)
+        except UpdateRejected as error:
+            self.rejected.append(str(error))
+            return
+        self.served = candidate
+        yield candidate
+
+
+def check(
+    model: PhysicalModel,
+    signals: Signals,
+    rows: np.ndarray,
+    measured: np.ndarray,
+    before: np.ndarray,
+    variance: np.ndarray,
+) -> None:
+    """Refuse a model that is not fit to serve.
+
+    Args:
+        signals, rows: motion the model has not seen, and the samples of it that count.
+        measured: low-passed effort at those samples, (len(rows), n) [N·m].
+        before: mean squared error of the model that serves, (n,).
+        variance: of the effort, (n,).
+
+    Raises:
+        UpdateRejected: it is not finite, its mass matrix is not positive-definite, or it errs more.
+    """
+    after = squared_error(model, signals, rows, measured)
+    if not np.isfinite(after).all():
+        raise UpdateRejected("The update predicts efforts that are not finite.")
+    poses = signals.position[rows[:: max(len(rows) // POSES, 1)]]
+    matrices = model.mass_matrix(poses)
+    try:
+        np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        raise UpdateRejected("The update's mass matrix is not positive-definite.") from None
+    scale = np.maximum(variance, 1e-12)
+    old, new = np.sqrt(np.mean(before / scale)), np.sqrt(np.mean(after / scale))
+    if new > WORSE * old + NEGLIGIBLE:
+        raise UpdateRejected(
+            f"The update errs {new:.1%} on motion it has not seen, the model that serves {old:.1%}."
+        )
+
+
+def squared_error(model: Dynamics, signals: Signals, rows: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Mean squared error of a model's effort, low-passed like the measured one, (n,) [N²·m²]."""
+    if isinstance(model, Robot):
+        rigid = model.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+        own = model.viscous * signals.velocity + model.coulomb * signals.sign
+        predicted = rigid + model.armature * signals.acceleration + own
+    else:
+        predicted = model.predict(signals)  # type: ignore[attr-defined]
+    return np.asarray(np.mean((signals.smooth(predicted)[rows] - measured) ** 2, axis=0))
+
+
+class _Spread:
+    """Running variance of each joint's effort (Chan, Golub and LeVeque 1979)."""
+
+    def __init__(self, width: int) -> None:
+        self._count = 0
+        self._mean = np.zeros(width)
+        self._sum = np.zeros(width)
+
+    def add(self, values: np.ndarray) -> None:
+        count, mean = len(values), values.mean(axis=0)
+        together = self._count + count
+        shift = mean - self._mean
+        self._sum += ((values - mean) ** 2).sum(axis=0) + shift**2 * self._count * count / together
+        self._mean += shift * count / together
+        self._count = together
+
+    @property
+    def variance(self) -> np.ndarray:
+        return self._sum / max(self._count, 1)
+
+
+def _pieces(time: np.ndarray) -> Iterator[slice]:
+    """Rows in pieces of `STEP_SECONDS`, cut at pauses."""
+    if len(time) == 0:
+        return
+    cuts = set((np.flatnonzero(np.diff(time) > PAUSE_SECONDS) + 1).tolist())
+    start = 0
+    for row in range(1, len(time)):
+        if row in cuts or time[row] - time[start] >= STEP_SECONDS:
+            yield slice(start, row)
+            start = row
+    yield slice(start, len(time))

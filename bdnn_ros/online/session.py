@@ -1,0 +1,327 @@
+"""A live session: stream in, trainer beside it, a model that serves. All of the node that is not ROS."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.errors import DataError, ModelFileError, UsageError, listed
+from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.channel import Message
+from bdnn_ros.online.estimate import Instant, Smoother
+from bdnn_ros.online.feed import Feed
+from bdnn_ros.online.intake import CommandIntake, Intake
+from bdnn_ros.online.models import Model, build_model, load_model, save_model
+from bdnn_ros.online.supervisor import Supervisor
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import prior
+from bdnn_ros.robot import Robot
+
+COMMANDED, MEASURED = "command", "measured"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a session is told once.
+
+    Attributes:
+        effort_source: "measured" takes the joint states' effort, "command" the effort commands.
+        cutoff: of the low-pass [Hz], None chooses by rate.
+        capacity: joint states that are kept.
+        niceness: how much the trainer yields to other processes, 0 to 19.
+        diagnosis_period: stream time between diagnoses [s], 0 for none but those asked for.
+        diagnosis_window: stream time each looks back [s].
+    """
+
+    effort_source: str = MEASURED
+    cutoff: float | None = None
+    capacity: int = 131072
+    niceness: int = 10
+    diagnosis_period: float = 30.0
+    diagnosis_window: float = 60.0
+
+
+@dataclass(frozen=True)
+class Served:
+    """The model that answers.
+
+    Attributes:
+        model: any model of the robot.
+        number: its version; 0 is the robot description.
+        since: when it took over, `time.monotonic()` [s].
+        samples: samples it has learned from.
+        origin: where it is from, for messages.
+    """
+
+    model: Model
+    number: int
+    since: float
+    samples: int = 0
+    origin: str = "robot description"
+
+
+@dataclass
+class Counts:
+    """What happened on the trainer's side."""
+
+    updates_rejected: int = 0
+    reason: str = ""
+    overrun: int = 0
+    trouble: str = ""
+
+
+class Session:
+    """Receives a robot's joint states, has a model learned from them, and serves the newest that passed.
+
+    `take` and `command` belong to one thread, which never waits in them.
+
+    Attributes:
+        served: the model that answers; None until the robot is known.
+        intake: counts of the stream; None until the first joint state of the robot.
+        findings: what diagnoses said, for the node to take from the left.
+    """
+
+    def __init__(self, settings: Settings, training: bool = True) -> None:
+        self.settings = settings
+        self.training = training
+        self.robot: Robot | None = None
+        self.served: Served | None = None
+        self.intake: Intake | None = None
+        self.commands: CommandIntake | None = None
+        self.counts = Counts()
+        self.findings: deque[Message] = deque(maxlen=16)
+        self.supervisor = Supervisor(self._hear, self._introduce, niceness=settings.niceness)
+        self._feed: Feed | None = None
+        self._smoother = Smoother(settings.cutoff)
+        self._start = 0
+        self._resumed: PhysicalModel | None = None
+        self._requests: dict[int, Future[Message]] = {}
+        self._request = 0
+        self._files = ThreadPoolExecutor(1, thread_name_prefix="files")
+        self._trained = 0
+        self._epoch = 0
+        self._number = 0
+
+    # -- life ------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start the trainer; it waits for a stream."""
+        self.supervisor.start()
+
+    def set_robot(self, robot: Robot) -> None:
+        """Serve this robot's description from now on; a stream of the same joints goes on.
+
+        Raises:
+            UsageError: a stream of another robot is being learned from.
+        """
+        if self.robot is not None and robot.urdf == self.robot.urdf:
+            return
+        if self.intake is not None and not set(self.intake.joints) <= set(robot.joints):
+            raise UsageError(
+                "The new robot description lacks joints of the one in use.",
+                "Restart the node for another robot.",
+            )
+        self.robot = robot
+        self.served = Served(nominal(robot), 0, time.monotonic())
+        if self.intake is not None:
+            self.robot = Robot.from_urdf(robot.urdf, self.intake.joints)
+            self.served = Served(nominal(self.robot), 0, time.monotonic())
+            self._begin_again()
+
+    def begin(self, joints: Sequence[str]) -> None:
+        """Lay out the rings for a stream of these joints and set the trainer to it.
+
+        Raises:
+            RobotError: the robot lacks one of them.
+        """
+        assert self.robot is not None
+        if tuple(joints) != self.robot.joints:
+            self.robot = Robot.from_urdf(self.robot.urdf, joints)
+            loaded = self.served is not None and self.served.model.joints == self.robot.joints
+            if not loaded:
+                self.served = Served(nominal(self.robot), 0, time.monotonic())
+        commanded = self.settings.effort_source == COMMANDED
+        states = Ring.create(self.settings.capacity, 3 * len(joints))
+        self.intake = Intake(joints, states, needs_effort=not commanded)
+        if commanded:
+            self.commands = CommandIntake(joints, Ring.create(self.settings.capacity, len(joints)))
+        self._feed = Feed(tuple(joints), states, self.commands.ring if self.commands else None)
+        self.supervisor.ring = states
+        self._begin_again()
+
+    def stop(self, patience: float = 5.0) -> bool:
+        """End the trainer, which first learns and hands over what came; give the memory back.
+
+        Returns:
+            Whether a model serves that is worth keeping: learned here, or loaded.
+        """
+        self.supervisor.stop(patience)
+        self._files.shutdown()
+        for future in self._requests.values():
+            future.cancel()
+        self._feed = None
+        for ring in (
+            self.intake.ring if self.intake else None,
+            self.commands.ring if self.commands else None,
+        ):
+            if ring is not None:
+                ring.close()
+        return self.served is not None and self.served.number > 0
+
+    # -- what the model says -----------------------------------------------------------------------
+
+    def instant(self) -> Instant | None:
+        """Low-passed motion at the newest stamp that allows it; None while there is none."""
+        if self._feed is None or self.intake is None:
+            return None
+        period = self.intake.clock.period * 1e-9
+        if period <= 0.0:
+            return None
+        self._smoother.settle(period)
+        count = self._smoother.count
+        stamps = self._feed.states.latest(count).stamp
+        samples = self._feed.latest(count)
+        if len(samples) < count or len(stamps) != len(samples):
+            return None
+        return self._smoother.at(samples, stamps)
+
+    # -- requests ----------------------------------------------------------------------------------
+
+    def set_training(self, on: bool) -> None:
+        """Go on learning, or pause; what comes meanwhile is received but not learned from."""
+        self.training = on
+        self.supervisor.send(Message("training", {"on": on}))
+
+    def reset(self) -> None:
+        """Forget what was learned: the robot description serves, and learning starts with the next sample."""
+        assert self.robot is not None
+        self.served = Served(nominal(self.robot), 0, time.monotonic())
+        self._resumed = None
+        self.counts = Counts()
+        if self.intake is not None:
+            self._start = self.intake.ring.written
+            self._begin_again()
+
+    def diagnose(self, window: float) -> Future[Message]:
+        """Ask what the robot description gets wrong over the last `window` [s], 0 for all that is kept."""
+        return self._ask("diagnose", {"window": window})
+
+    def save(self, path: Path) -> Future[Path]:
+        """Write the model that serves; the future raises ModelFileError."""
+        if self.served is None:
+            raise UsageError("There is no model yet.", "Publish robot_description, or set urdf_file.")
+        return self._files.submit(self.save_now, path)
+
+    def save_now(self, path: Path) -> Path:
+        """As `save`, waiting for the disk."""
+        assert self.served is not None
+        return save_model(path, self.served.model)
+
+    def load(self, path: Path) -> Future[Model]:
+        """Read a model of this robot and serve it; the future raises ModelFileError."""
+        return self._files.submit(self.load_now, path)
+
+    def load_now(self, path: Path) -> Model:
+        """As `load`, waiting for the disk."""
+        model = load_model(path)
+        if self.robot is None:
+            raise ModelFileError(
+                "The robot is not known yet.", "Publish robot_description, or set urdf_file."
+            )
+        joints = self.robot.joints
+        if tuple(model.joints) != joints:
+            raise ModelFileError(
+                f"{path.name} is a model of {listed(model.joints, 20)}, the robot has {listed(joints, 20)}.",
+                "Load a model of this robot.",
+            )
+        number = 1 + (self.served.number if self.served else 0)
+        self._resumed = model if isinstance(model, PhysicalModel) else None
+        self.training = self.training and self._resumed is not None
+        self.served = Served(model, number, time.monotonic(), origin=str(path))
+        self._start = self.intake.ring.written if self.intake is not None else 0
+        self._begin_again()
+        return model
+
+    def _ask(self, kind: str, info: dict[str, Any]) -> Future[Message]:
+        self._request += 1
+        future: Future[Message] = Future()
+        self._requests[self._request] = future
+        self.supervisor.send(Message(kind, {**info, "request": self._request}))
+        return future
+
+    # -- the trainer -------------------------------------------------------------------------------
+
+    def _begin_again(self) -> None:
+        self._epoch += 1
+        self._trained = self._start
+        self._number = self.served.number if self.served is not None else 0
+        for message in self._introduce():
+            self.supervisor.send(message)
+
+    def _introduce(self) -> Sequence[Message]:
+        """What a trainer must know to take the stream over from where the last one, or a reset, left it."""
+        if self.robot is None or self.intake is None:
+            return ()
+        rings = [self.intake.ring.descriptor]
+        if self.commands is not None:
+            rings.append(self.commands.ring.descriptor)
+        resumed, start = self._resumed, self._start
+        served = self.served
+        if start < self.intake.ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
+            # what came before is no longer in the ring: go on from what is known of it
+            resumed, start = served.model, max(self._trained, self.intake.ring.oldest)
+            self._number = served.number
+        info = {
+            "urdf": self.robot.urdf,
+            "joints": list(self.robot.joints),
+            "training": self.training,
+            "start": start,
+            "cutoff": self.settings.cutoff,
+            "number": self._number,
+            "epoch": self._epoch,
+            "diagnosis_period": self.settings.diagnosis_period,
+            "diagnosis_window": self.settings.diagnosis_window,
+        }
+        arrays: dict[str, np.ndarray] = {}
+        if resumed is not None:
+            arrays, info["resume"] = resumed.to_state()
+        return (Message("begin", info, arrays, tuple(rings)),)
+
+    def _hear(self, message: Message) -> None:
+        """A message of the trainer, in the supervisor's thread; attributes are swapped whole."""
+        info = message.info
+        if message.kind == "version":
+            self.counts.overrun = int(info["missed"])
+            if info["epoch"] != self._epoch or info["end"] <= self._trained:
+                return  # of before a reset, or of a new trainer that catches up
+            self._trained = int(info["end"])
+            model = build_model(info["kind"], message.arrays, info["model"])
+            self.served = Served(
+                model, int(info["number"]), time.monotonic(), int(info["samples"]), "this stream"
+            )
+        elif message.kind == "rejected":
+            self.counts.updates_rejected += 1
+            self.counts.reason = str(info["reason"])
+        elif message.kind == "trouble":
+            self.counts.trouble = str(info["reason"])
+        elif message.kind == "findings":
+            self.findings.append(message)
+        elif message.kind == "lost":
+            for future in list(self._requests.values()):
+                future.set_exception(DataError("The trainer ended while it was asked.", "Ask again."))
+            self._requests.clear()
+        request = int(info.get("request") or 0)
+        if request in self._requests:
+            self._requests.pop(request).set_result(message)
+
+
+def nominal(robot: Robot) -> PhysicalModel:
+    """The robot description as a model, as unsure as one is of a robot before it has moved."""
+    return PhysicalModel(robot, np.zeros(robot.width), prior(robot).covariance, np.zeros(robot.width))

@@ -1,0 +1,187 @@
+"""The trainer's process: reads the ring, learns, and hands over what passed the checks.
+
+Started by `supervisor.Supervisor` as `python -m bdnn_ros.online.trainer`, so that nothing of the node (and no
+ROS) is in it. It ends when its channel does: no trainer outlives its node.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import select
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable
+
+from bdnn_ros.errors import BdnnError
+from bdnn_ros.online.analysis import Analyst
+from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.channel import Channel, Message, close_all
+from bdnn_ros.online.feed import Feed
+from bdnn_ros.online.learning import Learning, Version
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.robot import Robot
+
+BATCH = 500
+"""Samples taken at once; commands are looked at between batches."""
+IDLE = 0.02
+"""Pause when there is nothing to learn [s]."""
+
+
+class Trainer:
+    """What the process does between two looks at its channel."""
+
+    def __init__(self, channel: Channel) -> None:
+        self.channel = channel
+        self.training = True
+        self.feed: Feed | None = None
+        self.learning: Learning | None = None
+        self.robot: Robot | None = None
+        self.epoch = 0
+        self.analyst = Analyst(self.say)
+        self._rejected = 0
+        self._missed = 0
+
+    def say(self, message: Message) -> None:
+        """Send to the node; where it is gone, end."""
+        try:
+            self.channel.send(message)
+        except ConnectionError:
+            os._exit(0)
+
+    def run(self) -> None:
+        """Work until told to stop, or until the node is gone."""
+        self.say(Message("ready"))
+        handlers: dict[str, Callable[[Message], None]] = {
+            "begin": self._begin,
+            "training": self._set_training,
+            "diagnose": self._diagnose,
+        }
+        busy = False
+        while True:
+            readable, _, _ = select.select([self.channel], [], [], 0.0 if busy else IDLE)
+            if readable:
+                message = self.channel.receive()
+                if message.kind == "stop":
+                    self._stop()
+                    return
+                handlers.get(message.kind, close_all)(message)
+            busy = self._learn()
+
+    # -- learning ----------------------------------------------------------------------------------
+
+    def _learn(self) -> bool:
+        """Take in one batch; False if there was none."""
+        if self.feed is None or self.learning is None:
+            return False
+        self.feed.states.beat()
+        samples = self.feed.read(BATCH)
+        self.feed.states.consumed = self.feed.next
+        self._missed += samples.missed
+        if len(samples) == 0:
+            return False
+        if self.training:
+            known = samples.with_effort()
+            for version in self.learning.take(known.time, known.position, known.effort):
+                self._hand_over(version)
+            self._tell_rejected()
+        self.analyst.tick(float(samples.time[-1]))
+        return True
+
+    def _hand_over(self, version: Version) -> None:
+        arrays, info = version.model.to_state()
+        self.say(
+            Message(
+                "version",
+                {
+                    "kind": version.model.kind,
+                    "model": info,
+                    "number": version.number,
+                    "samples": version.samples,
+                    "end": self._end(version),
+                    "epoch": self.epoch,
+                    "missed": self._missed,
+                },
+                arrays,
+            )
+        )
+
+    def _end(self, version: Version) -> int:
+        """Number of the first sample the version has not seen."""
+        assert self.feed is not None
+        states = self.feed.states
+        return states.first_after(states.origin + round(version.time * 1e9))
+
+    def _tell_rejected(self) -> None:
+        assert self.learning is not None
+        for reason in self.learning.rejected:
+            self._rejected += 1
+            self.say(Message("rejected", {"reason": reason, "count": self._rejected}))
+        self.learning.rejected.clear()
+
+    def _finish(self) -> None:
+        if self.learning is not None:
+            for version in self.learning.finish():
+                self._hand_over(version)
+            self._tell_rejected()
+
+    # -- commands ----------------------------------------------------------------------------------
+
+    def _begin(self, message: Message) -> None:
+        """Take over a stream: its robot and its rings, from the sample `start` on."""
+        info = message.info
+        rings = [Ring(descriptor) for descriptor in message.descriptors]
+        try:
+            self.robot = Robot.from_urdf(info["urdf"], info["joints"])
+        except BdnnError as error:
+            self.say(Message("trouble", {"reason": str(error)}))
+            return
+        resume = PhysicalModel.from_state(message.arrays, info["resume"]) if "resume" in info else None
+        self.training = bool(info["training"])
+        self.epoch = int(info["epoch"])
+        self.feed = Feed(
+            self.robot.joints, rings[0], rings[1] if len(rings) > 1 else None, int(info["start"])
+        )
+        self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]))
+        self.analyst.begin(self.robot, self.feed, info)
+
+    def _set_training(self, message: Message) -> None:
+        self.training = bool(message.info["on"])
+        if not self.training:
+            self._finish()
+
+    def _diagnose(self, message: Message) -> None:
+        self.analyst.ask(float(message.info["window"]), int(message.info["request"]))
+
+    def _stop(self) -> None:
+        """Learn what came already, hand it over, and end."""
+        if self.training:
+            while self._learn():
+                pass
+            self._finish()
+        self.say(Message("stopped"))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of the process."""
+    parser = argparse.ArgumentParser(description="Trainer of an identification node; started by the node.")
+    parser.add_argument("--channel", type=int, required=True, help="descriptor of the socket to the node")
+    parser.add_argument("--nice", type=int, default=10, help="how much to yield to other processes, 0 to 19")
+    options = parser.parse_args(arguments)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to node and trainer; the node decides
+    os.nice(options.nice)
+    threading.current_thread().name = "trainer"
+    channel = Channel(socket.socket(fileno=options.channel))
+    try:
+        Trainer(channel).run()
+    except ConnectionError:
+        pass  # the node is gone
+    finally:
+        channel.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
