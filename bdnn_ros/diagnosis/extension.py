@@ -1,4 +1,4 @@
-"""The extended model: the simulation's robot with its links corrected, and the effects that were found in it."""
+"""The extended model: the simulation's robot with its links corrected and the effects that were found."""
 
 from __future__ import annotations
 
@@ -54,17 +54,19 @@ LOAD_TOLERANCE = 1e-10
 class ExtendedModel:
     """A robot with named effects.
 
-    Along a motion, `predict` counts every effect. The pointwise answers (`inverse_dynamics` and the rest) know neither
-    past nor clock: hysteresis, backlash, elasticity, delays, filters, drifts and external wrenches count only in
-    `predict`. M, C and g are those of the efforts that act; `inverse_dynamics` returns, and `forward_dynamics` takes, the
-    effort that is measured: effort that acts = scale · measured + offset.
+    Along a motion, `predict` counts every effect. The pointwise answers (`inverse_dynamics` and the rest)
+    know neither past nor clock: hysteresis, backlash, elasticity, delays, filters, drifts and external
+    wrenches count only in `predict`. M, C and g are those of the efforts that act; `inverse_dynamics`
+    returns, and `forward_dynamics` takes, the effort that is measured, where
+    effort that acts = scale · measured + offset.
 
     Attributes:
-        robot: the simulation's robot, its links corrected; armature, friction and gravity as the simulation has them.
+        robot: the simulation's robot, its links corrected; its armature, friction and gravity stay.
         effects: what was found, with place and values.
         noise: standard deviation of the low-passed effort around `predict`, (n,) [N·m].
-        stds: standard deviations of each effect's values, by parameter, in the order of `effects`; empty if unknown.
-        lead: how far the effort's stamps lead the motion's [s]: a property of the recording, counted in `predict` only.
+        stds: standard deviations of each effect's values, in the order of `effects`; empty if unknown.
+        lead: how far the effort's stamps lead the motion's [s]: a property of the recording that only
+            `predict` counts.
     """
 
     kind: ClassVar[str] = "extended"
@@ -158,7 +160,7 @@ class ExtendedModel:
         return np.asarray((measured - plant.offset) / plant.scale)
 
     def _acting(self, plant: Plant, signals: Signals) -> tuple[Motion, np.ndarray]:
-        """Effort that really acts along a motion, (N, n) [N·m], with the motion and the load it was made from."""
+        """A motion with the effort that really acts along it, and that effort, (N, n) [N·m]."""
         robot = plant.robot
         fixed = robot.rigid_effort(
             signals.position - plant.position_offset, signals.velocity, signals.acceleration
@@ -226,8 +228,8 @@ class ExtendedModel:
 def extend(examination: Examination) -> ExtendedModel:
     """The extended model of a diagnosis: links corrected, every finding installed.
 
-    The links' errors are those of the fit, moved as little as its information allows to bodies that can exist together
-    with the effects on them, so that M(q) is positive-definite.
+    The links' errors are those of the fit, moved as little as its information allows to bodies that can
+    exist together with the effects on them, so that M(q) is positive-definite.
     """
     robot, equations, fit = examination.robot, examination.equations, examination.fit
     found = [
@@ -236,7 +238,7 @@ def extend(examination: Examination) -> ExtendedModel:
     stds = [{name: q.std for name, q in e.quantities().items()} for e in examination.estimates]
     for finding in examination.diagnosis.findings:
         effect = get(finding.effect)
-        if effect.kinematic or effect.evidence == "velocity":
+        if effect.kinematic:
             values = {name: q.value for name, q in finding.parameters.items()}
             found.append(Installed(effect, robot.joints.index(str(finding.joint)), finding.link, values))
             stds.append({name: q.std for name, q in finding.parameters.items()})
