@@ -131,7 +131,7 @@ class Recording:
 
     def between(self, start: float, end: float) -> Recording:
         """The samples with start <= time < end [s]."""
-        return self._rows((self.time >= start) & (self.time < end))
+        return self.part((self.time >= start) & (self.time < end))
 
     def split(self, holdout: float) -> tuple[Recording, Recording]:
         """The first part and the last `holdout` share of the duration, each a recording of its own.
@@ -142,7 +142,7 @@ class Recording:
         if not 0.0 < holdout < 1.0:
             raise UsageError(f"The held-out share is {holdout}, not between 0 and 1.", "Use for example 0.2.")
         edge = self.time[0] + (1.0 - holdout) * self.duration
-        return self._rows(self.time < edge), self._rows(self.time >= edge)
+        return self.part(self.time < edge), self.part(self.time >= edge)
 
     def segments(self) -> list[slice]:
         """Runs of samples without a gap, longest pause `GAP_FACTOR` periods, as slices of rows."""
@@ -153,7 +153,8 @@ class Recording:
         edges = [0, *(np.flatnonzero(steps > pause) + 1).tolist(), len(self.time)]
         return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
-    def _rows(self, rows: np.ndarray) -> Recording:
+    def part(self, rows: np.ndarray | slice) -> Recording:
+        """The samples of these rows, (N,) bool, indices or a slice."""
         return replace(
             self,
             time=self.time[rows],

@@ -159,7 +159,7 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
             "Record at least some seconds of motion.",
         )
     highest = recording.rate * CUTOFF_PER_RATE
-    chosen = min(DEFAULT_CUTOFF, highest) if cutoff is None else cutoff
+    chosen = usual_cutoff(recording.rate) if cutoff is None else cutoff
     if not 0.0 < chosen <= recording.rate / 2.0:
         raise UsageError(
             f"A cut-off of {chosen:g} Hz does not fit a recording of {recording.rate:g} Hz.",
@@ -233,6 +233,11 @@ def concatenated(parts: list[Signals]) -> Signals:
         segments=tuple(segments),
         position_noise=np.max([p.position_noise for p in parts], axis=0),
     )
+
+
+def usual_cutoff(rate: float) -> float:
+    """The cut-off [Hz] that suits a recording's rate [Hz]."""
+    return min(DEFAULT_CUTOFF, rate * CUTOFF_PER_RATE)
 
 
 def gaussian_std(cutoff: float) -> float:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TextIO
 
 from tqdm import tqdm
 
@@ -15,6 +16,7 @@ from bdnn_ros import bags
 from bdnn_ros.errors import RecordingError, RobotError, UsageError, listed
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import BUNDLED, Robot
+from bdnn_ros.signals import MINIMUM_SAMPLES
 
 
 def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one", "many"]) -> None:
@@ -93,17 +95,33 @@ def load(
     for recording in recordings:
         for note in recording.notes:
             say(note)
-        still = [joint for joint, m in zip(chosen, moving(recording), strict=True) if not m]
-        if moves and len(still) == len(chosen):
-            raise RecordingError(f"{recording.name}: no joint moves.", "Record the robot in motion.")
-        if moves and still:
-            say(f"{recording.name}: {listed(still)} does not move: nothing can be learned about it.")
+        if moves:
+            require_motion(recording)
     if robot is None:
         return recordings, None
     unused = [joint for joint in robot.joints if joint not in chosen]
     if unused and not required:
         say(f"Joints {listed(unused)} of the URDF are not in the bag; they are held where they are.")
     return recordings, Robot.from_urdf(robot.urdf, chosen)
+
+
+def require_motion(recording: Recording) -> None:
+    """Says which joints do not move.
+
+    Raises:
+        RecordingError: there are too few samples to tell, or no joint moves.
+    """
+    if len(recording) < MINIMUM_SAMPLES:
+        raise RecordingError(
+            f"{recording.name}: {len(recording)} samples are too few to tell a motion.",
+            "Record at least some seconds of motion.",
+        )
+    moves = moving(recording)
+    if not moves.any():
+        raise RecordingError(f"{recording.name}: no joint moves.", "Record the robot in motion.")
+    still = [joint for joint, moved in zip(recording.joints, moves, strict=True) if not moved]
+    if still:
+        say(f"{recording.name}: {listed(still)} does not move: nothing can be learned about it.")
 
 
 def say(sentence: str) -> None:
@@ -121,6 +139,19 @@ def progress(label: str) -> Iterator[bags.Progress]:
             bar.update(done - bar.n)
 
         yield show
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[TextIO]:
+    """A text file that appears under its name only when it is complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with beside.open("w", encoding="utf-8", newline="") as file:
+            yield file
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 def _read(

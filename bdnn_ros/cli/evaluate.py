@@ -1,0 +1,84 @@
+"""`bdnn evaluate`: how well a model predicts a recording."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from bdnn_ros.cli import options
+from bdnn_ros.online.models import load_model
+from bdnn_ros.robot import Robot
+from bdnn_ros.scores import RolloutError, Scores, rollout_error, score, score_model
+from bdnn_ros.signals import Signals, prepare
+
+HELP = "score a model on a recording"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bdnn evaluate`."""
+    parser.add_argument(
+        "model", metavar="MODEL", type=Path, help="model.bdnn, or the directory that holds it"
+    )
+    options.add_recording_arguments(parser, bags="one")
+    parser.add_argument(
+        "--holdout",
+        metavar="SHARE",
+        type=float,
+        help="score only the last share of the bag (default: all of it)",
+    )
+    parser.add_argument(
+        "--horizon",
+        metavar="SECONDS",
+        type=float,
+        default=0.25,
+        help="length of the motions integrated from the measured effort (default: %(default)s)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Score the model, and the URDF where there is one, on the same samples."""
+    model = load_model(args.model)
+    (recording,), robot = options.load(args, joints=model.joints, needs_robot=False)
+    if args.holdout is not None:
+        recording = recording.split(args.holdout)[1]
+    recording.require_effort()
+    signals = prepare(recording, args.cutoff)
+    held_out = score_model(model, [signals])
+    simulation = None if robot is None else _simulation(robot, signals)
+    rollout = rollout_error(model, signals, args.horizon)
+    if args.json:
+        report = {"held_out": held_out.as_json(), "rollout": rollout.as_json(), "cutoff": signals.cutoff}
+        if simulation is not None:
+            report["simulation"] = simulation.as_json()
+        print(json.dumps(report, indent=1, allow_nan=False))
+    else:
+        _print(held_out, simulation, rollout, signals.cutoff)
+    return 0
+
+
+def _simulation(robot: Robot, signals: Signals) -> Scores:
+    """What the URDF alone achieves."""
+    assert signals.effort is not None
+    nominal = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+    inside = signals.interior
+    return score(signals.smooth(signals.effort)[inside], signals.smooth(nominal)[inside], signals.joints)
+
+
+def _print(held_out: Scores, simulation: Scores | None, rollout: RolloutError, cutoff: float) -> None:
+    width = max(len("joint"), *(len(joint) for joint in held_out.joints))
+    last = "" if simulation is None else "   URDF's NRMSE"
+    ahead = f"after {rollout.horizon:.3g} s [rad]"
+    print(f"{'joint':{width}}   RMSE [N·m]   NRMSE    nMSE   {ahead}{last}")
+    for k, joint in enumerate(held_out.joints):
+        row = (
+            f"{joint:{width}}   {held_out.rmse[k]:10.4g}   {held_out.nrmse[k]:5.3f}   {held_out.nmse[k]:5.3f}"
+        )
+        row += f"   {rollout.position[k]:{len(ahead)}.4g}"
+        print(row + ("" if simulation is None else f"   {simulation.nrmse[k]:12.3f}"))
+    mean = f"{'mean':{width}}   {'':10}   {held_out.nrmse_mean:5.3f}   {np.nanmean(held_out.nmse):5.3f}"
+    print(f"{mean}   {'':{len(ahead)}}" + ("" if simulation is None else f"   {simulation.nrmse_mean:12.3f}"))
+    print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")

@@ -1,0 +1,226 @@
+"""`bdnn info`: what a bag holds, and whether it is fit for identification."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros import bags
+from bdnn_ros.cli import options
+from bdnn_ros.errors import BdnnError
+from bdnn_ros.recording import Recording, moving
+from bdnn_ros.scores import numbers
+from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.urdf import Limits
+
+HELP = "say what a bag holds and whether it is fit for identification"
+NEAR_LIMIT = 0.98
+"""An effort or velocity above this share of its limit counts as saturated."""
+PLATEAU = 5
+"""So many equal samples in a row at a joint's extreme effort are a plateau: the effort was clipped."""
+CLIPPED = 0.01
+"""A share of samples at a limit that is worth a word."""
+UNEVEN = 0.2
+"""A jitter above this share of the sample period is worth a word."""
+SHORT = 10.0
+"""So is a recording shorter than this [s]."""
+FEW_REVERSALS = 2
+"""And a joint that turns less often: friction shows where a joint moves both ways."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What one joint did.
+
+    Attributes:
+        lower, upper: range of the position [rad].
+        velocity, acceleration: highest magnitude, low-passed [rad/s], [rad/s²].
+        effort: standard deviation [N·m]; NaN where it was not measured.
+        reversals: changes of direction.
+        standstill: share of the time at rest.
+        saturated: share of samples at the effort's limit (the URDF's, else a plateau at its own extreme).
+        fast: share of samples at the URDF's velocity limit.
+        moves: whether it moves further than its noise.
+    """
+
+    joint: str
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+    effort: float
+    reversals: int
+    standstill: float
+    saturated: float
+    fast: float
+    moves: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values, null for what is not known."""
+        return {k: numbers([v])[0] if isinstance(v, float) else v for k, v in vars(self).items()}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bdnn info`."""
+    options.add_recording_arguments(parser, bags="one")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Tell what is there, then whether it will do; the reason why not is the error."""
+    topics = bags.topics(args.bags[0])
+    report: dict[str, Any] = {"bag": str(args.bags[0]), "topics": [vars(topic) for topic in topics]}
+    problem = None
+    try:
+        (recording,), robot = options.load(args, moves=False, needs_robot=args.urdf is not None)
+        report |= timing(recording)
+        signals = prepare(recording, args.cutoff)
+        limits = robot.limits if robot else None
+        joints = excitation(recording, signals, limits)
+        report["excitation"] = [joint.as_json() for joint in joints]
+        report["concerns"] = concerns(recording, joints)
+        options.require_motion(recording)
+        recording.require_effort()
+    except BdnnError as error:
+        problem = error
+    report |= {"usable": problem is None, "problem": str(problem) if problem else None}
+    print(json.dumps(report, indent=1, allow_nan=False) if args.json else _text(report))
+    if problem is not None:
+        raise problem
+    return 0
+
+
+def timing(recording: Recording) -> dict[str, Any]:
+    """Rate, jitter, gaps and missing fields of a recording, JSON-able."""
+    steps = np.diff(recording.time)
+    pieces = recording.segments()
+    pauses = [
+        float(recording.time[b.start] - recording.time[a.stop - 1])
+        for a, b in zip(pieces[:-1], pieces[1:], strict=True)
+    ]
+    within = np.concatenate([np.diff(recording.time[rows]) for rows in pieces]) if pieces else steps
+    fields = {"velocity": recording.velocity, "effort": recording.effort, "robot description": recording.urdf}
+    return {
+        "samples": len(recording),
+        "duration": recording.duration,
+        "rate": recording.rate,
+        "jitter": float(np.std(within)) if len(within) else 0.0,
+        "longest_step": float(within.max()) if len(within) else 0.0,
+        "gaps": {"count": len(pauses), "longest": max(pauses, default=0.0), "total": sum(pauses)},
+        "joints": list(recording.joints),
+        "missing": [name for name, value in fields.items() if value is None],
+    }
+
+
+def excitation(recording: Recording, signals: Signals, limits: Limits | None) -> list[Excitation]:
+    """What each joint did, and how much of it at a limit."""
+    saturated, fast = _saturated(recording, limits), np.zeros(recording.width)
+    if limits is not None:
+        fast = np.mean(np.abs(signals.velocity) >= NEAR_LIMIT * limits.velocity, axis=0)
+    unknown = np.full(recording.width, np.nan)
+    effort = unknown if recording.effort is None else np.std(recording.effort, axis=0)
+    moves = moving(recording)
+    return [
+        Excitation(
+            joint=joint,
+            lower=float(recording.position[:, k].min()),
+            upper=float(recording.position[:, k].max()),
+            velocity=float(np.abs(signals.velocity[:, k]).max()),
+            acceleration=float(np.abs(signals.acceleration[:, k]).max()),
+            effort=float(effort[k]),
+            reversals=_reversals(signals.velocity[~signals.at_rest[:, k], k]) if moves[k] else 0,
+            standstill=float(signals.at_rest[:, k].mean()) if moves[k] else 1.0,
+            saturated=float(saturated[k]),
+            fast=float(fast[k]),
+            moves=bool(moves[k]),
+        )
+        for k, joint in enumerate(recording.joints)
+    ]
+
+
+def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
+    """What a usable recording still lacks, one sentence each."""
+    found = []
+    if recording.duration < SHORT:
+        found.append(f"{recording.duration:.1f} s of motion are little; 30 s and more tell causes apart.")
+    steps = np.concatenate([np.diff(recording.time[rows]) for rows in recording.segments()])
+    if np.std(steps) > UNEVEN / recording.rate:
+        found.append("Stamps are uneven: stamp the joint states where they are measured.")
+    for joint in joints:
+        if not joint.moves:
+            continue
+        if joint.saturated > CLIPPED:
+            found.append(f"{joint.joint} is at its effort limit {100 * joint.saturated:.0f} % of the time.")
+        if joint.fast > CLIPPED:
+            found.append(f"{joint.joint} is at its velocity limit {100 * joint.fast:.0f} % of the time.")
+        if joint.reversals < FEW_REVERSALS:
+            found.append(f"{joint.joint} hardly turns back: friction and offset look alike.")
+    return found
+
+
+def _saturated(recording: Recording, limits: Limits | None) -> np.ndarray:
+    """Share of samples whose effort is at its limit, (n,); NaN where it was not measured."""
+    if recording.effort is None:
+        return np.full(recording.width, np.nan)
+    at_limit = np.zeros(recording.effort.shape, bool)
+    if limits is not None:
+        at_limit = np.abs(recording.effort) >= NEAR_LIMIT * limits.effort
+    return np.asarray(np.mean(at_limit | _plateaus(recording.effort), axis=0))
+
+
+def _plateaus(effort: np.ndarray) -> np.ndarray:
+    """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort, (N, n) bool."""
+    result = np.zeros(effort.shape, bool)
+    for k, column in enumerate(effort.T):
+        for extreme in (column.min(), column.max()):
+            inside = np.concatenate([[0], column == extreme, [0]]).astype(int)
+            starts, ends = np.flatnonzero(np.diff(inside) > 0), np.flatnonzero(np.diff(inside) < 0)
+            for start, end in zip(starts, ends, strict=True):
+                result[start:end, k] |= PLATEAU <= end - start < len(column)
+    return result
+
+
+def _reversals(velocity: np.ndarray) -> int:
+    """Changes of direction of a joint, from its velocity while it moves."""
+    return int(np.count_nonzero(np.diff(np.sign(velocity)) != 0))
+
+
+def _text(report: dict[str, Any]) -> str:
+    lines = [report["bag"], *(f"  {t['name']}  {t['type']}  {t['count']} messages" for t in report["topics"])]
+    if "samples" in report:
+        gaps = report["gaps"]
+        lines += [
+            f"{report['samples']} samples of {len(report['joints'])} joints in {report['duration']:.2f} s: "
+            f"{report['rate']:.4g} Hz, jitter {1e3 * report['jitter']:.3g} ms "
+            f"(longest step {1e3 * report['longest_step']:.3g} ms)",
+            f"{gaps['count']} gaps, longest {gaps['longest']:.3g} s, {gaps['total']:.3g} s in all",
+            f"not in the bag: {', '.join(report['missing']) or 'nothing'}",
+        ]
+    if "excitation" in report:
+        lines += ["", *_table(report["excitation"]), *(f"- {concern}" for concern in report["concerns"])]
+    if report["usable"]:
+        lines.append("Fit for identification.")
+    return "\n".join(lines)
+
+
+def _table(rows: list[dict[str, Any]]) -> list[str]:
+    width = max(len(row["joint"]) for row in rows)
+    lines = [
+        f"{'':{width}}    position [rad]   velocity  acceleration  effort's std             at rest  clipped",
+        f"{'':{width}}    from       to    [rad/s]      [rad/s²]         [N·m]  reversals     [%]      [%]",
+    ]
+    for row in rows:
+        joint, still = f"{row['joint']:{width}}", "" if row["moves"] else "  does not move"
+        effort = "-" if row["effort"] is None else f"{row['effort']:.3g}"
+        clipped = "-" if row["saturated"] is None else f"{100 * row['saturated']:.3g}"
+        lines.append(
+            f"{joint} {row['lower']:7.3f}  {row['upper']:7.3f}  {row['velocity']:9.3g}  "
+            f"{row['acceleration']:12.3g}  {effort:>12}  {row['reversals']:9}  {100 * row['standstill']:6.3g}  "
+            f"{clipped:>7}{still}"
+        )
+    return lines

@@ -1,0 +1,134 @@
+"""`bdnn predict`: the effort a model expects along a recording."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from bdnn_ros.bags import Progress
+from bdnn_ros.cli import options
+from bdnn_ros.errors import BdnnError
+from bdnn_ros.online.models import Model, load_model
+from bdnn_ros.recording import Recording
+from bdnn_ros.signals import (
+    KERNEL_WIDTHS,
+    MINIMUM_SAMPLES,
+    SAMPLES_PER_CUTOFF,
+    gaussian_std,
+    prepare,
+    usual_cutoff,
+)
+
+HELP = "predict the effort along a recording, as CSV"
+ROWS_AT_ONCE = 4096
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bdnn predict`."""
+    parser.add_argument(
+        "model", metavar="MODEL", type=Path, help="model.bdnn, or the directory that holds it"
+    )
+    options.add_recording_arguments(parser, bags="one")
+    parser.add_argument(
+        "--out", metavar="FILE", type=Path, help="CSV file to write (default: standard output)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Predict and write one row a joint state."""
+    model = load_model(args.model)
+    (recording,), _ = options.load(args, joints=model.joints, moves=False, needs_robot=False)
+    with options.progress("predicting") as show:
+        effort = effort_along(model, recording, args.cutoff, show)
+    target: AbstractContextManager[TextIO] = (
+        options.written_whole(args.out) if args.out else nullcontext(sys.stdout)
+    )
+    with target as file, options.progress("writing") as show:
+        for row, lines in enumerate(_lines(recording, effort)):
+            file.write(lines)
+            show(min(row * ROWS_AT_ONCE, len(recording)), len(recording))
+    return 0
+
+
+def effort_along(
+    model: Model, recording: Recording, cutoff: float | None = None, progress: Progress | None = None
+) -> np.ndarray:
+    """The effort a model expects at every joint state, (N, n) [N·m].
+
+    The model sees the low-passed motion at the working rate; between its samples the effort is interpolated
+    monotonely (PCHIP). The low-pass needs samples on both sides, so every gap-free piece is continued at its
+    ends by its point reflection, which keeps position and velocity continuous. A piece too short even so has
+    the effort of its positions at the reported velocity (or none), without acceleration.
+
+    Args:
+        cutoff: of the low-pass [Hz]; None takes the usual one.
+    """
+    cutoff = usual_cutoff(recording.rate) if cutoff is None else cutoff
+    result = np.empty_like(recording.position)
+    for rows in recording.segments():
+        result[rows] = _piece(model, recording.part(rows), cutoff)
+        if progress is not None:
+            progress(rows.stop, len(recording))
+    return result
+
+
+def _piece(model: Model, piece: Recording, cutoff: float) -> np.ndarray:
+    try:
+        signals = prepare(_continued(piece, cutoff), cutoff)
+    except BdnnError:
+        rest = np.zeros_like(piece.position)
+        velocity = rest if piece.velocity is None else piece.velocity
+        return model.inverse_dynamics(piece.position, velocity, rest)
+    return np.asarray(PchipInterpolator(signals.time, model.predict(signals))(piece.time))
+
+
+def _continued(piece: Recording, cutoff: float) -> Recording:
+    """A piece with its point reflection at both ends, as long as the low-pass reaches."""
+    reach = KERNEL_WIDTHS * gaussian_std(cutoff) + MINIMUM_SAMPLES / (SAMPLES_PER_CUTOFF * cutoff)
+    count = int(np.ceil(reach * piece.rate)) + 2
+    if len(piece) < 2:
+        return piece
+    ends = ((count, count), (0, 0))
+
+    def odd(values: np.ndarray) -> np.ndarray:
+        return np.pad(values, ends, mode="reflect", reflect_type="odd")
+
+    def even(values: np.ndarray | None) -> np.ndarray | None:
+        return None if values is None else np.pad(values, ends, mode="reflect")
+
+    return replace(
+        piece,
+        time=odd(piece.time[:, None])[:, 0],
+        position=odd(piece.position),
+        velocity=even(piece.velocity),
+        effort=even(piece.effort),
+    )
+
+
+def _lines(recording: Recording, effort: np.ndarray) -> Iterator[str]:
+    """The CSV in blocks; stamps are the bag's, to the nanosecond."""
+    yield (
+        ",".join(
+            ["time", *(f"{joint}.{kind}" for joint in recording.joints for kind in ("effort", "measured"))]
+        )
+        + "\n"
+    )
+    stamps = recording.epoch + np.round(recording.time * 1e9).astype(np.int64)
+    for start in range(0, len(recording), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        cells = [[f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in stamps[rows].tolist()]]
+        for joint in range(recording.width):
+            cells.append([f"{value:.9g}" for value in effort[rows, joint].tolist()])
+            if recording.effort is None:
+                cells.append([""] * len(cells[0]))
+            else:
+                cells.append([f"{value:.9g}" for value in recording.effort[rows, joint].tolist()])
+        yield "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
