@@ -22,7 +22,7 @@ DISCOVERY = 10.0
 
 
 def real_robot(robot: Robot, seed: int = 1, error: float = 0.1) -> Robot:
-    """A robot that differs from its description: masses by some per cent, armature and friction."""
+    """A robot that differs from its description by some per cent of mass, by armature and friction."""
     generator = np.random.default_rng(seed)
     scale = 1.0 + error * generator.uniform(-1.0, 1.0, (robot.width, 1))
     size = np.abs(robot.gravity(np.full(robot.width, 0.4))).max() / np.arange(1, robot.width + 1)
@@ -127,7 +127,7 @@ def wait_until(condition: Callable[[], Any], timeout: float = DISCOVERY, what: s
 
 
 class Robotics:
-    """A ROS node in this process, spun in the background: publishes joint states, asks services, keeps messages."""
+    """A ROS node of the test, spun in the background: publishes, asks services, keeps messages."""
 
     def __init__(self, domain: int, name: str = "tester") -> None:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

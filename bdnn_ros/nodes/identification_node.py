@@ -238,8 +238,8 @@ class IdentificationNode(LifecycleNode):
             self.destroy_subscription(stream)
         self._streams = []
 
-    def _on_joint_state(self, message: JointState) -> None:
-        self._take(message)
+    def _on_joint_state(self, message: JointState, info: dict[str, int]) -> None:
+        self._take(message, info)
         # what has piled up is taken at once: by way of the executor each would cost ten times as much
         handle = self._stream.handle
         with handle:
@@ -247,9 +247,9 @@ class IdentificationNode(LifecycleNode):
                 taken = handle.take_message(JointState, False)
                 if taken is None:
                     return
-                self._take(taken[0])
+                self._take(*taken)
 
-    def _take(self, message: JointState) -> None:
+    def _take(self, message: JointState, info: dict[str, int]) -> None:
         session = self._session
         if session is None:
             return
@@ -262,6 +262,7 @@ class IdentificationNode(LifecycleNode):
             message.velocity,
             message.effort,
             header.sec * 1_000_000_000 + header.nanosec,
+            info["source_timestamp"],
         )
 
     def _choose_joints(self, session: Session, names: Sequence[str]) -> bool:
@@ -282,10 +283,7 @@ class IdentificationNode(LifecycleNode):
         session = self._session
         if session is None or session.commands is None:
             return
-        simulated = self.get_parameter("use_sim_time").value
-        # the message has no stamp: when it was sent is the nearest there is
-        sent = self.get_clock().now().nanoseconds if simulated else int(info["source_timestamp"])
-        session.commands.take(message.data, sent)
+        session.commands.take(message.data, info["source_timestamp"])
 
     def _on_lost(self, event: Any) -> None:
         self._message_lost = int(event.total_count)

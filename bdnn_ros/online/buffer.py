@@ -27,7 +27,8 @@ class Chunk:
 
     Attributes:
         first: number of the first sample, counted from the first ever written.
-        stamp: as it was sent [ns], (N,).
+        stamp: when it was measured, by the sender's clock [ns], (N,).
+        sent: when it was sent, by the clock of the middleware [ns], (N,).
         time: strictly increasing stream time [ns], (N,): the stamp, moved on where the clock jumped back.
         values: (N, width).
         missed: samples asked for that had been overwritten.
@@ -35,6 +36,7 @@ class Chunk:
 
     first: int
     stamp: np.ndarray
+    sent: np.ndarray
     time: np.ndarray
     values: np.ndarray
     missed: int
@@ -51,7 +53,7 @@ class Chunk:
 class Ring:
     """The last `capacity` samples of a stream: one writer, any readers, all memory taken at the start.
 
-    A sample is two stamps and `width` numbers. The writer never looks at the readers; a reader that is too
+    A sample is three stamps and `width` numbers. The writer never looks at the readers; a reader that is too
     slow is told how many samples it missed.
     """
 
@@ -70,12 +72,10 @@ class Ring:
         if self._header[_MAGIC] != MAGIC:
             raise UsageError("The shared memory holds no ring.", "Create it with Ring.create.")
         self.capacity, self.width = int(self._header[_CAPACITY]), int(self._header[_WIDTH])
-        stamps = 8 * self.capacity
-        self._stamp = np.frombuffer(self._memory, np.int64, self.capacity, HEADER_BYTES)
-        self._time = np.frombuffer(self._memory, np.int64, self.capacity, HEADER_BYTES + stamps)
-        values = np.frombuffer(
-            self._memory, np.float64, self.capacity * self.width, HEADER_BYTES + 2 * stamps
-        )
+        stamps = np.frombuffer(self._memory, np.int64, 3 * self.capacity, HEADER_BYTES)
+        self._stamp, self._sent, self._time = stamps.reshape(3, self.capacity)
+        start = HEADER_BYTES + 3 * 8 * self.capacity
+        values = np.frombuffer(self._memory, np.float64, self.capacity * self.width, start)
         self._values = values.reshape(self.capacity, self.width)
         self._next = self.written
 
@@ -84,7 +84,7 @@ class Ring:
         """A new ring; every page is touched now, so that writing never faults one in."""
         if capacity < 2 or width < 1:
             raise UsageError(f"A ring of {capacity} samples of {width} numbers makes no sense.", "")
-        size = HEADER_BYTES + capacity * (16 + 8 * width)
+        size = HEADER_BYTES + capacity * (24 + 8 * width)
         descriptor = os.memfd_create("bdnn_ring")
         os.ftruncate(descriptor, size)
         with mmap.mmap(descriptor, size) as memory:
@@ -102,11 +102,12 @@ class Ring:
         row: np.ndarray = self._values[self._next % self.capacity]
         return row
 
-    def commit(self, stamp: int, stream_time: int) -> int:
-        """Make the filled slot a sample [ns] and return its number."""
+    def commit(self, stamp: int, sent: int, stream_time: int) -> int:
+        """Make the filled slot a sample with these stamps [ns] and return its number."""
         number = self._next
         row = number % self.capacity
         self._stamp[row] = stamp
+        self._sent[row] = sent
         self._time[row] = stream_time
         self._next = number + 1
         if number == 0:
@@ -138,11 +139,13 @@ class Ring:
         if most is not None:
             end = min(end, begin + most)
         rows = np.arange(begin, max(end, begin)) % self.capacity
-        stamp, stream_time, values = self._stamp[rows], self._time[rows], self._values[rows]
+        stamp, sent, stream_time = self._stamp[rows], self._sent[rows], self._time[rows]
+        values = self._values[rows]
         # what the writer overtook while we copied is torn
         torn = min(max(self.oldest - begin, 0), len(rows))
         first = begin + torn
-        return Chunk(first, stamp[torn:], stream_time[torn:], values[torn:], max(first - max(start, 0), 0))
+        missed = max(first - max(start, 0), 0)
+        return Chunk(first, stamp[torn:], sent[torn:], stream_time[torn:], values[torn:], missed)
 
     def latest(self, count: int) -> Chunk:
         """Copies of the last `count` samples, or of as many as there are."""
@@ -184,7 +187,7 @@ class Ring:
         """Give the memory back; the ring is not usable afterwards. Arrays that `read` returned stay valid."""
         if self.descriptor < 0:
             return
-        for name in ("_header", "_stamp", "_time", "_values"):
+        for name in ("_header", "_stamp", "_sent", "_time", "_values"):
             setattr(self, name, None)
         with suppress(BufferError):  # a slot somebody still holds keeps the mapping until it goes
             self._memory.close()

@@ -70,7 +70,7 @@ class Feed:
         chunk = self.states.read(self.next, self._ready(most, commands))
         self.next = chunk.end
         if len(chunk):  # the next joint states may still stand under the command in force now
-            used = np.flatnonzero(commands.stamp <= chunk.stamp[-1])
+            used = np.flatnonzero(commands.sent <= chunk.sent[-1])
             self._next_command = commands.first + (int(used[-1]) if len(used) else 0)
         return self._samples(chunk, commands)
 
@@ -113,29 +113,26 @@ class Feed:
         chunk = self.states.read(self.next, most)
         if len(chunk) == 0:
             return 0
-        settled = chunk.stamp <= self.states.latest(1).stamp[0] - int(COMMAND_AGE * 1e9)
+        settled = chunk.sent <= self.states.latest(1).sent[0] - int(COMMAND_AGE * 1e9)
         if len(commands):
-            settled |= chunk.stamp <= commands.stamp[-1]
+            settled |= chunk.sent <= commands.sent[-1]
         return int(np.count_nonzero(np.logical_and.accumulate(settled)))
 
     def _samples(self, chunk: Chunk, commands: Chunk | None = None) -> Samples:
         n = len(self.joints)
         position, velocity, effort = (chunk.values[:, k * n : (k + 1) * n] for k in range(3))
         if commands is not None:
-            effort = commanded(chunk.stamp, commands)
+            effort = commanded(chunk.sent, commands)
         time = (chunk.time - self.states.origin) * 1e-9
         return Samples(time, position, velocity, effort, chunk.missed)
 
 
-def commanded(stamp: np.ndarray, commands: Chunk) -> np.ndarray:
-    """The command in force at each stamp [ns], (N, n): the last one sent, NaN where that is too long ago."""
-    effort = np.full((len(stamp), commands.values.shape[1]), np.nan)
+def commanded(sent: np.ndarray, commands: Chunk) -> np.ndarray:
+    """The last command sent before each of these times [ns], (N, n); NaN where that is too long ago."""
+    effort = np.full((len(sent), commands.values.shape[1]), np.nan)
     if len(commands) == 0:
         return effort
-    jumps = np.flatnonzero(np.diff(commands.stamp) <= 0)
-    since = int(jumps[-1]) + 1 if len(jumps) else 0  # stamps increase from where the clock last jumped back
-    sent, values = commands.stamp[since:], commands.values[since:]
-    last = np.searchsorted(sent, stamp, side="right") - 1
-    valid = (last >= 0) & (stamp - sent[np.maximum(last, 0)] <= COMMAND_AGE * 1e9)
-    effort[valid] = values[last[valid]]
+    last = np.searchsorted(commands.sent, sent, side="right") - 1
+    valid = (last >= 0) & (sent - commands.sent[np.maximum(last, 0)] <= COMMAND_AGE * 1e9)
+    effort[valid] = commands.values[last[valid]]
     return effort

@@ -21,7 +21,6 @@ BACKWARDS_LIMIT = 20
 BLOCK = 64
 """Steps between stamps that are looked at together for gaps."""
 
-NO_STAMP = "stamp_missing"
 BACKWARDS = "stamp_backwards"
 JOINTS = "joints_missing"
 LENGTH = "wrong_length"
@@ -99,7 +98,7 @@ class Intake:
         joints: n names, the order in the ring.
         received: messages that named any of the joints.
         rejected: messages left out, by reason.
-        without_effort: samples kept whose effort is missing.
+        unstamped: samples whose stamp is zero; when they were sent stands for it.
         jumps: times the order of the names in the messages changed.
     """
 
@@ -110,18 +109,22 @@ class Intake:
         self.received = 0
         self.rejected: Counter[str] = Counter()
         self.needs_effort = needs_effort
+        self.unstamped = 0
         self.jumps = 0
         self._names: Sequence[str] = ()
         self._index: np.ndarray | None = None
         self._foreign = False
 
-    def take(self, names: Sequence[str], position: Any, velocity: Any, effort: Any, stamp: int) -> bool:
+    def take(
+        self, names: Sequence[str], position: Any, velocity: Any, effort: Any, stamp: int, sent: int
+    ) -> bool:
         """Copy one message into the ring; False if it was left out.
 
         Args:
             names: joints of the message, any order, others between.
             position, velocity, effort: their numbers (buffers or sequences); the last two may be empty.
-            stamp: [ns].
+            stamp: of the header [ns].
+            sent: by the middleware's clock [ns].
         """
         if names != self._names:
             self._learn_order(names)
@@ -132,7 +135,8 @@ class Intake:
         if index is None:
             return self._reject(JOINTS)
         if stamp <= 0:
-            return self._reject(NO_STAMP)
+            self.unstamped += 1
+            stamp = sent
         count = len(names)
         if len(position) != count or len(velocity) not in (0, count) or len(effort) not in (0, count):
             return self._reject(LENGTH)
@@ -148,7 +152,7 @@ class Intake:
             return self._reject(BACKWARDS)
         if self.needs_effort and math.isnan(row[2 * n]):
             self.rejected[NO_EFFORT] += 1
-        self.ring.commit(stamp, stream_time)
+        self.ring.commit(stamp, sent, stream_time)
         return True
 
     def _acceptable(self, row: np.ndarray, n: int) -> bool:
@@ -178,7 +182,8 @@ class Intake:
 
 
 class CommandIntake:
-    """Effort commands into a ring of their own (n numbers), to be aligned with the joint states by stamp."""
+    """Effort commands into a ring of their own (n numbers), to be aligned with the joint states by when
+    both were sent: the message has no stamp of its own."""
 
     def __init__(self, joints: Sequence[str], ring: Ring) -> None:
         self.joints = tuple(joints)
@@ -186,8 +191,8 @@ class CommandIntake:
         self.clock = Clock()
         self.rejected: Counter[str] = Counter()
 
-    def take(self, values: Any, stamp: int) -> bool:
-        """Copy one command [N·m], in the order of `joints`, into the ring; False if it was left out."""
+    def take(self, values: Any, sent: int) -> bool:
+        """Copy one command [N·m], in the order of `joints`, sent at [ns], into the ring; False if left out."""
         if len(values) != len(self.joints):
             self.rejected[LENGTH] += 1
             return False
@@ -196,9 +201,9 @@ class CommandIntake:
         if not math.isfinite(row.sum()):
             self.rejected[NOT_FINITE] += 1
             return False
-        stream_time = self.clock.advance(stamp)
+        stream_time = self.clock.advance(sent)
         if stream_time < 0:
             self.rejected[BACKWARDS] += 1
             return False
-        self.ring.commit(stamp, stream_time)
+        self.ring.commit(sent, sent, stream_time)
         return True

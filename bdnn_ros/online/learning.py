@@ -80,7 +80,7 @@ class Learning:
 
     Attributes:
         served: the last version handed over, or None.
-        error: of the last chunk, or None.
+        errors: of each chunk, the latest last, for the caller to take.
         rejected: reasons why updates were not handed over, the latest last.
     """
 
@@ -99,7 +99,7 @@ class Learning:
             belief = Prior(mean, resume.covariance, scale)
         self.identifier = Identifier(robot, cutoff, belief=belief)
         self.served: Version | None = None
-        self.error: Error | None = None
+        self.errors: list[Error] = []
         self.rejected: list[str] = []
         self._candidate: Version | None = None
         self._end: float | None = None
@@ -143,7 +143,7 @@ class Learning:
         self._spread.add(measured)
         before = squared_error(self._serving, signals, rows, measured)
         number = self._number if self.served is None else self.served.number
-        self.error = Error(float(signals.time[rows[-1]]), before, self._spread.variance, number)
+        self.errors.append(Error(float(signals.time[rows[-1]]), before, self._spread.variance, number))
         if self._candidate is not None:
             yield from self._hand_over(self._candidate, signals, rows, measured, before)
         self._candidate = self._propose(float(signals.time[rows[-1]]))

@@ -1,0 +1,122 @@
+"""`bdnn replay`: the online identifier over a bag, and its error against time."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bdnn_ros.cli import options
+from bdnn_ros.errors import UsageError
+from bdnn_ros.online.learning import Error, Learning
+from bdnn_ros.online.models import save_model
+from bdnn_ros.recording import Recording
+
+HELP = "run the online identifier over a bag and show its error against time"
+BATCH_SECONDS = 0.1
+"""Samples are handed over in pieces of this length, as they would come."""
+MOST_ROWS = 40
+"""Longest table that is printed."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bdnn replay`."""
+    options.add_recording_arguments(parser, bags="one")
+    parser.add_argument(
+        "--rate", type=float, default=0.0, help="speed as a multiple of the bag's own (default: as it goes)"
+    )
+    parser.add_argument("--out", type=Path, help="directory for the model at the end")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay, print the error of each second by the model of the time, save the last one."""
+    if not 0.0 <= args.rate < float("inf"):
+        raise UsageError(f"--rate {args.rate:g} is not a speed.", "Use for example 1.0.")
+    recordings, robot = options.load(args)
+    if robot is None:
+        raise UsageError("There is no URDF to start from.", "Give --urdf FILE or --robot NAME.")
+    recording = recordings[0]
+    learning = Learning(robot, args.cutoff)
+    began = time.perf_counter()
+    errors = []
+    for error in replayed(learning, recording, args.rate):
+        errors.append(error)
+        if not args.json and args.rate > 0:
+            print(_row(error), flush=True)
+    took = time.perf_counter() - began
+    if args.json:
+        print(json.dumps(_as_json(recording, learning, errors, took)))
+    else:
+        _print(learning, errors, recording, took, table=args.rate == 0)
+    if args.out:
+        if learning.served is None:
+            raise UsageError("No model passed its checks; nothing is saved.", "Replay a longer motion.")
+        path = save_model(args.out, learning.served.model)
+        options.say(f"the model is {path}")
+    return 0
+
+
+def replayed(learning: Learning, recording: Recording, rate: float = 0.0) -> Iterator[Error]:
+    """Feed a recording to the identifier as a stream would; yields each chunk's error before it is learned.
+
+    Args:
+        rate: speed as a multiple of the recording's own, 0 for as fast as it goes.
+    """
+    effort = recording.require_effort()
+    edges = np.searchsorted(
+        recording.time, np.arange(0.0, recording.duration, BATCH_SECONDS) + recording.time[0]
+    )
+    began = time.perf_counter()
+    for low, high in zip(edges, [*edges[1:], len(recording)], strict=True):
+        if rate > 0 and high > low:
+            due = began + (recording.time[high - 1] - recording.time[0]) / rate
+            time.sleep(max(due - time.perf_counter(), 0.0))
+        rows = slice(int(low), int(high))
+        for _ in learning.take(recording.time[rows], recording.position[rows], effort[rows]):
+            pass
+        yield from _taken(learning)
+    for _ in learning.finish():
+        pass
+    yield from _taken(learning)
+
+
+def _taken(learning: Learning) -> list[Error]:
+    errors, learning.errors = learning.errors, []
+    return errors
+
+
+def _row(error: Error) -> str:
+    nmse = 100.0 * error.nmse
+    return f"{error.time:8.1f}  {error.number:7d}  {nmse.mean():9.3f}  {nmse.max():9.3f}"
+
+
+def _print(learning: Learning, errors: list[Error], recording: Recording, took: float, table: bool) -> None:
+    if table:
+        print(f"{'time s':>8}  {'version':>7}  {'nMSE %':>9}  {'worst %':>9}")
+        step = max(-(-len(errors) // MOST_ROWS), 1)
+        for error in errors[::step] if len(errors) > step else errors:
+            print(_row(error))
+    speed = recording.duration / max(took, 1e-9)
+    served = learning.served
+    print(
+        f"{len(recording)} samples in {took:.1f} s ({speed:.0f} times as fast as they came), "
+        f"{served.number if served else 0} versions, {len(learning.rejected)} updates refused"
+    )
+
+
+def _as_json(recording: Recording, learning: Learning, errors: list[Error], took: float) -> dict[str, object]:
+    return {
+        "joints": list(recording.joints),
+        "time": [round(error.time, 6) for error in errors],
+        "version": [error.number for error in errors],
+        "nmse": [error.nmse.tolist() for error in errors],
+        "nmse_mean": [float(error.nmse.mean()) for error in errors],
+        "samples": len(recording),
+        "seconds": took,
+        "rejected": learning.rejected,
+    }
