@@ -21,7 +21,7 @@ demo: setup
 	$(BIN)/bdnn demo --out demo_output
 
 test: setup lint
-	$(BIN)/python -m pytest -n 2 --dist loadgroup test
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal test
 
 bench: setup
 	@set -e; for file in $(BENCHMARKS); do echo "== $$file"; $(BIN)/python $$file; done
@@ -39,8 +39,8 @@ clean:
 $(VENV)/.dependencies: constraints.txt setup.py scripts/check_machine.py
 	@$(PYTHON) scripts/check_machine.py
 	@echo "building $(VENV): about 2 GB on disk, 2 to 5 minutes"
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(PIP) $(TORCH) 2>/dev/null || $(PIP) --extra-index-url $(TORCH_INDEX) $(TORCH) 2>/dev/null \
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	@$(PIP) $(TORCH) 2>/dev/null || $(PIP) --retries 1 --extra-index-url $(TORCH_INDEX) $(TORCH) 2>/dev/null \
 	  || { echo "no CPU build of torch for this Python found: taking the default one"; $(PIP) torch; }
 	@$(PIP) setuptools wheel
 	@$(PIP) --no-build-isolation --editable '.[$(EXTRAS)]'
