@@ -55,6 +55,7 @@ class EffortScale(Effect):
     shown_by = "all joints together, so that the inertia that neighbours see tells the joint's own scale"
     source = GAUTIER
     coefficient_bounds = ((1.0 / 5.0 - 1.0, 1.0 / 0.2 - 1.0),)
+    of_load = True
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.scale[target] *= values["scale"]
@@ -89,6 +90,7 @@ class EffortDelay(Effect):
     shown_by = "fast changes of effort: high frequencies, reversals of acceleration"
     source = "Swevers, Verdonck, De Schutter, Dynamic model identification for industrial robots, IEEE CSM 27(5), 2007"
     coefficient_bounds = ((0.0, 0.2),)
+    of_load = True
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.delay[slice(None) if target < 0 else target] += values["delay"]
@@ -122,6 +124,7 @@ class Cogging(Effect):
     name = "cogging"
     title = "cogging"
     on = "joint"
+    in_drive = True
     parameters = (
         Parameter("amplitude", "N*m", 0.0, plausible=(0.05, 0.3), of_effort=True),
         Parameter("periods_per_rev", "-", 0.5, 400.0, plausible=(6.0, 36.0)),
@@ -142,7 +145,7 @@ class Cogging(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         angle = shape["periods_per_rev"] * motion.position[:, target]
-        return motion.joint_column(target, np.sin(angle), np.cos(angle))
+        return motion.sharp_column(target, np.sin(angle), np.cos(angle))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"periods_per_rev": float(p)} for p in (*range(2, 25), *range(26, 61, 2))]

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
 from bdnn_ros.effects.plant import Plant
@@ -50,11 +51,13 @@ class Motion:
         signals: low-passed motion, N working samples.
         robot: the simulation's robot (or the current estimate of it).
         load: effort that really acts at each joint, noise-free estimate (from a model), (N, n) [N·m].
+        drive: the part of it that the drives take before the gear (effects with `in_drive`), (N, n), if known.
     """
 
     signals: Signals
     robot: Robot
     load: np.ndarray
+    drive: np.ndarray | None = None
 
     @property
     def time(self) -> np.ndarray:
@@ -77,9 +80,9 @@ class Motion:
         return self.signals.acceleration
 
     @property
-    def sign(self) -> np.ndarray:
+    def direction(self) -> np.ndarray:
         """Direction of each joint, averaged over the sample period, (N, n)."""
-        return self.signals.sign
+        return self.signals.direction
 
     @cached_property
     def load_rate(self) -> np.ndarray:
@@ -91,6 +94,17 @@ class Motion:
         """Effort that the transmission passes on to the bodies, drive friction and rotor left out, (N, n) [N·m]."""
         return self.robot.rigid_effort(self.position, self.velocity, self.acceleration)
 
+    @cached_property
+    def gear_load(self) -> np.ndarray:
+        """As `link_load`, from the measured effort less what the drives take, (N, n) [N·m].
+
+        The jumps of a loose motor are in the measured position, and so in `link_load`, but not in the effort.
+        """
+        effort = self.signals.effort
+        if effort is None:
+            return self.link_load
+        return effort if self.drive is None else effort - self.drive
+
     def joint_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
         """Columns (N,) that act on one joint only, as (N, n, k)."""
         result = np.zeros((*self.position.shape, len(columns)))
@@ -98,10 +112,24 @@ class Motion:
             result[:, target, k] = column
         return result
 
+    def sharp_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
+        """As `joint_column`, for columns with steps or ripples faster than the motion: low-passed as the effort was."""
+        return self.joint_column(target, *(self.signals.smooth(column) for column in columns))
+
     @cached_property
     def regressor(self) -> np.ndarray:
         """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
         return self.robot.regressor(self.position, self.velocity, self.acceleration)
+
+    def jacobian(self, link: str) -> np.ndarray:
+        """Jacobian of a link along the motion, as `Robot.link_jacobian`, (N, 6, n)."""
+        if link not in self._jacobians:
+            self._jacobians[link] = self.robot.link_jacobian(self.position, link)
+        return self._jacobians[link]
+
+    @cached_property
+    def _jacobians(self) -> dict[str, np.ndarray]:
+        return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
         """Values (N, n) as they will be `lead` seconds later, along each gap-free segment; held at its end."""
@@ -110,6 +138,17 @@ class Motion:
             time = self.time[rows]
             later = np.minimum(time + lead, time[-1])
             result[rows] = CubicSpline(time, values[rows])(later) if len(time) > 3 else values[rows]
+        return result
+
+    def late_mean(self, values: np.ndarray, span: float) -> np.ndarray:
+        """Mean of values (N,) over the `span` seconds before each sample, along each gap-free segment."""
+        result = np.empty(len(values))
+        for rows in self.signals.segments:
+            time = self.time[rows]
+            total = cumulative_trapezoid(values[rows], time, initial=0.0)
+            before = np.interp(time - span, time, total, left=np.nan)
+            mean = (total - before) / span
+            result[rows] = np.where(np.isnan(mean), values[rows], mean)
         return result
 
     def derivative(self, values: np.ndarray) -> np.ndarray:
@@ -143,10 +182,10 @@ class Motion:
         changed = self.robot.rigid_effort(self.position + position_change, self.velocity, self.acceleration)
         return changed - self.link_load
 
-    def with_load(self, load: np.ndarray) -> Motion:
-        """The same motion with another estimate of the load."""
-        other = replace(self, load=load)
-        for kept in ("link_load", "regressor"):
+    def with_load(self, load: np.ndarray, drive: np.ndarray | None = None) -> Motion:
+        """The same motion with another estimate of the load, and of the drives' share of it (None keeps)."""
+        other = replace(self, load=load, drive=self.drive if drive is None else drive)
+        for kept in ("link_load", "regressor", "_jacobians"):  # they do not depend on the load
             if kept in self.__dict__:
                 other.__dict__[kept] = self.__dict__[kept]
         return other
@@ -180,6 +219,10 @@ class Effect(ABC):
     """Lower and upper bound of each linear coefficient."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Effects at the same place whose columns are a special case of this one's: naming this one replaces them."""
+    of_load: ClassVar[bool] = False
+    """Its columns are made from the load, so a better estimate of the load changes them."""
+    in_drive: ClassVar[bool] = False
+    """It takes its effort before the gear, so that the gear does not carry it."""
     kinematic: ClassVar[bool] = False
     """It shows in the reported velocity, not in the effort."""
 

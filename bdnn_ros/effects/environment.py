@@ -44,11 +44,8 @@ class ExternalWrench(Effect):
         plant.wrenches.append((needed_link(link), lambda time: wrench if start <= time < end else none))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        inside = window(motion, shape)
-        result = np.zeros((*motion.position.shape, 6))
-        jacobian = motion.robot.link_jacobian(motion.position[inside], needed_link(link))
-        result[inside] = -np.swapaxes(jacobian, 1, 2)
-        return result
+        pull = -np.swapaxes(motion.jacobian(needed_link(link)), 1, 2)
+        return motion.signals.smooth(np.where(window(motion, shape)[:, None, None], pull, 0.0))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return windows(motion)
@@ -91,7 +88,7 @@ class ExternalTorque(Effect):
         )
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return motion.joint_column(target, -window(motion, shape).astype(float))
+        return motion.sharp_column(target, -window(motion, shape).astype(float))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return windows(motion)
@@ -149,6 +146,7 @@ class DriftingCoulomb(Drift):
     """Coulomb friction that changes over the recording."""
 
     variant = "coulomb"
+    in_drive = True
     title = "Coulomb friction"
     parameters = (
         Parameter("start_value", "N*m", 0.0, plausible=(0.0, 0.4), of_effort=True),
@@ -164,13 +162,14 @@ class DriftingCoulomb(Drift):
         plant.dry.append((target, lambda time, speed, load, direction: level(time)))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return motion.joint_column(target, *_ramped(motion, shape, motion.sign[:, target]))
+        return motion.sharp_column(target, *_ramped(motion, shape, motion.direction[:, target]))
 
 
 class DriftingViscous(Drift):
     """Viscous friction that changes over the recording."""
 
     variant = "viscous"
+    in_drive = True
     title = "viscous friction"
     parameters = (
         Parameter("start_value", "N*m*s/rad", 0.0, plausible=(0.0, 0.4), of_effort=True),

@@ -20,6 +20,7 @@ class CoulombFriction(Effect):
     name = "coulomb_friction"
     title = "Coulomb friction"
     on = "joint"
+    in_drive = True
     parameters = (Parameter("coulomb", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),)
     equation = "coulomb * sign(qd)"
     confused_with = ("asymmetric_friction", "stribeck_friction", "hysteresis", "viscous_friction", "backlash")
@@ -32,7 +33,7 @@ class CoulombFriction(Effect):
         plant.dry.append((target, lambda time, speed, load, direction: coulomb))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return motion.joint_column(target, motion.sign[:, target])
+        return motion.sharp_column(target, motion.direction[:, target])
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"coulomb": float(coefficients[0])}
@@ -47,6 +48,7 @@ class ViscousFriction(Effect):
     name = "viscous_friction"
     title = "viscous friction"
     on = "joint"
+    in_drive = True
     parameters = (Parameter("viscous", "N*m*s/rad", 0.0, plausible=(0.05, 0.5), of_effort=True),)
     equation = "viscous * qd"
     confused_with = ("quadratic_drag", "coulomb_friction", "effort_delay")
@@ -75,6 +77,7 @@ class StribeckFriction(Effect):
     name = "stribeck_friction"
     title = "Stribeck friction"
     on = "joint"
+    in_drive = True
     parameters = (
         Parameter("coulomb", "N*m", 0.0, plausible=(0.05, 0.25), of_effort=True),
         Parameter("static", "N*m", 0.0, plausible=(0.15, 0.5), of_effort=True),
@@ -96,9 +99,9 @@ class StribeckFriction(Effect):
         plant.dry.append((target, magnitude))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        sign = motion.sign[:, target]
+        sign = motion.direction[:, target]
         fall = np.exp(-((motion.velocity[:, target] / shape["velocity"]) ** 2))
-        return motion.joint_column(target, sign, fall * sign)
+        return motion.sharp_column(target, sign, fall * sign)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"velocity": float(v)} for v in np.geomspace(0.02, 0.3, 5)]
@@ -118,6 +121,7 @@ class AsymmetricFriction(Effect):
     name = "asymmetric_friction"
     title = "asymmetric Coulomb friction"
     on = "joint"
+    in_drive = True
     parameters = (
         Parameter("positive", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
         Parameter("negative", "N*m", 0.0, plausible=(0.0, 0.4), of_effort=True),
@@ -135,8 +139,8 @@ class AsymmetricFriction(Effect):
         )
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        sign = motion.sign[:, target]
-        return motion.joint_column(target, 0.5 * (sign + 1.0), 0.5 * (sign - 1.0))
+        sign = motion.direction[:, target]
+        return motion.sharp_column(target, 0.5 * (sign + 1.0), 0.5 * (sign - 1.0))
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"positive": float(coefficients[0]), "negative": float(coefficients[1])}
@@ -151,19 +155,21 @@ class LoadDependentFriction(Effect):
     name = "load_dependent_friction"
     title = "load-dependent friction"
     on = "joint"
+    in_drive = True
     parameters = (Parameter("ratio", "-", 0.0, 0.9, plausible=(0.05, 0.3)),)
     equation = "ratio * abs(effort) * sign(qd)"
     confused_with = ("coulomb_friction", "effort_scale")
     shown_by = "both directions under small and under large load"
     source = "Hamon, Gautier, Garrec, Dynamic identification of robots with a dry friction model depending on load, IROS 2010"
     coefficient_bounds = ((0.0, 0.9),)
+    of_load = True
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         ratio = values["ratio"]
         plant.dry.append((target, lambda time, speed, load, direction: ratio * abs(load)))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return motion.joint_column(target, np.abs(motion.load[:, target]) * motion.sign[:, target])
+        return motion.sharp_column(target, np.abs(motion.load[:, target]) * motion.direction[:, target])
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"ratio": float(coefficients[0])}
@@ -178,6 +184,7 @@ class QuadraticDrag(Effect):
     name = "quadratic_drag"
     title = "quadratic drag"
     on = "joint"
+    in_drive = True
     parameters = (Parameter("drag", "N*m*s^2/rad^2", 0.0, plausible=(0.05, 0.5), of_effort=True),)
     equation = "drag * abs(qd) * qd"
     confused_with = ("viscous_friction",)
@@ -206,6 +213,7 @@ class Hysteresis(Effect):
     name = "hysteresis"
     title = "pre-sliding friction"
     on = "joint"
+    in_drive = True
     parameters = (
         Parameter("force", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
         Parameter("breakaway", "rad", 1e-4, 0.5, plausible=(0.01, 0.1)),
@@ -237,7 +245,7 @@ class Hysteresis(Effect):
         bend = np.zeros(len(motion.time))
         for rows in motion.signals.segments:
             bend[rows] = bristle(motion.position[rows, target], shape["breakaway"])
-        return motion.joint_column(target, bend)
+        return motion.sharp_column(target, bend)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"breakaway": float(b)} for b in np.geomspace(0.005, 0.12, 5)]

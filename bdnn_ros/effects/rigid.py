@@ -24,6 +24,7 @@ class Armature(Effect):
     name = "armature"
     title = "rotor inertia"
     on = "joint"
+    in_drive = True
     parameters = (Parameter("armature", "kg*m^2", 0.0, plausible=(0.05, 0.5), of_effort=True),)
     equation = "armature * qdd"
     confused_with = ("link_inertia", "effort_delay", "effort_scale")

@@ -6,11 +6,15 @@ derivative along `-deflection` and its time derivatives.
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 
 from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
 from bdnn_ros.effects.plant import Plant
 
+TRANSIT = 0.03
+"""How long a motor takes to cross the gap where nothing else is known [s]."""
 SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987"
 
 
@@ -46,30 +50,42 @@ class JointElasticity(Effect):
 
 
 class Backlash(Effect):
-    """Play between motor and link: the link lies half the gap behind, on the side the load pushes it to."""
+    """Play between motor and link: the link lies half the gap behind, on the side the load pushes it to.
+
+    When the load changes its sign the motor crosses the gap within the shape's `transit` [s]; the measured effort tells
+    when, because the motor's jump is in the measured position.
+    """
 
     name = "backlash"
     title = "backlash"
     on = "joint"
-    parameters = (Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),)
-    equation = "rigid effort of (q - gap / 2 * sign(link load)) minus rigid effort of q"
+    parameters = (
+        Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),
+        Parameter("transit", "s", 1e-3, 0.2, default=TRANSIT),
+    )
+    equation = "rigid effort of (q - gap / 2 * side(link load)) minus rigid effort of q, side from -1 to 1"
     confused_with = ("joint_elasticity", "position_offset", "coulomb_friction", "hysteresis")
     shown_by = "motion in which the load of the joint changes its sign often, in poses of small gravity load"
     source = (
         "Nordin, Gutman, Controlling mechanical systems with backlash - a survey, Automatica 38(10), 2002"
     )
     coefficient_bounds = ((0.0, 0.5),)
+    shape_bounds = MappingProxyType({"transit": (1e-3, 0.2)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.gap[target] += values["gap"]
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        crossing = motion.late_mean(np.sign(motion.gear_load[:, target]), shape["transit"])
         side = np.zeros(motion.position.shape)
-        side[:, target] = motion.signals.smooth(np.sign(motion.link_load[:, target]))
+        side[:, target] = motion.signals.smooth(crossing)
         return -0.5 * motion.shifted(side)[..., None]
 
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"transit": transit} for transit in (0.01, 0.03, 0.06)]
+
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"gap": float(coefficients[0])}
+        return {"gap": float(coefficients[0]), "transit": float(shape["transit"])}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["gap"]]), {}
+        return np.array([values["gap"]]), {"transit": values["transit"]}

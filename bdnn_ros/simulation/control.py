@@ -1,0 +1,56 @@
+"""Tracking control: the description's inverse dynamics at the measured state, with a position loop around it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import Trajectory
+
+BANDWIDTH = 40.0
+"""Bandwidth of the position loops [rad/s]."""
+DAMPING = 1.0
+PHASE_BUDGET = 0.2
+"""Bandwidth times dead time (half a sample, and the effort's delay) must not exceed this [rad]."""
+SOFTEST = 0.25
+"""Bandwidth per frequency of the link on its elastic gear."""
+
+
+class Controller:
+    """Computed torque: u = inverse dynamics of the description at (q, qd, qdd_plan + k_p · error + k_d · error rate).
+
+    It knows the description, and of the real robot only its rotors and how fast each position loop may be.
+
+    Args:
+        nominal: the description.
+        plant: the real robot.
+        plan: what the robot should do.
+    """
+
+    def __init__(self, nominal: Robot, plant: Plant, plan: Trajectory) -> None:
+        self.plan = plan
+        self.model, self.order = nominal.pinocchio_model()
+        self.model.armature[:] = plant.robot.armature[np.argsort(self.order)]
+        self.data = self.model.createData()
+        self.back = np.argsort(self.order)
+        self.limit = nominal.limits.effort
+        bandwidth = loop_bandwidth(nominal, plant, plan)
+        self.stiffness, self.damping = bandwidth**2, 2.0 * DAMPING * bandwidth
+
+    def effort(self, sample: int, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Commanded effort at a sample, within the limits, (n,) [N·m]."""
+        plan, back = self.plan, self.back
+        wanted = plan.acceleration[sample] + self.stiffness * (plan.position[sample] - position)
+        wanted += self.damping * (plan.velocity[sample] - velocity)
+        command = pin.rnea(self.model, self.data, position[back], velocity[back], wanted[back])[self.order]
+        return np.minimum(np.maximum(command, -self.limit), self.limit)
+
+
+def loop_bandwidth(nominal: Robot, plant: Plant, plan: Trajectory) -> float:
+    """Bandwidth that the worst joint's dead time and elasticity allow [rad/s]: through the arm all loops are one."""
+    period = float(plan.time[1] - plan.time[0])
+    timely = PHASE_BUDGET / (0.5 * period + plant.delay)
+    inertia = np.diagonal(nominal.mass_matrix(plan.position[::50]), axis1=1, axis2=2).max(axis=0)
+    return float(min(BANDWIDTH, timely.min(), (SOFTEST * np.sqrt(plant.stiffness / inertia)).min()))

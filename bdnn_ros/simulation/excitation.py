@@ -1,0 +1,173 @@
+"""Motions that bring out the dynamics: Fourier series within a robot's limits.
+
+Swevers, Ganseman, Tükel, De Schutter, Van Brussel, Optimal robot excitation and identification, IEEE T-RA 13(5), 1997.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.errors import UsageError
+from bdnn_ros.robot import Robot
+
+HIGHEST_FREQUENCY = 0.6
+"""Highest harmonic [Hz]."""
+LONGEST_PERIOD = 20.0
+"""Base period of the series [s]; a shorter motion has its own duration."""
+BLEND = 1.5
+"""The motion swells from rest over so many seconds."""
+POSITION_SHARE, VELOCITY_SHARE, EFFORT_SHARE = 0.8, 0.75, 0.75
+"""What the plan uses of the limits; the rest is for tracking errors and for effects."""
+ACCELERATION_PER_VELOCITY = 3.0
+"""Acceleration limit per velocity limit [1/s]: URDFs give none."""
+WIDEST = 1.6
+"""Largest amplitude of a joint, also where the limits allow more [rad]."""
+OPEN_VELOCITY = 2.0
+"""Velocity limit of a joint whose URDF names none [rad/s]."""
+CANDIDATES = 12
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion over time: position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s²], at `time` (N,) [s]."""
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+
+def fourier(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Trajectory:
+    """The most informative of some random Fourier series that keep position, velocity, acceleration and effort limits.
+
+    Args:
+        time: evenly spaced from 0, (N,) [s].
+
+    Raises:
+        UsageError: no series was found that keeps the limits.
+    """
+    best, score = None, -np.inf
+    coarse = time[:: max(len(time) // 250, 1)]
+    for _ in range(CANDIDATES):
+        series = _scaled(robot, coarse, _Series.drawn(robot, float(time[-1]), rng))
+        if series is None:
+            continue
+        value = _information(robot, series.at(coarse))
+        if value > score:
+            best, score = series, value
+    if best is None:
+        raise UsageError(
+            "No motion was found that keeps the URDF's effort limits.",
+            "Check the effort limits: they should at least hold the arm against gravity.",
+        )
+    return best.at(time)
+
+
+def poor(robot: Robot, time: np.ndarray, rng: np.random.Generator, joint: int | None = None) -> Trajectory:
+    """One joint moves slowly and a little, the others rest: a motion that tells few causes apart.
+
+    Args:
+        joint: the joint that moves; None draws one.
+    """
+    lower, upper = _range(robot)
+    chosen = int(rng.integers(robot.width)) if joint is None else joint
+    room, speed = 0.5 * (upper - lower)[chosen], _velocity_limits(robot)[chosen]
+    series = _Series.drawn(robot, float(time[-1]), rng)
+    amplitude = np.zeros(robot.width)
+    amplitude[chosen] = min(0.15, 0.3 * room, 0.1 * speed / (2.0 * np.pi * 0.1))
+    frequencies = np.array([0.1])
+    phases = rng.uniform(0.0, 2.0 * np.pi, (robot.width, 1))
+    return _Series(series.centre, amplitude[:, None], phases, frequencies).at(time)
+
+
+@dataclass(frozen=True)
+class _Series:
+    """q(t) = centre + w(t) · sum_k amplitude_k sin(2π f_k t + phase_k), w a smooth step from rest."""
+
+    centre: np.ndarray
+    amplitude: np.ndarray
+    phase: np.ndarray
+    frequencies: np.ndarray
+
+    @classmethod
+    def drawn(cls, robot: Robot, duration: float, rng: np.random.Generator) -> _Series:
+        """A random series of unit size about a random pose."""
+        period = min(max(duration, 2.0), LONGEST_PERIOD)
+        frequencies = np.arange(1, max(int(HIGHEST_FREQUENCY * period), 2) + 1) / period
+        shape = (robot.width, len(frequencies))
+        amplitude = rng.uniform(0.2, 1.0, shape) / np.sqrt(frequencies / frequencies[0])
+        lower, upper = _range(robot)
+        centre = 0.5 * (lower + upper) + rng.uniform(-0.15, 0.15, robot.width) * (upper - lower)
+        return cls(centre, amplitude, rng.uniform(0.0, 2.0 * np.pi, shape), frequencies)
+
+    def at(self, time: np.ndarray) -> Trajectory:
+        """The motion and its derivatives."""
+        rate = 2.0 * np.pi * self.frequencies
+        angle = rate * time[:, None, None] + self.phase
+        sine, cosine = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
+        wave = sine.sum(2), (rate * cosine).sum(2), -(rate**2 * sine).sum(2)
+        w, dw, ddw = (part[:, None] for part in _smooth_step(time / BLEND))
+        return Trajectory(
+            time,
+            self.centre + w * wave[0],
+            w * wave[1] + dw / BLEND * wave[0],
+            w * wave[2] + 2.0 * dw / BLEND * wave[1] + ddw / BLEND**2 * wave[0],
+        )
+
+    def resized(self, factor: np.ndarray | float) -> _Series:
+        """The same series with each joint's amplitude times a factor."""
+        size = np.broadcast_to(np.asarray(factor, float), self.centre.shape)
+        return _Series(self.centre, self.amplitude * size[:, None], self.phase, self.frequencies)
+
+
+def _scaled(robot: Robot, time: np.ndarray, series: _Series) -> _Series | None:
+    """The series as large as the limits allow, or None where gravity alone asks too much."""
+    lower, upper = _range(robot)
+    room = POSITION_SHARE * np.minimum(upper - series.centre, series.centre - lower)
+    motion = series.at(time)
+    velocity = VELOCITY_SHARE * _velocity_limits(robot)
+    acceleration = ACCELERATION_PER_VELOCITY * velocity
+    reach = np.abs(motion.position - series.centre).max(axis=0)
+    factor = np.minimum(room, WIDEST) / reach
+    factor = np.minimum(factor, velocity / np.abs(motion.velocity).max(axis=0))
+    factor = np.minimum(factor, acceleration / np.abs(motion.acceleration).max(axis=0))
+    series = series.resized(factor)
+    for _ in range(12):
+        motion = series.at(time)
+        effort = robot.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        if (np.abs(effort) <= EFFORT_SHARE * robot.limits.effort).all():
+            return series
+        series = series.resized(0.85)
+    return None
+
+
+def _information(robot: Robot, motion: Trajectory) -> float:
+    """Log determinant of the regressor's information about what can be identified at all."""
+    rows = slice(None, None, max(len(motion.time) // 60, 1))
+    regressor = robot.regressor(motion.position[rows], motion.velocity[rows], motion.acceleration[rows])
+    singular = np.linalg.svd(regressor.reshape(-1, regressor.shape[2]), compute_uv=False)
+    return float(np.sum(np.log(np.maximum(singular, 1e-4 * singular[0]))))
+
+
+def _range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Position limits, a half turn each way where there are none or wider ones."""
+    lower = np.maximum(robot.limits.lower, -np.pi)
+    upper = np.minimum(robot.limits.upper, np.pi)
+    return lower, upper
+
+
+def _velocity_limits(robot: Robot) -> np.ndarray:
+    limits = robot.limits.velocity
+    return np.where(np.isfinite(limits), limits, OPEN_VELOCITY)
+
+
+def _smooth_step(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A step from 0 to 1 over [0, 1] with two continuous derivatives, and those."""
+    x = np.clip(x, 0.0, 1.0)
+    return (
+        x**3 * (10.0 - 15.0 * x + 6.0 * x**2),
+        30.0 * x**2 * (1.0 - x) ** 2,
+        60.0 * x * (1.0 - x) * (1.0 - 2.0 * x),
+    )

@@ -1,0 +1,157 @@
+"""Time integration of a plant: rigid bodies, sticking friction, drives, and motors behind elastic or loose gears.
+
+Position Verlet: half a step of position, one step of velocity with the forces in the middle, half a step of position.
+It is second order, keeps energy, and has the held command act exactly over its interval. Dry friction is solved for
+the velocity at the end of the step: a joint whose friction can hold it stops and sticks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.simulation.motors import Motors
+
+LONGEST_STEP = 1e-3
+"""Longest step of integration [s]."""
+
+
+@dataclass
+class State:
+    """Where a plant is, in the order of the robot's joints: link position [rad], velocity, acceleration, (n,) each."""
+
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+
+class Integrator:
+    """Steps a plant from one command to the next.
+
+    Args:
+        plant: the robot with its effects.
+        position: where it rests at the start, (n,) [rad].
+        load: effort that holds it there, (n,) [N·m].
+        period: time between commands [s].
+    """
+
+    def __init__(self, plant: Plant, position: np.ndarray, load: np.ndarray, period: float) -> None:
+        robot, n = plant.robot, plant.robot.width
+        self.plant, self.motors = plant, Motors.of(plant, position, load)
+        self.model, self.order = robot.pinocchio_model()
+        self.data = self.model.createData()
+        self.back = np.argsort(self.order)
+        self.plain = bool((self.order == np.arange(n)).all())
+        self.steps = max(int(np.ceil(period / min(LONGEST_STEP, self.motors.longest_step()))), 1)
+        self.step = period / self.steps
+        rigid = np.ones(n)
+        rigid[self.motors.joints] = 0.0
+        self.coulomb, self.viscous = robot.coulomb * rigid, robot.viscous * rigid
+        armature = robot.armature * rigid + 0.5 * self.step * self.viscous
+        self.model.armature[:] = armature[self.back]
+        elastic = set(self.motors.joints)
+        self.efforts = [pair for pair in plant.efforts if pair[0] not in elastic]
+        self.dry = [pair for pair in plant.dry if pair[0] not in elastic]
+        self.has_dry = bool(self.dry) or bool(self.coulomb.any())
+        self.state = State(position.astype(float).copy(), np.zeros(n), np.zeros(n))
+
+    def advance(self, time: float, acting: list[np.ndarray]) -> None:
+        """Steps over one period; `acting` holds the effort that acts in each of its steps, (n,) [N·m]."""
+        state, h = self.state, self.step
+        for k in range(self.steps):
+            load = acting[k]
+            state.position += 0.5 * h * state.velocity
+            middle = time + (k + 0.5) * h
+            drive = self._drive(middle, load)
+            state.acceleration = self._acceleration(middle, drive, load)
+            state.velocity = state.velocity + h * state.acceleration
+            state.position += 0.5 * h * state.velocity
+
+    def _drive(self, time: float, load: np.ndarray) -> np.ndarray:
+        """Effort on the links from drives, smooth effects and the environment, (n,)."""
+        state = self.state
+        drive = load - self.viscous * state.velocity
+        for joint, resist in self.efforts:
+            drive[joint] -= resist(
+                time, float(state.position[joint]), float(state.velocity[joint]), float(load[joint])
+            )
+        for link, wrench in self.plant.wrenches:
+            push = wrench(time)
+            if push.any():
+                drive += self.plant.robot.link_jacobian(state.position[None], link)[0].T @ push
+        if self.motors.joints:
+            self.motors.advance(time, self.step, load, state.position, state.velocity, drive)
+        return drive
+
+    def _acceleration(self, time: float, drive: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Mean acceleration over the step, dry friction included, (n,)."""
+        state, h = self.state, self.step
+        if not self.has_dry:
+            return self._bodies(drive)
+        velocity = state.velocity
+        direction = np.sign(velocity)
+        friction = self._dry(time, np.abs(velocity), load, direction)
+        acceleration = self._bodies(drive - direction * friction)
+        crossing = (velocity * (velocity + h * acceleration) <= 0.0) & (self.coulomb > 0.0)
+        for joint, _ in self.dry:
+            crossing[joint] = velocity[joint] * (velocity[joint] + h * acceleration[joint]) <= 0.0
+        if not crossing.any():
+            return acceleration
+        return self._stopped(time, load, acceleration, direction * friction, np.flatnonzero(crossing))
+
+    def _dry(self, time: float, speed: np.ndarray, load: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Magnitude of dry friction, (n,)."""
+        magnitude = self.coulomb.copy()
+        for joint, resist in self.dry:
+            magnitude[joint] += resist(time, float(speed[joint]), float(load[joint]), float(direction[joint]))
+        return magnitude
+
+    def _stopped(
+        self,
+        time: float,
+        load: np.ndarray,
+        acceleration: np.ndarray,
+        applied: np.ndarray,
+        stopping: np.ndarray,
+    ) -> np.ndarray:
+        """The acceleration where joints come to rest, stick or turn: friction takes what it needs within its limits."""
+        h, velocity, rest = self.step, self.state.velocity, np.zeros(len(acceleration))
+        ones = np.ones(len(acceleration))
+        upper = self._dry(time, rest, load, ones)
+        lower = -self._dry(time, rest, load, -ones)
+        inverse = self._inverse_mass()
+        friction = applied.copy()
+        free = acceleration + inverse[:, stopping] @ applied[stopping]
+        friction[stopping] = 0.0
+        sticking = list(stopping)
+        while sticking:
+            goal = velocity[sticking] / h + free[sticking]
+            held = np.linalg.solve(inverse[np.ix_(sticking, sticking)], goal)
+            slipping = [(k, j) for k, j in enumerate(sticking) if not lower[j] <= held[k] <= upper[j]]
+            if not slipping:
+                friction[sticking] = held
+                free = free - inverse[:, sticking] @ held
+                break
+            for k, joint in slipping:
+                friction[joint] = upper[joint] if held[k] > upper[joint] else lower[joint]
+                free = free - inverse[:, joint] * friction[joint]
+                sticking.remove(joint)
+        return free
+
+    def _bodies(self, drive: np.ndarray) -> np.ndarray:
+        """Acceleration of the bodies under an effort, (n,)."""
+        state = self.state
+        velocity = state.velocity + 0.5 * self.step * state.acceleration
+        if self.plain:
+            return np.array(pin.aba(self.model, self.data, state.position, velocity, drive))
+        back = self.back
+        return pin.aba(self.model, self.data, state.position[back], velocity[back], drive[back])[self.order]
+
+    def _inverse_mass(self) -> np.ndarray:
+        """Inverse of the mass matrix with armature and half a step of viscous friction, (n, n)."""
+        upper = np.triu(pin.crba(self.model, self.data, self.state.position[self.back]))
+        full = (upper + np.triu(upper, 1).T)[np.ix_(self.order, self.order)]
+        return np.linalg.inv(full)
