@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.windows import best_window
 from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
@@ -45,6 +46,9 @@ class Candidates:
         for term in self.terms:
             if term.place in present:
                 continue
+            if term.effect.name == "external_wrench":
+                result.append(best_window(pool, fit, term))
+                continue
             shapes = term.effect.shapes(equations.motion, term.target)
             if len(shapes) == 1:
                 result.append(term.shaped(shapes[0]))
@@ -54,19 +58,17 @@ class Candidates:
             result.append(tried[int(np.argmax(gains))])
         return result
 
-    def refined(self, equations: Equations, pool: Pool, fit: Fit) -> list[Term]:
-        """The fit's terms with their shapes moved to where they fit best, one after another."""
-        result = []
-        for chosen in fit.terms:
-            term = pool.terms[chosen]
-            coefficients, _ = pool.part(fit, chosen)
-            exact = term.effect.relinearised(coefficients, dict(term.shape))
-            term = term.shaped(exact)
-            if term.effect.shape_bounds:
-                rest = [c for c in fit.terms if c != chosen]
-                term = _refined(equations, pool, pool.fit(rest), term)
-            result.append(term)
-        return result
+    def refined(self, equations: Equations, pool: Pool, fit: Fit, chosen: int) -> Term:
+        """A term of a fit with its shape moved to where it fits best beside the others."""
+        term = pool.terms[chosen]
+        if not term.shape:
+            return term
+        coefficients, _ = pool.part(fit, chosen)
+        term = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
+        rest = pool.fit([c for c in fit.terms if c != chosen])
+        if term.effect.name == "external_wrench":
+            return best_window(pool, rest, term)
+        return _refined(equations, pool, rest, term) if term.effect.shape_bounds else term
 
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> np.ndarray:
         """Effort that really acts by the fit, at the working rate, (N, n) [N·m]."""
@@ -77,7 +79,7 @@ class Candidates:
         )
         base = robot.rigid_effort(motion.position, motion.velocity, motion.acceleration)
         base = base + robot.armature * motion.acceleration + robot.viscous * motion.velocity
-        base = base + robot.coulomb * motion.sign
+        base = base + robot.coulomb * motion.signals.sign
         for chosen in fit.terms:
             term = pool.terms[chosen]
             coefficients, _ = pool.part(fit, chosen)
@@ -107,5 +109,7 @@ def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
         return -lone_gain(equations, pool, fit, term.shaped(moved(x)))
 
     first = loss(start / scale)
-    best = minimize(loss, start / scale, method="Nelder-Mead", options={"maxfev": 30 * len(names), "xatol": 1e-4})
+    best = minimize(
+        loss, start / scale, method="Nelder-Mead", options={"maxfev": 30 * len(names), "xatol": 1e-4}
+    )
     return term.shaped(moved(best.x)) if best.fun < first else term

@@ -37,9 +37,9 @@ class Term:
     shape: tuple[tuple[str, float], ...] = ()
 
     @property
-    def place(self) -> tuple[str, int, str | None]:
+    def place(self) -> tuple[str, str, int, str | None]:
         """What it is and where, without the shape."""
-        return (self.effect.name, self.target, self.link)
+        return (self.effect.name, self.effect.variant, self.target, self.link)
 
     def shaped(self, shape: dict[str, float]) -> Term:
         """The same effect with another shape."""
@@ -117,7 +117,8 @@ class Equations:
     def relieve(self, load: np.ndarray) -> None:
         """Take a better estimate of the load, (N, n); columns made from the old one are forgotten."""
         self.motion = self.motion.with_load(load)
-        self._columns, self._shift = {}, None
+        self._columns = {term: kept for term, kept in self._columns.items() if not term.effect.of_load}
+        self._shift = None
 
     def spread(self, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of coefficients of columns (R, n, k), (k,)."""
@@ -126,6 +127,16 @@ class Equations:
         )
         strongest = power.max(axis=0)
         return TYPICAL_SHARE / np.maximum(strongest, 1e-9)
+
+    def without_trends(self, values: np.ndarray) -> np.ndarray:
+        """Rows (R, n) less a straight line in every block."""
+        result = values.astype(float).copy()
+        for b in range(self.blocks):
+            rows = np.flatnonzero(self.block == b)
+            if len(rows) > 4:
+                line = np.stack([np.ones(len(rows)), np.linspace(-1.0, 1.0, len(rows))], axis=1)
+                result[rows] -= line @ np.linalg.lstsq(line, values[rows], rcond=None)[0]
+        return result
 
     def whiten(self, values: np.ndarray, noise: Noise) -> np.ndarray:
         """Rows (R, n, ...) in units of their noise; unusable ones are zero."""
@@ -156,8 +167,10 @@ class Equations:
             counted[run.start + order : run.stop] = history
         return counted
 
-    def noise_of(self, residual: np.ndarray, floor: np.ndarray) -> Noise:
+    def noise_of(self, residual: np.ndarray, floor: np.ndarray, steady: bool = False) -> Noise:
         """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
+        if steady:
+            residual = self.without_trends(residual)
         coefficients = np.zeros((self.width, NOISE_ORDER))
         std = np.empty(self.width)
         counted = self.counted()

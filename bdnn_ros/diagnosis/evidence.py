@@ -7,6 +7,7 @@ description is not named friction, payload or armature.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -75,6 +76,21 @@ class Pool:
         self.white_target = equations.whiten(equations.target, noise)
         self.gram, self.moment, self.power = _by_block(self.white, self.white_target, equations)
         self._scale = float(np.sum(equations.counted() * np.log(noise.std)))
+
+    def believing(self, link_error: float) -> Pool:
+        """The same pool with another prior spread of the links' errors."""
+        other = copy(self)
+        other.link_error = link_error
+        links = self.equations.rigid.shape[2]
+        other.precision = np.concatenate([np.full(links, link_error**-2.0), self.precision[links:]])
+        return other
+
+    def replacing(self, one: int, term: Term) -> Pool:
+        """The same pool with another shape of one term."""
+        terms = list(self.terms)
+        terms[one] = term
+        stamp_error = float(self.precision[self.base - 1] ** -0.5)
+        return Pool(self.equations, self.noise, terms, self.link_error, stamp_error)
 
     @cached_property
     def total(self) -> tuple[np.ndarray, np.ndarray, float]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from bdnn_ros.diagnosis.effects_file import entry, from_entry
 from bdnn_ros.effects.base import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed, get
@@ -280,33 +281,6 @@ def contribution(effect: Installed, motion: Motion) -> np.ndarray:
     coefficients, shape = effect.effect.coefficients(effect.values)
     columns = effect.effect.columns(motion, effect.target, shape, effect.link)
     return np.asarray(columns @ coefficients)
-
-
-def entry(effect: Installed, robot: Robot) -> dict[str, Any]:
-    """An effect as in truth.yaml and effects.yaml; values that say nothing (an open end) are left out."""
-    result: dict[str, Any] = dict(effect.as_truth(robot))
-    result["parameters"] = {k: float(v) for k, v in effect.values.items() if np.isfinite(v)}
-    return result
-
-
-def from_entry(one: Mapping[str, Any], robot: Robot) -> Installed:
-    """The effect of an entry, defaults filled in.
-
-    Raises:
-        UsageError: the robot has no such joint or link, or there is no such effect.
-        KeyError: a parameter is missing.
-    """
-    effect = get(str(one["effect"]), str(one.get("variant") or ""))
-    joint, link = one.get("joint"), one.get("link")
-    if link is not None:
-        target = robot.body_of(str(link))[0]
-    else:
-        target = -1 if joint is None else robot.joints.index(str(joint))
-    given = {str(key): float(value) for key, value in one["parameters"].items()}
-    defaults = {p.name: p.default for p in effect.parameters if p.default is not None}
-    values = {**defaults, **given}
-    effect.coefficients(values)  # a missing parameter shows here, not in the middle of a simulation
-    return Installed(effect, target, None if link is None else str(link), values)
 
 
 def _plant(robot: Robot, effects: Sequence[Installed]) -> Plant:

@@ -21,8 +21,10 @@ COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
 MINIMUM_SHARE = 0.02
 """An effect whose contribution is below this share of the effort's spread at every joint is not worth a name."""
-LINK_ERRORS = (0.01, 0.03, 0.06, 0.12, 0.25)
+LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""
+LINK_ERROR_COST = 400.0
+"""Log prior against a spread s of all links' errors is this times s²: a description is rarely off by 20 % everywhere."""
 NOISE_FLOOR = 1e-4
 """Smallest noise as a share of the effort's spread."""
 MOST_ROUNDS = 4
@@ -39,13 +41,11 @@ class Selection:
     Attributes:
         pool: candidates at the final noise model; `chosen` are indices into it.
         fit: posterior of the chosen terms.
-        costs: log prior odds of each pool term in the company of the chosen.
     """
 
     pool: Pool
     chosen: tuple[int, ...]
     fit: Fit
-    costs: np.ndarray
 
     @property
     def terms(self) -> list[Term]:
@@ -66,63 +66,68 @@ class Search:
 
     def run(self) -> Selection:
         """The best set of effects."""
-        noise, rich = self._start()
-        terms: list[Term] = []
-        selection = self._select(noise, rich, terms)
+        noise = self._start()
+        selection = self._select(noise, [])
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
-            previous = [t.place for t in selection.terms]
-            noise = self._noise(selection)
-            refined = self.candidates.refined(self.equations, selection.pool, selection.fit)
-            selection = self._select(noise, selection.fit, refined, selection.pool)
-            if {t.place for t in selection.terms} == set(previous) and round_ > 0:
+            previous = {t.place for t in selection.terms}
+            self.equations.relieve(self.candidates.load(self.equations, selection.pool, selection.fit))
+            noise = self.equations.noise_of(selection.pool.residual(selection.fit), self.floor)
+            selection = self._select(noise, selection.terms)
+            if {t.place for t in selection.terms} == previous:
                 break
         return selection
 
-    def _start(self) -> tuple[Noise, Fit | None]:
-        """Noise of the residual that the commonest causes on every joint would leave, and a first estimate of the load."""
+    def _start(self) -> Noise:
+        """Noise of what the commonest causes on every joint would leave, trends left out; a first estimate of the load.
+
+        Trends are left out so that a push or a drift is not taken for slow noise before it could be named.
+        """
         equations = self.equations
         common = self.candidates.common()
         noise = Noise(np.zeros((equations.width, 1)), equations.effort_scale * 0.1)
         for _ in range(2):
             pool = Pool(equations, noise, common, LINK_ERRORS[-1], self.stamp_error)
             fit = pool.fit(range(len(common)))
-            noise = equations.noise_of(pool.residual(fit), self.floor)
+            noise = equations.noise_of(pool.residual(fit), self.floor, steady=True)
         equations.relieve(self.candidates.load(equations, pool, fit))
-        return noise, None
+        return noise
 
-    def _noise(self, selection: Selection) -> Noise:
-        return self.equations.noise_of(selection.pool.residual(selection.fit), self.floor)
-
-    def _select(
-        self, noise: Noise, fit: Fit | None, start: Sequence[Term], pool: Pool | None = None
-    ) -> Selection:
+    def _select(self, noise: Noise, start: Sequence[Term]) -> Selection:
         """Best set at one noise model, starting from some terms."""
-        base = Pool(self.equations, noise, list(start), self.link_error, self.stamp_error)
-        self.link_error = self._best_link_error(noise, start)
-        base = Pool(self.equations, noise, list(start), self.link_error, self.stamp_error)
-        shaped = self.candidates.shaped(self.equations, base, base.fit(range(len(start))))
-        pool = Pool(self.equations, noise, [*start, *shaped], self.link_error, self.stamp_error)
-        chosen = list(range(len(start)))
+        count = len(start)
+        pool = Pool(self.equations, noise, start, self.link_error, self.stamp_error)
+        pool = self._refined(pool, range(count))
+        shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
+        pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error, self.stamp_error)
+        found = [self._descend(pool.believing(error), list(range(count))) for error in LINK_ERRORS]
+        scores = [self.score(pool, chosen) - LINK_ERROR_COST * pool.link_error**2 for pool, chosen in found]
+        pool, chosen = found[int(np.argmax(scores))]
+        self.link_error = pool.link_error
+        return Selection(pool, tuple(chosen), pool.fit(chosen))
+
+    def _refined(self, pool: Pool, chosen: Sequence[int]) -> Pool:
+        """The pool with the shapes of some terms moved to where they fit best, one after another."""
+        for one in chosen:
+            term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
+            if term != pool.terms[one]:
+                pool = pool.replacing(one, term)
+        return pool
+
+    def _descend(self, pool: Pool, chosen: list[int]) -> tuple[Pool, list[int]]:
+        """Add, replace and drop terms until nothing changes."""
         for _ in range(MOST_ROUNDS):
-            before = set(chosen)
-            chosen = self._add(pool, chosen)
+            before = {pool.terms[c].place for c in chosen}
+            pool, chosen = self._add(pool, chosen)
             chosen = self._replace(pool, chosen)
             chosen = self._drop(pool, chosen)
-            if set(chosen) == before:
+            if {pool.terms[c].place for c in chosen} == before:
                 break
-        return Selection(pool, tuple(chosen), pool.fit(chosen), self.costs(pool, chosen))
-
-    def _best_link_error(self, noise: Noise, start: Sequence[Term]) -> float:
-        scores = []
-        for error in LINK_ERRORS:
-            pool = Pool(self.equations, noise, list(start), error, self.stamp_error)
-            scores.append(pool.fit(range(len(start))).evidence)
-        return LINK_ERRORS[int(np.argmax(scores))]
+        return pool, chosen
 
     # -- moves --------------------------------------------------------------------------------------------------
 
-    def _add(self, pool: Pool, chosen: list[int]) -> list[int]:
+    def _add(self, pool: Pool, chosen: list[int]) -> tuple[Pool, list[int]]:
         refused: set[int] = set()
         while True:
             fit = pool.fit(chosen)
@@ -130,17 +135,22 @@ class Search:
                 c for c in range(len(pool.terms)) if c not in refused and not self.conflict(pool, c, chosen)
             ]
             if not open_:
-                return chosen
+                return pool, chosen
             gains = pool.gains(fit, open_) - self.costs(pool, chosen)[open_]
             best = int(np.argmax(gains))
             if gains[best] <= 0.0:
-                return chosen
+                return pool, chosen
             candidate = open_[best]
             grown = [c for c in chosen if not contains(pool.terms[candidate], pool.terms[c])] + [candidate]
-            if self._worth(pool, grown, chosen, candidate):
-                chosen = grown
+            trial = self._refined_one(pool, grown, candidate)
+            if self._worth(trial, grown, chosen, candidate):
+                pool, chosen = trial, grown
             else:
                 refused.add(candidate)
+
+    def _refined_one(self, pool: Pool, chosen: Sequence[int], one: int) -> Pool:
+        term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
+        return pool if term == pool.terms[one] else pool.replacing(one, term)
 
     def _replace(self, pool: Pool, chosen: list[int]) -> list[int]:
         """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better."""

@@ -71,10 +71,10 @@ def _inputs(equations: Equations) -> dict[str, np.ndarray]:
         waves = [f(k * q) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
         fast = np.abs(v) / max(float(np.std(v)), 1e-6)
         groups[f"{name}.position"] = np.stack(waves, axis=1)
-        steps = [motion.sign[:, j] * np.exp(-fast * k) for k in (0.0, 1.0, 4.0, 16.0)]
+        steps = [motion.signals.sign[:, j] * np.exp(-fast * k) for k in (0.0, 1.0, 4.0, 16.0)]
         groups[f"{name}.velocity"] = np.stack([v, v * np.abs(v), *steps], axis=1)
         groups[f"{name}.load"] = np.stack(
-            [load, np.abs(load) * motion.sign[:, j], load * np.abs(load)], axis=1
+            [load, np.abs(load) * motion.signals.sign[:, j], load * np.abs(load)], axis=1
         )
     t = (motion.time - motion.time[0]) / max(float(np.ptp(motion.time)), 1e-9)
     groups["time"] = np.stack([t, t**2, t**3], axis=1)

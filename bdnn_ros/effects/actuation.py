@@ -179,6 +179,7 @@ class JointSpring(Effect):
     shown_by = "the whole range of positions of the joint, in poses of different gravity"
     source = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 9.6 (gravity-compensating springs)"
     coefficient_bounds = ((0.0, np.inf), (-np.inf, np.inf))
+    contains = ("effort_offset",)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         stiffness, rest = values["stiffness"], values["rest"]

@@ -156,6 +156,7 @@ class DriftingCoulomb(Drift):
     equation = "(start_value + (end_value - start_value) * (t - start) / (end - start)) * sign(qd)"
     confused_with = ("coulomb_friction", "external_wrench")
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+    contains = ("coulomb_friction",)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         level = ramp(values, plant.duration)
@@ -179,6 +180,7 @@ class DriftingViscous(Drift):
     equation = "(start_value + (end_value - start_value) * (t - start) / (end - start)) * qd"
     confused_with = ("viscous_friction",)
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+    contains = ("viscous_friction",)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         level = ramp(values, plant.duration)
@@ -201,6 +203,7 @@ class DriftingOffset(Drift):
     equation = "-(start_value + (end_value - start_value) * (t - start) / (end - start))"
     confused_with = ("effort_offset", "external_wrench")
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
+    contains = ("effort_offset",)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         level = ramp(values, plant.duration)

@@ -88,6 +88,7 @@ class StribeckFriction(Effect):
     shown_by = "long stretches slower than the Stribeck velocity, and fast ones"
     source = ARMSTRONG
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+    contains = ("coulomb_friction",)
     shape_bounds = MappingProxyType({"velocity": (5e-3, 1.0)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
@@ -131,6 +132,7 @@ class AsymmetricFriction(Effect):
     shown_by = "both directions in equal parts, in several poses"
     source = BONA
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+    contains = ("coulomb_friction",)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         positive, negative = values["positive"], values["negative"]

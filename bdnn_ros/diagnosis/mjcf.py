@@ -1,0 +1,173 @@
+"""extended.mjcf.xml: an extended model as a MuJoCo model that stands alone.
+
+MuJoCo's joints know armature, damping, frictionloss and springs, its actuators a gain and a bias, so it carries
+more of the effects than a URDF can. Links fixed to one another are one body; shapes are capsules that touch
+nothing.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from bdnn_ros.diagnosis.extension import ExtendedModel
+from bdnn_ros.diagnosis.urdf import IN_URDF, Joints, joints_of, named, tilt_of
+from bdnn_ros.effects.registry import Installed
+from bdnn_ros.robot import Robot
+
+IN_MJCF = frozenset({"armature", "joint_spring", "effort_scale", "effort_offset"})
+"""Effects that a MuJoCo model carries beside those of the URDF."""
+TIMESTEP = 0.001
+"""[s]"""
+THICKNESS = 0.12
+"""Radius of the drawn capsules, as a share of their length."""
+
+
+def beside_mjcf(effects: list[Installed]) -> list[Installed]:
+    """Those of the effects beside the URDF that the MuJoCo model carries as well."""
+    return [effect for effect in effects if effect.effect.name in IN_MJCF]
+
+
+def extended_mjcf(model: ExtendedModel) -> str:
+    """The model in MuJoCo's format."""
+    robot = model.rigid_robot
+    root = ElementTree.Element("mujoco", model=_name(model.robot.urdf))
+    root.append(ElementTree.Comment(_preamble(model)))
+    ElementTree.SubElement(root, "compiler", angle="radian", inertiafromgeom="false", autolimits="true")
+    ElementTree.SubElement(root, "option", timestep=_numbers(TIMESTEP), integrator="implicitfast")
+    world = ElementTree.SubElement(root, "worldbody")
+    ElementTree.SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
+    # gravity stays vertical; a tilted base is turned instead
+    base = ElementTree.SubElement(world, "body", name="base", quat=_quaternion(_upright(robot)))
+    _add_bodies(base, model)
+    _add_motors(root, model)
+    ElementTree.indent(root)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _add_bodies(base: ElementTree.Element, model: ExtendedModel) -> None:
+    robot, joints = model.rigid_robot, joints_of(model)
+    tree, order = robot.pinocchio_model()
+    bodies = {0: base}
+    for index in range(1, tree.njoints):  # parents come before their children
+        joint = int(np.flatnonzero(order == tree.idx_vs[index])[0])
+        placement = tree.jointPlacements[index]
+        body = ElementTree.SubElement(
+            bodies[tree.parents[index]],
+            "body",
+            name=robot.moving_link(robot.joints[joint]),
+            pos=_numbers(*placement.translation),
+            quat=_quaternion(placement.rotation),
+        )
+        bodies[index] = body
+        body.append(_inertial(robot.inertials[joint]))
+        body.append(_joint(model, joints, joint, *_axis(tree, index)))
+        _draw(bodies[tree.parents[index]], placement.translation)
+
+
+def _inertial(parameters: np.ndarray) -> ElementTree.Element:
+    inertia = pin.Inertia.FromDynamicParameters(parameters)
+    matrix = inertia.inertia
+    about_centre = (matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    return ElementTree.Element(
+        "inertial",
+        pos=_numbers(*inertia.lever),
+        mass=_numbers(inertia.mass),
+        fullinertia=_numbers(*about_centre),
+    )
+
+
+def _axis(tree: pin.Model, index: int) -> tuple[str, np.ndarray]:
+    """Kind and axis (3,) of a joint, in its own frame."""
+    data = tree.joints[index].createData()
+    tree.joints[index].calc(data, np.zeros(tree.joints[index].nq))
+    motion = np.asarray(data.S, float).ravel()
+    return ("slide", motion[:3]) if np.abs(motion[:3]).max() > 0.5 else ("hinge", motion[3:])
+
+
+def _joint(
+    model: ExtendedModel, joints: Joints, joint: int, kind: str, axis: np.ndarray
+) -> ElementTree.Element:
+    limits, name = model.robot.limits, model.joints[joint]
+    element = ElementTree.Element("joint", name=name, type=kind, axis=_numbers(*axis))
+    if np.isfinite([limits.lower[joint], limits.upper[joint]]).all():
+        element.set("range", _numbers(limits.lower[joint], limits.upper[joint]))
+    values = {
+        "armature": joints.armature[joint],
+        "damping": joints.viscous[joint],
+        "frictionloss": joints.coulomb[joint],
+    }
+    springs = [e.values for e in named(model, "joint_spring") if e.target == joint]
+    stiffness = sum(spring["stiffness"] for spring in springs)
+    if stiffness > 0.0:  # springs on one joint pull like one of their weighted mean rest
+        values["stiffness"] = stiffness
+        values["springref"] = sum(s["stiffness"] * s["rest"] for s in springs) / stiffness
+    for key, value in values.items():
+        if value:
+            element.set(key, _numbers(value))
+    return element
+
+
+def _add_motors(root: ElementTree.Element, model: ExtendedModel) -> None:
+    """A motor on every joint, commanded with the effort that is measured: force = scale · command + offset."""
+    actuators = ElementTree.SubElement(root, "actuator")
+    for joint, name in enumerate(model.joints):
+        scale, offset, limit = (
+            model.plant.scale[joint],
+            model.plant.offset[joint],
+            model.robot.limits.effort[joint],
+        )
+        plain = scale == 1.0 and offset == 0.0
+        motor = ElementTree.SubElement(
+            actuators, "motor" if plain else "general", name=f"{name}_motor", joint=name
+        )
+        if not plain:
+            motor.set("gainprm", _numbers(scale))
+            motor.set("biastype", "affine")
+            motor.set("biasprm", _numbers(offset, 0.0, 0.0))
+        if np.isfinite(limit):
+            motor.set("ctrlrange", _numbers(-limit, limit))
+
+
+def _draw(parent: ElementTree.Element, end: np.ndarray) -> None:
+    """A capsule from a body's origin to the next joint, for the eye only."""
+    length = float(np.linalg.norm(end))
+    if length > 1e-6:
+        ElementTree.SubElement(
+            parent,
+            "geom",
+            type="capsule",
+            fromto=_numbers(0.0, 0.0, 0.0, *end),
+            size=_numbers(THICKNESS * length),
+            contype="0",
+            conaffinity="0",
+            mass="0",
+        )
+
+
+def _preamble(model: ExtendedModel) -> str:
+    names = dict.fromkeys(effect.effect.name for effect in model.effects)
+    rest = [name for name in names if name not in IN_URDF | IN_MJCF]
+    missing = f" It leaves out {', '.join(rest)}: see effects.yaml." if rest else ""
+    return f" Extended model; stands alone, without extended.urdf.{missing} "
+
+
+def _upright(robot: Robot) -> np.ndarray:
+    """Rotation of the base (3, 3) that makes the robot's gravity vertical."""
+    roll, pitch = tilt_of(robot.gravity_vector)
+    return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, 0.0))
+
+
+def _name(urdf: str) -> str:
+    return ElementTree.fromstring(urdf).get("name") or "robot"
+
+
+def _quaternion(rotation: np.ndarray) -> str:
+    x, y, z, w = pin.Quaternion(np.asarray(rotation)).coeffs()
+    return _numbers(w, x, y, z)
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(repr(float(value)) for value in values)

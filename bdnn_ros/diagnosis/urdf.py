@@ -1,0 +1,187 @@
+"""extended.urdf: what an extended model changes about its URDF; the rest of the text stays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from bdnn_ros.diagnosis.extension import ExtendedModel
+from bdnn_ros.diagnosis.urdf_text import UrdfText, tag
+from bdnn_ros.effects.registry import Installed, get
+from bdnn_ros.effects.rigid import payload_parameters
+from bdnn_ros.errors import UsageError
+from bdnn_ros.physical.consistency import feasible
+from bdnn_ros.robot import Robot
+from bdnn_ros.urdf import link_inertia
+
+IN_URDF = frozenset({"payload", "link_inertia", "base_tilt", "coulomb_friction", "viscous_friction"})
+"""Effects that a URDF can carry."""
+SAME = 1e-12
+"""Inertial parameters that differ by less than this share of the body's are not written again."""
+
+
+@dataclass(frozen=True)
+class Joints:
+    """What a model says of its joints in numbers, (n,) each; units as in `Robot`."""
+
+    armature: np.ndarray
+    viscous: np.ndarray
+    coulomb: np.ndarray
+
+
+def joints_of(model: ExtendedModel) -> Joints:
+    """Armature, viscous and Coulomb friction with all effects of these names."""
+    robot = model.rigid_robot
+    coulomb = robot.coulomb.copy()
+    for effect in named(model, "coulomb_friction"):
+        coulomb[effect.target] += effect.values["coulomb"]
+    return Joints(robot.armature, robot.viscous, coulomb)
+
+
+def named(model: ExtendedModel, name: str) -> list[Installed]:
+    """A model's effects of one name."""
+    return [effect for effect in model.effects if effect.effect.name == name]
+
+
+def beside_urdf(model: ExtendedModel) -> list[Installed]:
+    """The effects that an extended URDF leaves out; armature of the robot itself becomes one of them."""
+    armature = joints_of(model).armature
+    rotors = [
+        Installed(get("armature"), joint, None, {"armature": float(value)})
+        for joint, value in enumerate(armature)
+        if value
+    ]
+    rest = [e for e in model.effects if e.effect.name not in IN_URDF and e.effect.name != "armature"]
+    return [*rotors, *rest]
+
+
+def extended_urdf(model: ExtendedModel) -> str:
+    """The model's URDF with corrected inertials, payloads, friction tags and the base's tilt."""
+    document = UrdfText(model.robot.urdf)
+    _write_bodies(document, model)
+    _write_friction(document, model)
+    _write_tilt(document, model.rigid_robot.gravity_vector)
+    return document.text()
+
+
+def tilt_of(gravity_vector: np.ndarray) -> tuple[float, float]:
+    """Roll and pitch [rad] of a base turned by Ry(pitch)·Rx(roll) that sees this gravity, (3,)."""
+    x, y, z = -np.asarray(gravity_vector) / np.linalg.norm(gravity_vector)
+    return math.atan2(y, z) + 0.0, -math.asin(max(-1.0, min(1.0, x))) + 0.0
+
+
+def _write_bodies(document: UrdfText, model: ExtendedModel) -> None:
+    robot = model.rigid_robot
+    nominal = Robot.from_urdf(model.robot.urdf, model.joints)
+    wanted = robot.inertials - _payloads(model)
+    members: dict[int, dict[str, np.ndarray]] = {i: {} for i in range(robot.width)}
+    for link in robot.links:
+        try:
+            body, rotation, translation = nominal.body_of(link)
+        except UsageError:
+            continue  # it does not move
+        inertia = link_inertia(model.robot.urdf, link)
+        members[body][link] = np.array(pin.SE3(rotation, translation).act(inertia).toDynamicParameters())
+    for body, joint in enumerate(model.joints):
+        _write_body(document, model, robot.moving_link(joint), members[body], wanted[body])
+    for effect in named(model, "payload"):
+        _write_payload(document, effect)
+
+
+def _write_body(
+    document: UrdfText, model: ExtendedModel, own: str, links: dict[str, np.ndarray], wanted: np.ndarray
+) -> None:
+    """Inertials of the links of one body, so that they add up to the wanted parameters (PER_LINK,).
+
+    Scaled links are scaled, the rest of the change goes to the moving link itself. Where that would ask an
+    impossible inertia of it, it takes the whole body's and the links fixed to it give theirs up.
+    """
+    scales = {str(e.link): e.values["scale"] for e in named(model, "link_inertia") if e.link in links}
+    others = {link: scales.get(link, 1.0) * values for link, values in links.items() if link != own}
+    new = wanted - sum(others.values(), np.zeros_like(wanted))
+    if np.abs(new - links[own]).max() <= SAME * np.abs(wanted).max():
+        new = links[own]
+    elif any(values.any() for values in others.values()) and not feasible(new[None]):
+        new, scales = wanted, {link: 0.0 for link, values in others.items() if values.any()}
+    if new is not links[own]:
+        _write_inertial(document, own, pin.Inertia.FromDynamicParameters(new))
+    for link, scale in scales.items():
+        if link != own:
+            old = link_inertia(model.robot.urdf, link)
+            _write_inertial(document, link, pin.Inertia(scale * old.mass, old.lever, scale * old.inertia))
+
+
+def _write_inertial(document: UrdfText, link: str, inertia: pin.Inertia) -> None:
+    """The link's <inertial>; none where nothing is left of it."""
+    text = _inertial(inertia) if inertia.mass > 0.0 else ""
+    document.put(document.named("link", link), "inertial", text)
+
+
+def _inertial(inertia: pin.Inertia) -> str:
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inertia.inertia
+    return tag(
+        "inertial",
+        tag("origin", xyz=inertia.lever.tolist(), rpy="0 0 0"),
+        tag("mass", value=inertia.mass),
+        tag("inertia", ixx=ixx, ixy=ixy, ixz=ixz, iyy=iyy, iyz=iyz, izz=izz),
+    )
+
+
+def _payloads(model: ExtendedModel) -> np.ndarray:
+    """What the payloads add to the bodies, (n, PER_LINK)."""
+    total = np.zeros_like(model.robot.inertials)
+    for effect in named(model, "payload"):
+        coefficients, shape = effect.effect.coefficients(effect.values)
+        body, parameters = payload_parameters(model.robot.body_of(str(effect.link)), shape)
+        total[body] += parameters @ coefficients
+    return total
+
+
+def _write_payload(document: UrdfText, effect: Installed) -> None:
+    """A point mass as a link of its own, fixed at the centre of mass."""
+    mass, centre = effect.values["mass"], [effect.values[f"com_{axis}"] for axis in "xyz"]
+    link = document.free_name("link", f"{effect.link}_payload")
+    point = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+    document.append(document.robot, tag("link", _inertial(point), name=link))
+    _write_fixed_joint(document, f"{link}_joint", str(effect.link), link, centre, [0.0, 0.0, 0.0])
+
+
+def _write_fixed_joint(
+    document: UrdfText, name: str, parent: str, child: str, xyz: Sequence[float], rpy: Sequence[float]
+) -> None:
+    joint = tag(
+        "joint",
+        tag("parent", link=parent),
+        tag("child", link=child),
+        tag("origin", xyz=list(xyz), rpy=list(rpy)),
+        name=document.free_name("joint", name),
+        type="fixed",
+    )
+    document.append(document.robot, joint)
+
+
+def _write_friction(document: UrdfText, model: ExtendedModel) -> None:
+    nominal, joints = Robot.from_urdf(model.robot.urdf, model.joints), joints_of(model)
+    for k, name in enumerate(model.joints):
+        same = joints.viscous[k] == nominal.viscous[k] and joints.coulomb[k] == nominal.coulomb[k]
+        if same:
+            continue
+        joint = document.named("joint", name)
+        old = joint.child("dynamics")
+        attributes: dict[str, object] = dict(old.attributes) if old else {}
+        attributes |= {"damping": joints.viscous[k], "friction": joints.coulomb[k]}
+        document.put(joint, "dynamics", tag("dynamics", **attributes))
+
+
+def _write_tilt(document: UrdfText, gravity_vector: np.ndarray) -> None:
+    """A level link under the base, which stands on it turned by Ry(pitch)·Rx(roll)."""
+    roll, pitch = tilt_of(gravity_vector)
+    if roll == 0.0 and pitch == 0.0:
+        return
+    root, level = document.root_link(), document.free_name("link", "level")
+    document.append(document.robot, tag("link", name=level))
+    _write_fixed_joint(document, f"{level}_to_base", level, root, [0.0, 0.0, 0.0], [roll, pitch, 0.0])
