@@ -37,6 +37,14 @@ TIMELESS = (
     "cogging@arm7_joint1:amplitude=0.5,periods_per_rev=12,phase=0.4",
     "position_offset@arm7_joint4:offset=0.05",
 )
+SHARP = (
+    "coulomb_friction",
+    "stribeck_friction",
+    "asymmetric_friction",
+    "load_dependent_friction",
+    "cogging",
+    "effort_scale",
+)
 TIMED = (
     "hysteresis@arm7_joint1:force=0.9,breakaway=0.03",
     "effort_delay:delay=0.012",
@@ -87,12 +95,16 @@ def test_without_effects_it_is_the_robot(robot: Robot) -> None:
 
 @pytest.mark.parametrize("spec", TIMELESS)
 def test_a_point_and_a_motion_agree(robot: Robot, spec: str) -> None:
-    model, signals = with_effects(robot, spec), motion(robot)
-    pointwise = model.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
-    along = model.predict(signals)
-    steady = (np.abs(signals.sign) > 1.0 - 1e-9).all(axis=1)  # elsewhere the motion's direction is low-passed
-    assert steady.sum() > 50
-    np.testing.assert_allclose(pointwise[steady], along[steady], atol=2e-6 * np.abs(along).max())
+    model, plain, signals = with_effects(robot, spec), with_effects(robot), motion(robot, 2.0, rate=1000.0)
+    state = (signals.position, signals.velocity, signals.acceleration)
+    point = model.inverse_dynamics(*state) - plain.inverse_dynamics(*state)
+    along = model.predict(signals) - plain.predict(signals)
+    if spec.split("@")[0] in SHARP:  # steps and ripples are low-passed along a motion, as the effort was
+        point, along = signals.smooth(point)[signals.interior], along[signals.interior]
+        # 1.5 % is left at the reversals where the load's own step is low-passed twice, below 1 % elsewhere
+        assert np.sqrt(np.mean((point - along) ** 2)) < 0.02 * np.sqrt(np.mean(point**2))
+    else:
+        np.testing.assert_allclose(point, along, atol=2e-6 * np.abs(plain.predict(signals)).max())
 
 
 @pytest.mark.parametrize("spec", TIMED)
@@ -243,3 +255,10 @@ def test_offsets_beside_a_scale_follow_the_contract() -> None:
     found: dict[str, Installed] = {e.effect.name: e for e in model.effects}
     assert found["effort_scale"].values["scale"] == pytest.approx(0.8, abs=0.02)
     assert found["effort_offset"].values["offset"] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("spec", [TIMELESS[4], TIMELESS[12], *TIMED])
+def test_a_prediction_does_not_look_at_the_measured_effort(robot: Robot, spec: str) -> None:
+    model, signals = with_effects(robot, spec), motion(robot, 2.0)
+    known = replace(signals, effort=1e3 * np.sin(50.0 * signals.position))
+    np.testing.assert_array_equal(model.predict(known), model.predict(signals))

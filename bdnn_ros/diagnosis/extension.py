@@ -49,6 +49,8 @@ WITH_MEMORY = frozenset(
 LOAD_ROUNDS = 100
 """Most rounds of the fixed point between load and the friction that depends on it."""
 LOAD_TOLERANCE = 1e-10
+LOOSE_ROUNDS = 6
+"""The same where a gear is loose: its sides are found in two or three rounds, and may flicker afterwards."""
 
 
 @dataclass(frozen=True)
@@ -161,26 +163,35 @@ class ExtendedModel:
         return np.asarray((measured - plant.offset) / plant.scale)
 
     def _acting(self, plant: Plant, signals: Signals) -> tuple[Motion, np.ndarray]:
-        """A motion with the effort that really acts along it, and that effort, (N, n) [N·m]."""
+        """A motion with the effort that really acts along it, and that effort, (N, n) [N·m].
+
+        What a load decides (friction in proportion to it, the side on which a loose gear lies) is decided by
+        the model's own load, never by the measured effort.
+        """
         robot = plant.robot
-        fixed = robot.rigid_effort(
+        rigid = robot.rigid_effort(
             signals.position - plant.position_offset, signals.velocity, signals.acceleration
         )
-        fixed = fixed + robot.armature * signals.acceleration + robot.viscous * signals.velocity
-        fixed = fixed + robot.coulomb * signals.sign
-        motion = Motion(signals, robot, fixed)
-        loaded = [e for e in self.effects if e.effect.name == "load_dependent_friction"]
-        for effect in self.effects:
-            if effect.effect.name not in IN_PLANT and effect not in loaded:
-                fixed = fixed + contribution(effect, motion)
-        acting = fixed
-        for _ in range(LOAD_ROUNDS if loaded else 0):
-            previous = acting
-            motion = motion.with_load(acting)
-            acting = fixed + sum(contribution(effect, motion) for effect in loaded)
+        drive = robot.armature * signals.acceleration + robot.viscous * signals.velocity
+        drive = drive + robot.coulomb * signals.sign
+        own = replace(signals, effort=None)
+        motion = Motion(own, robot, rigid + drive)
+        others = [e for e in self.effects if e.effect.name not in IN_PLANT]
+        loaded = [e for e in others if e.effect.of_load or e.effect.name == "backlash"]
+        for effect in others:
+            if effect not in loaded:
+                part = contribution(effect, motion)
+                rigid, drive = (rigid, drive + part) if effect.effect.in_drive else (rigid + part, drive)
+        loose = any(effect.effect.name == "backlash" for effect in loaded)
+        fixed = acting = rigid + drive
+        for _ in range(0 if not loaded else LOOSE_ROUNDS if loose else LOAD_ROUNDS):
+            motion = motion.with_load(acting, drive)
+            if loose:
+                motion = replace(motion, signals=replace(own, effort=acting))
+            previous, acting = acting, fixed + sum(contribution(effect, motion) for effect in loaded)
             if np.abs(acting - previous).max(initial=0.0) < LOAD_TOLERANCE:
                 break
-        return motion.with_load(acting), np.asarray(acting)
+        return motion, np.asarray(acting)
 
     # -- files -----------------------------------------------------------------------------------------------
 

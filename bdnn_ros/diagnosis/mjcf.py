@@ -1,8 +1,8 @@
 """extended.mjcf.xml: an extended model as a MuJoCo model that stands alone.
 
-MuJoCo's joints know armature, damping, frictionloss and springs, its actuators a gain and a bias, so it carries
-more of the effects than a URDF can. Links fixed to one another are one body; shapes are capsules that touch
-nothing.
+MuJoCo's joints know armature, damping, frictionloss and springs, its actuators a gain and a bias, so it
+carries more of the effects than a URDF can. Links fixed to one another are one body; shapes are capsules that
+touch nothing.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _joint(
 
 
 def _add_motors(root: ElementTree.Element, model: ExtendedModel) -> None:
-    """A motor on every joint, commanded with the effort that is measured: force = scale · command + offset."""
+    """A motor on every joint, commanded with the measured effort: force = scale · command + offset."""
     actuators = ElementTree.SubElement(root, "actuator")
     for joint, name in enumerate(model.joints):
         scale, offset, limit = (

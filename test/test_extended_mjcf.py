@@ -1,0 +1,123 @@
+"""extended.mjcf.xml against MuJoCo itself: the same inverse dynamics as the extended model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.extension import ExtendedModel
+from bdnn_ros.diagnosis.mjcf import extended_mjcf
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.robot import Robot
+
+mujoco = pytest.importorskip("mujoco")
+
+SPECS = (
+    "coulomb_friction@arm7_joint4:coulomb=1.3",
+    "viscous_friction@arm7_joint2:viscous=0.7",
+    "armature@arm7_joint6:armature=0.05",
+    "payload@arm7_link7:mass=1.5,com_x=0.02,com_y=-0.01,com_z=0.1",
+    "link_inertia@arm7_link4:scale=1.2",
+    "base_tilt:roll_deg=3,pitch_deg=-4",
+    "joint_spring@arm7_joint4:stiffness=3.0,rest=-1.5",
+    "joint_spring@arm7_joint4:stiffness=1.0,rest=0.5",
+    "effort_scale@arm7_joint5:scale=0.8",
+    "effort_offset@arm7_joint5:offset=0.4",
+)
+
+
+def model_of(robot: Robot, *specs: str) -> ExtendedModel:
+    return ExtendedModel(robot, tuple(parse_spec(spec, robot) for spec in specs), np.zeros(robot.width))
+
+
+def loaded(model: ExtendedModel):
+    mj = mujoco.MjModel.from_xml_string(extended_mjcf(model))
+    names = [mujoco.mj_id2name(mj, mujoco.mjtObj.mjOBJ_JOINT, k) for k in range(mj.njnt)]
+    return mj, mujoco.MjData(mj), [names.index(name) for name in model.joints]
+
+
+def inverse(mj, data, order, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """MuJoCo's inverse dynamics without its soft constraints (joint limits, frictionloss)."""
+    mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    result = []
+    for row in zip(q, v, a, strict=True):
+        data.qpos[order], data.qvel[order], data.qacc[order] = row
+        mujoco.mj_inverse(mj, data)
+        result.append(data.qfrc_inverse[order].copy())
+    return np.array(result)
+
+
+def states(width: int, count: int = 40) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(5)
+    return tuple(rng.uniform(-2.0, 2.0, (count, width)) for _ in range(3))
+
+
+@pytest.mark.parametrize("name", ["arm2", "arm6", "arm7"])
+def test_bundled_robots_as_they_are(name: str) -> None:
+    model = model_of(Robot.bundled(name))
+    state = states(len(model.joints))
+    wanted = model.robot.rigid_effort(*state)
+    np.testing.assert_allclose(inverse(*loaded(model), *state), wanted, atol=1e-7 * np.abs(wanted).max())
+
+
+def test_inverse_dynamics_with_effects() -> None:
+    robot = Robot.bundled("arm7")
+    model = model_of(robot.with_inertials(1.04 * robot.inertials), *SPECS)
+    q, v, a = states(7)
+    acting = model.plant.scale * model.inverse_dynamics(q, v, a) + model.plant.offset
+    acting[:, 3] -= 1.3 * np.sign(v[:, 3])  # frictionloss is a constraint, checked below
+    mj, data, order = loaded(model)
+    np.testing.assert_allclose(inverse(mj, data, order, q, v, a), acting, atol=1e-7 * np.abs(acting).max())
+    friction = mj.dof_frictionloss[[mj.jnt_dofadr[k] for k in order]]
+    np.testing.assert_array_equal(friction, [0, 0, 0, 1.3, 0, 0, 0])
+
+
+def test_motors_take_the_measured_effort() -> None:
+    robot = Robot.bundled("arm7")
+    model = model_of(robot, *SPECS)
+    mj, data, order = loaded(model)
+    command = np.linspace(-5.0, 5.0, 7)
+    data.ctrl[:] = command  # one motor a joint, in the joints' order
+    mujoco.mj_forward(mj, data)
+    acting = model.plant.scale * command + model.plant.offset
+    np.testing.assert_allclose(data.qfrc_actuator[order], acting)
+    np.testing.assert_allclose(mj.actuator_ctrlrange[:, 1], robot.limits.effort)
+
+
+def test_limits_and_chosen_joints() -> None:
+    robot = Robot.from_urdf(Robot.bundled("arm7").urdf, ("arm7_joint4", "arm7_joint2"))
+    model = model_of(robot, "viscous_friction@arm7_joint4:viscous=2")
+    mj, data, order = loaded(model)
+    np.testing.assert_allclose(mj.jnt_range[order, 0], robot.limits.lower)
+    assert mj.dof_damping[mj.jnt_dofadr[order[0]]] == 2.0
+    state = states(2)
+    wanted = robot.rigid_effort(*state)
+    wanted[:, 0] += 2.0 * state[1][:, 0]
+    np.testing.assert_allclose(inverse(mj, data, order, *state), wanted, atol=1e-7 * np.abs(wanted).max())
+
+
+def test_joints_that_slide_and_turn_without_end() -> None:
+    urdf = """<robot name="cart"><link name="rail"/>
+      <link name="cart"><inertial><mass value="2"/>
+        <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <link name="pole"><inertial><origin xyz="0 0 0.5"/><mass value="1"/>
+        <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="0.6 0.8 0"/>
+        <limit lower="-1" upper="1" velocity="1" effort="10"/></joint>
+      <joint name="turn" type="continuous"><parent link="cart"/><child link="pole"/>
+        <origin xyz="0 0.2 0.1" rpy="0.3 0 0"/><axis xyz="0 1 0"/></joint></robot>"""
+    model = model_of(Robot.from_urdf(urdf))
+    mj, data, order = loaded(model)
+    assert [bool(limited) for limited in mj.jnt_limited[order]] == [True, False]
+    state = states(2)
+    wanted = model.robot.rigid_effort(*state)
+    np.testing.assert_allclose(inverse(mj, data, order, *state), wanted, atol=1e-7 * np.abs(wanted).max())
+
+
+def test_it_says_what_it_leaves_out(tmp_path: Path) -> None:
+    robot = Robot.bundled("arm2")
+    text = extended_mjcf(model_of(robot, "backlash@arm2_joint1:gap=0.01"))
+    assert "leaves out backlash" in text
+    assert "leaves out" not in extended_mjcf(model_of(robot, "armature@arm2_joint1:armature=0.01"))

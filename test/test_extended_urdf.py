@@ -1,0 +1,194 @@
+"""extended.urdf carries the rigid robot and the friction of an extended model, and nothing else changes."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.effects_file import effects_text, read_effects
+from bdnn_ros.diagnosis.extension import ExtendedModel
+from bdnn_ros.diagnosis.urdf import beside_urdf, extended_urdf, tilt_of
+from bdnn_ros.diagnosis.urdf_text import UrdfText
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.errors import RobotError, UsageError
+from bdnn_ros.robot import Robot
+
+SPECS = (
+    "coulomb_friction@arm7_joint4:coulomb=1.3",
+    "viscous_friction@arm7_joint2:viscous=0.7",
+    "armature@arm7_joint6:armature=0.05",
+    "payload@arm7_link7:mass=1.5,com_x=0.02,com_y=-0.01,com_z=0.1",
+    "link_inertia@arm7_link4:scale=1.2",
+    "base_tilt:roll_deg=3,pitch_deg=-4",
+    "joint_spring@arm7_joint4:stiffness=3.0,rest=-1.5",
+    "hysteresis@arm7_joint1:force=0.9,breakaway=0.03",
+)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return Robot.bundled("arm7")
+
+
+def model_of(robot: Robot, *specs: str) -> ExtendedModel:
+    return ExtendedModel(robot, tuple(parse_spec(spec, robot) for spec in specs), np.zeros(robot.width))
+
+
+def states(robot: Robot, count: int = 50) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    return tuple(rng.uniform(-2.0, 2.0, (count, robot.width)) for _ in range(3))  # type: ignore[return-value]
+
+
+def same_rigid_effort(model: ExtendedModel, again: Robot) -> None:
+    state = states(again)
+    wanted = model.rigid_robot.rigid_effort(*state)
+    np.testing.assert_allclose(again.rigid_effort(*state), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.05])
+def test_it_parses_and_gives_the_models_rigid_efforts(robot: Robot, wrong: float) -> None:
+    rng = np.random.default_rng(1)
+    links = robot.inertials * (1.0 + wrong * rng.standard_normal((7, 1)))
+    model = model_of(robot.with_inertials(links), *SPECS)
+    again = Robot.from_urdf(extended_urdf(model))
+    assert again.joints == robot.joints
+    same_rigid_effort(model, again)
+    assert again.coulomb[3] == 1.3 and again.viscous[1] == 0.7
+    assert again.coulomb.sum() == 1.3 and again.viscous.sum() == 0.7
+
+
+def test_nothing_to_say_leaves_the_text_alone(robot: Robot) -> None:
+    assert extended_urdf(model_of(robot)) == robot.urdf
+
+
+def test_only_what_changed_is_touched(robot: Robot) -> None:
+    before = robot.urdf.splitlines()
+    after = extended_urdf(model_of(robot, "coulomb_friction@arm7_joint4:coulomb=1.3")).splitlines()
+    added = [line for line in after if line not in before]
+    assert [line.strip() for line in added] == ['<dynamics damping="0.0" friction="1.3"/>']
+    assert [line for line in before if line not in after] == []
+
+
+def test_tags_that_were_there_keep_their_other_attributes(robot: Robot) -> None:
+    text = robot.urdf.replace("<axis", '<dynamics damping="0.5" friction="0.25" rotor="7"/><axis', 1)
+    urdf = extended_urdf(model_of(Robot.from_urdf(text), "viscous_friction@arm7_joint1:viscous=1"))
+    dynamics = ElementTree.fromstring(urdf).findall("joint/dynamics")
+    assert [tag.attrib for tag in dynamics] == [{"damping": "1.5", "friction": "0.25", "rotor": "7"}]
+
+
+def test_a_payload_is_a_link_at_its_centre(robot: Robot) -> None:
+    tree = ElementTree.fromstring(extended_urdf(model_of(robot, SPECS[3])))
+    assert tree.find("link[@name='arm7_link7_payload']/inertial/mass").get("value") == "1.5"
+    joint = tree.find("joint[@name='arm7_link7_payload_joint']")
+    assert joint.get("type") == "fixed" and joint.find("parent").get("link") == "arm7_link7"
+    assert [float(x) for x in joint.find("origin").get("xyz").split()] == [0.02, -0.01, 0.1]
+
+
+def test_a_scaled_link_is_scaled_itself() -> None:
+    """A tool fixed to the last link is a link of its own, and its mass changes there."""
+    robot = Robot.bundled("arm7")
+    tool = next(link for link in robot.links if "hand" in link)
+    urdf = extended_urdf(model_of(robot, f"link_inertia@{tool}:scale=2"))
+    masses = [
+        float(ElementTree.fromstring(text).find(f"link[@name='{tool}']/inertial/mass").get("value"))
+        for text in (robot.urdf, urdf)
+    ]
+    assert masses[1] == pytest.approx(2.0 * masses[0])
+    assert extended_urdf(model_of(robot)).count("<inertial>") == urdf.count("<inertial>")
+    same_rigid_effort(model_of(robot, f"link_inertia@{tool}:scale=2"), Robot.from_urdf(urdf))
+
+
+def test_a_change_that_the_moving_link_cannot_carry_takes_the_whole_body() -> None:
+    """The last body is nearly all hand: 70 % less of it cannot come off the flange alone."""
+    robot = Robot.bundled("arm7")
+    links = robot.inertials.copy()
+    links[6] *= 0.3
+    model = model_of(robot.with_inertials(links))
+    urdf = extended_urdf(model)
+    same_rigid_effort(model, Robot.from_urdf(urdf))
+    tree = ElementTree.fromstring(urdf)
+    masses = [float(mass.get("value")) for mass in tree.findall("link/inertial/mass")]
+    assert min(masses) > 0.0
+
+
+def test_base_tilt_is_the_contracts(robot: Robot) -> None:
+    model = model_of(robot, "base_tilt:roll_deg=20,pitch_deg=-35")
+    roll, pitch = tilt_of(model.rigid_robot.gravity_vector)
+    np.testing.assert_allclose(np.degrees([roll, pitch]), [20.0, -35.0])
+    tree = ElementTree.fromstring(extended_urdf(model))
+    origin = tree.find("joint[@name='level_to_base']/origin")
+    np.testing.assert_allclose([float(x) for x in origin.get("rpy").split()], [roll, pitch, 0.0])
+
+
+def test_chosen_joints_and_armature_of_the_simulation(robot: Robot) -> None:
+    """With two joints held, and a simulation that was itself identified: its armature goes to the effects."""
+    chosen = ("arm7_joint4", "arm7_joint2", "arm7_joint6")
+    some = Robot.from_urdf(robot.urdf, chosen)
+    some = some.with_inertials(1.1 * some.inertials).with_joint_parameters(armature=np.array([0.1, 0.0, 0.2]))
+    model = model_of(some, "armature@arm7_joint4:armature=0.3", "payload@arm7_link7:mass=1")
+    again = Robot.from_urdf(extended_urdf(model), chosen)
+    same_rigid_effort(model, again)
+    beside = {e.target: e.values["armature"] for e in beside_urdf(model)}
+    assert beside == {0: pytest.approx(0.4), 2: pytest.approx(0.2)}
+
+
+def test_urdf_and_effects_are_the_whole_model(robot: Robot, tmp_path) -> None:
+    model = model_of(robot.with_inertials(1.03 * robot.inertials), *SPECS)
+    urdf = extended_urdf(model)
+    path = tmp_path / "effects.yaml"
+    path.write_text(effects_text(beside_urdf(model), robot))
+    read = Robot.from_urdf(urdf)
+    again = ExtendedModel(read, tuple(read_effects(path, read)), model.noise)
+    state = states(robot)
+    wanted = model.inverse_dynamics(*state)
+    np.testing.assert_allclose(again.inverse_dynamics(*state), wanted, atol=1e-9 * np.abs(wanted).max())
+    assert {e.effect.name for e in again.effects} == {"armature", "joint_spring", "hysteresis"}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[1, 2]", "no list of effects"),
+        ("{format: bdnn_ros/effects, version: 9, effects: []}", "version 9"),
+        ("{effects: [{effect: gremlin, parameters: {}}]}", "gremlin"),
+        ("{effects: [{effect: cogging, joint: arm7_joint1, parameters: {amplitude: 1}}]}", "periods_per_rev"),
+        ("{effects: [{effect: cogging, joint: elbow, parameters: {}}]}", "elbow"),
+        ("{effects: [7]}", "not complete"),
+        ("{", "cannot be read"),
+    ],
+)
+def test_bad_effects_are_refused(robot: Robot, tmp_path, text: str, says: str) -> None:
+    (tmp_path / "effects.yaml").write_text(text)
+    with pytest.raises(UsageError, match=says):
+        read_effects(tmp_path / "effects.yaml", robot)
+
+
+def test_text_edits_keep_every_other_character() -> None:
+    links = '<link name="a>"/><link  name="b"><x/></link >'
+    text = f'<?xml version="1.0"?>\n<!-- ä -->\n<robot name="r">\n {links}\n</robot>\n'
+    document = UrdfText(text)
+    assert document.text() == text
+    document.append(document.named("link", "a>"), "<y/>")
+    document.put(document.named("link", "b"), "x", "<z/>")
+    expected = text.replace('<link name="a>"/>', '<link name="a>">\n    <y/>\n  </link>').replace(
+        "<x/>", "<z/>"
+    )
+    assert document.text() == expected
+    assert document.root_link() == "a>" and document.free_name("link", "b") == "b_2"
+
+
+@pytest.mark.parametrize("text", ["", "<robot>", "<sdf/>"])
+def test_what_is_no_urdf_is_refused(text: str) -> None:
+    with pytest.raises(RobotError):
+        UrdfText(text)
+
+
+def test_an_extended_urdf_can_be_extended_again(robot: Robot) -> None:
+    once = Robot.from_urdf(extended_urdf(model_of(robot, *SPECS)))
+    model = model_of(once, SPECS[0], SPECS[3], "link_inertia@arm7_link7_payload:scale=2")
+    urdf = extended_urdf(replace(model, robot=once))
+    same_rigid_effort(model, Robot.from_urdf(urdf))
+    assert Robot.from_urdf(urdf).coulomb[3] == pytest.approx(2.6)
