@@ -18,6 +18,7 @@ from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording, position_noise
+from bdnn_ros.repeats import without_repeats
 
 DEFAULT_CUTOFF = 10.0
 """-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""
@@ -158,6 +159,7 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
             f"{recording.name}: {len(recording)} samples are too few to tell a motion.",
             "Record at least some seconds of motion.",
         )
+    recording = without_repeats(recording)
     highest = recording.rate * CUTOFF_PER_RATE
     chosen = usual_cutoff(recording.rate) if cutoff is None else cutoff
     if not 0.0 < chosen <= recording.rate / 2.0:

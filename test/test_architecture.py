@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
     {"errors"},
     {"recording", "urdf"},
+    {"repeats"},
     {"robot", "signals"},
     {"scores"},
     {"effects", "bdnn", "physical", "bags"},

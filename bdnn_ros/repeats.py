@@ -1,0 +1,77 @@
+"""Joint states that were published twice: a driver slower than its publisher repeats what it said before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bdnn_ros.recording import Recording, position_noise
+
+MOST_REPEATS = 0.1
+"""Above this share, equal positions are coarse encoders or a slow driver, and nothing is touched."""
+NOISE_WIDTHS = 8.0
+"""A joint that steps further than this many standard deviations of its noise moves."""
+CATCHING_UP = 1.5
+"""After a repeat of one message, a step longer than so many steps before makes up for it."""
+
+
+def without_repeats(recording: Recording) -> Recording:
+    """The recording without messages that repeat the one before while the robot moves.
+
+    Where the position then catches up, the repeated message was stale and is left out. Where it goes on as
+    if nothing had been, the driver's clock is slower than the publisher's: a repeat sets the stamps ahead by
+    a period, which they lose again bit by bit. They are put back evenly between one repeat and the next;
+    left as they are, every repeat is a jolt of the acceleration.
+    """
+    runs = _runs(recording)
+    if not runs:
+        return recording
+    slips = [(start, stop) for start, stop, catches_up in runs if not catches_up]
+    keep = np.ones(len(recording), bool)
+    for start, stop, _ in runs:
+        keep[start:stop] = False
+    time = recording.time - _ahead(recording.time, slips)
+    note = f"{recording.name}: {np.count_nonzero(~keep)} messages repeat the one before in motion; left out."
+    return replace(replace(recording, time=time).part(keep), notes=(*recording.notes, note))
+
+
+def _runs(recording: Recording) -> list[tuple[int, int, bool]]:
+    """Rows [start, stop) that repeat the row before in motion, and whether the position catches up then."""
+    if len(recording) < 4:
+        return []
+    steps = np.diff(recording.position, axis=0, prepend=np.nan)
+    same = (steps == 0.0).all(axis=1)
+    if recording.effort is not None:
+        same[1:] &= (recording.effort[1:] == recording.effort[:-1]).all(axis=1)
+    starts = np.flatnonzero(same & ~np.roll(same, 1))
+    if not len(starts):
+        return []
+    noise = NOISE_WIDTHS * position_noise(recording)
+    runs = []
+    for start in starts:
+        stop = start + int(np.argmin(np.append(same[start:], False)))
+        if start < 2 or stop >= len(same):
+            continue
+        before, after = steps[start - 1], steps[stop]
+        moves = (np.minimum(np.abs(before), np.abs(after)) > noise) & (before * after > 0.0)
+        if moves.any():
+            ratio = float(np.median(after[moves] / before[moves]))
+            runs.append((int(start), stop, ratio > 1.0 + (CATCHING_UP - 1.0) * (stop - start)))
+    repeated = sum(stop - start for start, stop, _ in runs)
+    return runs if repeated <= MOST_REPEATS * len(recording) else []
+
+
+def _ahead(time: np.ndarray, slips: list[tuple[int, int]]) -> np.ndarray:
+    """How far stamps are ahead of the driver's clock, (N,) [s]: a period after a slip, then less."""
+    ahead = np.zeros(len(time))
+    if not slips:
+        return ahead
+    last = np.array([time[start - 1] for start, _ in slips])
+    again = np.array([time[stop - 1] for _, stop in slips])
+    usual = float(np.median(last[1:] - again[:-1])) if len(slips) > 1 else float(time[-1] - time[0])
+    which = np.searchsorted(again, time, side="left")
+    since = np.concatenate([last[:1] - usual, again])[which]
+    until = np.concatenate([last, again[-1:] + usual])[which]
+    phase = np.clip((time - since) / (until - since), 0.0, 1.0)
+    return np.concatenate([(again - last)[:1], again - last])[which] * (1.0 - phase)
