@@ -10,6 +10,8 @@ import numpy as np
 
 from bdnn_ros.bags.cdr import Layout, MalformedMessage, joint_state_layout
 
+DENSER = 0.75
+"""Stamps this much closer than those of one publisher come from two."""
 BLOCK = 4096
 """Messages that are decoded together: large enough for NumPy, small enough for memory."""
 
@@ -147,8 +149,8 @@ class JointStates:
     def samples(self, joints: Sequence[str]) -> Samples:
         """The messages that hold all these joints, in this order; frees what it has collected.
 
-        Messages with further joints beside them count as well, unless their stamps do not fit between the
-        others: then two publishers send the same joints, and only the one that sent most is taken.
+        Messages with further joints beside them count as well, unless two publishers send the same joints:
+        then only those of the one that sent most are taken.
         """
         wanted = frozenset(joints)
         groups = sorted((g for names, g in self._groups.items() if wanted <= names), key=len, reverse=True)
@@ -157,12 +159,18 @@ class JointStates:
             _joined([_columns(block, group.joints, joints) for block in group.blocks]) for group in groups
         ]
         kept = _joined(parts) if parts else _nothing(len(joints))
-        if len(parts) > 1 and (np.diff(kept.stamp) <= 0).any():
+        if len(parts) > 1 and _twofold(kept.stamp, parts[0].stamp):
             kept = parts[0]
         left_out = self.count - len(kept.stamp) - len(self.malformed) - self.nameless
         return Samples(
             tuple(joints), kept.log, kept.stamp, kept.position, kept.velocity, kept.effort, left_out
         )
+
+
+def _twofold(merged: np.ndarray, single: np.ndarray) -> bool:
+    """Whether stamps of several publishers are between one another, instead of filling one another's gaps."""
+    steps = np.diff(merged)
+    return bool((steps <= 0).any() or np.median(steps) < DENSER * np.median(np.diff(single)))
 
 
 def _columns(block: Block, has: Sequence[str], wanted: Sequence[str]) -> Block:

@@ -6,6 +6,7 @@ compression: a directory without it, or whose quality-of-service profiles differ
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from rosbags.rosbag2 import Reader
 
 from bdnn_ros.errors import BagError, BdnnError, UsageError
 
+SQLITE_HEADER = 100
 SUFFIXES = (".mcap", ".db3")
 
 
@@ -48,6 +50,7 @@ class Storage:
         try:
             for part in _parts(self.path):
                 with _readable(part):
+                    _require_all_pages(part)
                     self._readers.append(self._stack.enter_context(Reader(part)))
         except BaseException:
             self._stack.close()
@@ -85,12 +88,26 @@ class Storage:
                     yield connection.topic, stamp, data
 
 
+def _require_all_pages(path: Path) -> None:
+    """Raises where a database is shorter than its header says, which SQLite itself notices only page by page.
+
+    Header of the SQLite file format: page size at byte 16 (1 stands for 65536), number of pages at 28, valid if
+    the change counters at 24 and 92 agree.
+    """
+    if path.suffix != ".db3" or path.stat().st_size < SQLITE_HEADER:
+        return
+    with path.open("rb") as file:
+        page, counter, pages, valid = struct.unpack(">16xH6xII60xI4x", file.read(SQLITE_HEADER))
+    if counter == valid and path.stat().st_size < pages * (65536 if page == 1 else page):
+        raise EOFError(f"{pages} pages announced, the file ends before")
+
+
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     """What fails inside means a damaged file: on such files the library raises errors of every kind."""
     try:
         yield
-    except (BdnnError, MemoryError):
+    except BdnnError:
         raise
     except PermissionError:
         raise UsageError(f"{path} may not be read.", "Check its permissions.") from None

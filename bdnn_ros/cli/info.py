@@ -202,7 +202,7 @@ def _text(report: dict[str, Any]) -> str:
             f"not in the bag: {', '.join(report['missing']) or 'nothing'}",
         ]
     if "excitation" in report:
-        lines += ["", *_table(report["excitation"]), *(f"- {concern}" for concern in report["concerns"])]
+        lines += ["", *_table(report["excitation"]), *(f"- {text}" for text in report["concerns"])]
     if report["usable"]:
         lines.append("Fit for identification.")
     return "\n".join(lines)
@@ -218,9 +218,10 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
         joint, still = f"{row['joint']:{width}}", "" if row["moves"] else "  does not move"
         effort = "-" if row["effort"] is None else f"{row['effort']:.3g}"
         clipped = "-" if row["saturated"] is None else f"{100 * row['saturated']:.3g}"
+        turns, rest = row["reversals"], 100 * row["standstill"]
         lines.append(
             f"{joint} {row['lower']:7.3f}  {row['upper']:7.3f}  {row['velocity']:9.3g}  "
-            f"{row['acceleration']:12.3g}  {effort:>12}  {row['reversals']:9}  {100 * row['standstill']:6.3g}  "
+            f"{row['acceleration']:12.3g}  {effort:>12}  {turns:9}  {rest:6.3g}  "
             f"{clipped:>7}{still}"
         )
     return lines

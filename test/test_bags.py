@@ -1,0 +1,531 @@
+"""Bags: what one library writes the other reads, and what is wrong is said."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from bag_cases import (
+    EPOCH,
+    JOINT_STATE,
+    MULTI_ARRAY,
+    PENDULUM,
+    SECOND,
+    STRING,
+    TYPES,
+    bag_of,
+    command,
+    joint_state,
+    motion,
+    states,
+    text,
+    write_bag,
+)
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
+
+from bdnn_ros import bags
+from bdnn_ros.errors import BagError, BdnnError, RecordingError, UsageError
+from bdnn_ros.recording import Recording
+
+ARM = ("a", "b", "c")
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def assert_equal(left: Recording, right: Recording) -> None:
+    """The same numbers to the last bit."""
+    assert left.joints == right.joints
+    assert left.epoch == right.epoch
+    np.testing.assert_allclose(left.time, right.time, rtol=0.0, atol=1e-12)
+    for field in ("position", "velocity", "effort"):
+        np.testing.assert_array_equal(getattr(left, field), getattr(right, field))
+
+
+@pytest.mark.parametrize("name", ["bag", "bag.mcap"])
+def test_what_is_written_reads_back(tmp_path: Path, name: str) -> None:
+    recording = motion(joints=ARM, urdf="<robot name='r'/>")
+    path = bags.write(recording, tmp_path / name)
+    again = bags.read(path)
+    assert_equal(again, recording)
+    assert again.urdf == recording.urdf
+    assert again.notes == ()
+    assert path.is_file() == name.endswith(".mcap")
+
+
+@pytest.mark.parametrize("field", ["velocity", "effort"])
+def test_a_field_that_was_not_measured_stays_away(tmp_path: Path, field: str) -> None:
+    recording = replace(motion(joints=ARM), **{field: None})
+    assert_equal(bags.read(bags.write(recording, tmp_path / "bag")), recording)
+
+
+def test_rosbags_reads_what_is_written(tmp_path: Path) -> None:
+    recording = motion(joints=ARM, urdf="<robot/>")
+    times = recording.time[::7] + 0.0011
+    bags.write(recording, tmp_path / "bag", commands=(times, np.tile(times[:, None], (1, 3))))
+    with Reader(tmp_path / "bag") as reader:
+        found = [
+            (c.topic, stamp, TYPES.deserialize_cdr(data, c.msgtype)) for c, stamp, data in reader.messages()
+        ]
+        kinds = {c.topic: c.msgtype for c in reader.connections}
+    assert kinds == {
+        "/joint_states": JOINT_STATE,
+        "/robot_description": STRING,
+        "/effort_commands": MULTI_ARRAY,
+    }
+    assert [stamp for _, stamp, _ in found] == sorted(stamp for _, stamp, _ in found)
+    described = [message.data for topic, _, message in found if topic == "/robot_description"]
+    assert described == ["<robot/>"]
+    measured = [(stamp, message) for topic, stamp, message in found if topic == "/joint_states"]
+    assert len(measured) == len(recording)
+    for k, (stamp, message) in enumerate(measured):
+        assert tuple(message.name) == ARM
+        assert message.header.stamp.sec * SECOND + message.header.stamp.nanosec == stamp
+        np.testing.assert_array_equal(message.position, recording.position[k])
+        np.testing.assert_array_equal(message.velocity, recording.velocity[k])
+        np.testing.assert_array_equal(message.effort, recording.effort[k])
+    commanded = [
+        (stamp - EPOCH, message.data[2]) for topic, stamp, message in found if topic == "/effort_commands"
+    ]
+    np.testing.assert_allclose(commanded, np.stack([np.round(times * 1e9), times], axis=1))
+
+
+def test_metadata_and_file_agree(tmp_path: Path) -> None:
+    path = bags.write(motion(urdf="<robot/>"), tmp_path / "bag")
+    information = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (information["version"], information["storage_identifier"]) == (9, "mcap")
+    assert information["relative_file_paths"] == ["bag.mcap"]
+    promised = {
+        t["topic_metadata"]["name"]: (t["topic_metadata"]["offered_qos_profiles"], t["message_count"])
+        for t in information["topics_with_message_count"]
+    }
+    with (path / "bag.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None and summary.statistics is not None
+    for key, channel in summary.channels.items():
+        profiles = yaml.safe_load(channel.metadata["offered_qos_profiles"])
+        assert (profiles, summary.statistics.channel_message_counts[key]) == promised[channel.topic]
+    assert promised["/robot_description"][0][0]["durability"] == "transient_local"
+    assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize("compression", list(CompressionMode))
+def test_reads_what_rosbags_writes(
+    tmp_path: Path, storage: StoragePlugin, compression: CompressionMode
+) -> None:
+    if storage is StoragePlugin.SQLITE3 and compression is CompressionMode.STORAGE:
+        pytest.skip("sqlite3 has no compression of its own")
+    recording = motion(joints=ARM)
+    path = write_bag(tmp_path / "bag", states(recording), storage, compression)
+    assert_equal(bags.read(path), recording)
+    assert bags.topics(path) == [bags.Topic("/joint_states", JOINT_STATE, len(recording))]
+
+
+def test_reads_a_bare_database(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    path = write_bag(tmp_path / "bag", states(recording), StoragePlugin.SQLITE3)
+    assert_equal(bags.read(path / "bag.db3"), recording)
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+@pytest.mark.parametrize("indexed", [True, False])
+def test_reads_what_the_mcap_library_writes(
+    tmp_path: Path, compression: CompressionType, indexed: bool
+) -> None:
+    recording = motion(joints=ARM, samples=3000)
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file, compression=compression, chunk_size=100_000, use_statistics=indexed)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(
+            JOINT_STATE, "ros2msg", TYPES.generate_msgdef(JOINT_STATE)[0].encode()
+        )
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for _, _, stamp, data in states(recording):
+            writer.add_message(channel, stamp, data, stamp)
+        writer.finish()
+    assert_equal(bags.read(path), recording)
+
+
+def test_reads_big_endian(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    assert_equal(bags.read(write_bag(tmp_path / "bag", states(recording, little=False))), recording)
+
+
+def test_joints_may_change_their_order(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    order = ["c", "a", "b"]
+    shuffled = states(recording.select(order))
+    messages = [b if k % 3 else a for k, (a, b) in enumerate(zip(states(recording), shuffled, strict=True))]
+    assert_equal(bags.read(write_bag(tmp_path / "bag", messages)), recording)
+    assert_equal(bags.read(tmp_path / "bag", joints=order), recording.select(order))
+
+
+def test_joints_may_join_on_the_way(tmp_path: Path) -> None:
+    recording = motion(joints=(*ARM, "finger"))
+    arm = recording.select(ARM)
+    messages = [*states(arm)[:300], *states(recording)[300:]]
+    again = bags.read(write_bag(tmp_path / "bag", messages), joints=ARM)
+    assert_equal(again, arm)
+    assert "finger" in again.notes[0]
+
+
+def test_two_publishers_of_different_joints(tmp_path: Path) -> None:
+    arm, gripper = motion(joints=ARM), motion(joints=("left", "right"), samples=550, seed=4)
+    gripper = replace(gripper, time=gripper.time + 0.003)
+    messages = sorted([*states(arm), *states(gripper)], key=lambda message: message[2])
+    path = write_bag(tmp_path / "bag", messages)
+    again = bags.read(path)
+    assert_equal(again, arm)
+    assert "550 of 1150 joint states hold other joints" in again.notes[1]
+    np.testing.assert_array_equal(bags.read(path, joints=["right"]).position, gripper.position[:, 1:])
+    np.testing.assert_array_equal(
+        bags.read(path, robot_joints=["x", "right", "left"]).joints, ["right", "left"]
+    )
+    with pytest.raises(BagError, match="no message holds a, left together"):
+        bags.read(path, joints=["a", "left"])
+
+
+def test_two_publishers_of_the_same_joints(tmp_path: Path) -> None:
+    arm = motion(joints=ARM)
+    late = replace(motion(joints=(*ARM, "finger"), samples=500), epoch=EPOCH - 5_000_000)
+    messages = [message for pair in zip(states(arm), states(late), strict=False) for message in pair]
+    messages += states(arm)[500:]
+    again = bags.read(write_bag(tmp_path / "bag", messages), joints=ARM)
+    assert_equal(again, arm)
+
+
+def test_the_description_chooses_the_joints(tmp_path: Path) -> None:
+    recording = motion(joints=("wheel", "pivot"), urdf=PENDULUM)
+    again = bags.read(bag_of(tmp_path / "bag", recording))
+    assert again.joints == ("pivot",)
+    assert again.urdf == PENDULUM
+    assert "wheel" in again.notes[0]
+
+
+def test_rename_comes_before_the_choice(tmp_path: Path) -> None:
+    recording = motion(joints=("old_pivot", "old_x"), urdf=PENDULUM)
+    again = bags.read(bag_of(tmp_path / "bag", recording), rename=["s/old_//"])
+    assert again.joints == ("pivot",)
+    np.testing.assert_array_equal(again.position[:, 0], recording.position[:, 0])
+
+
+def test_a_namespaced_description_is_found(tmp_path: Path) -> None:
+    messages = states(motion(), topic="/left/joint_states")
+    messages.append(("/left/robot_description", STRING, messages[-1][2], text(PENDULUM)))
+    path = write_bag(tmp_path / "bag", messages)
+    assert bags.read(path, joint_states="/left/joint_states").urdf == PENDULUM
+
+
+def test_stamps_of_the_recorder_stand_in_for_none(tmp_path: Path) -> None:
+    stamped = motion(joints=ARM)
+    messages = [
+        (topic, kind, log, joint_state(ARM, q))
+        for (topic, kind, log, _), q in zip(states(stamped), stamped.position, strict=True)
+    ]
+    again = bags.read(write_bag(tmp_path / "bag", messages))
+    np.testing.assert_allclose(again.time, stamped.time, atol=1e-12)
+    assert again.epoch == EPOCH
+    assert "header stamps are zero" in again.notes[0]
+
+
+def test_header_stamps_count_not_the_recorders(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    messages = [(t, k, log + 10**7 * (n % 3), data) for n, (t, k, log, data) in enumerate(states(recording))]
+    assert_equal(
+        bags.read(write_bag(tmp_path / "bag", messages), drop_invalid=True),
+        bags.read(tmp_path / "bag", drop_invalid=True),
+    )
+    in_order = [(t, k, log + 10**9, data) for t, k, log, data in states(recording)]
+    assert_equal(bags.read(write_bag(tmp_path / "late", in_order)), recording)
+
+
+def test_velocity_that_nobody_reports_is_absent(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    assert recording.velocity is not None
+    for name, value in (("nan", np.nan), ("zero", 0.0)):
+        silent = recording.velocity.copy()
+        silent[:, 1] = value
+        messages = [
+            (t, k, log, joint_state(ARM, q, v, u, log))
+            for (t, k, log, _), q, v, u in zip(
+                states(recording), recording.position, silent, recording.effort, strict=True
+            )
+        ]
+        again = bags.read(write_bag(tmp_path / name, messages))
+        assert again.velocity is None
+        assert "no velocity is reported for b" in again.notes[0]
+
+
+def test_velocity_of_some_messages_only_is_left_out(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    without = states(replace(recording, velocity=None))
+    again = bags.read(write_bag(tmp_path / "bag", [*without[:7], *states(recording)[7:]]))
+    assert_equal(again, replace(recording, velocity=None))
+    assert "no velocity is reported for 7 samples" in again.notes[0]
+
+
+def test_effort_of_zero_throughout_is_no_measurement(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    again = bags.read(write_bag(tmp_path / "bag", states(replace(recording, effort=np.zeros((600, 3))))))
+    assert again.effort is None
+    assert "every effort is zero" in again.notes[0]
+
+
+def test_effort_that_one_joint_does_not_report_is_named(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    messages = [
+        (t, k, log, joint_state(ARM, q, (), (1.0, np.nan, 2.0), log))
+        for (t, k, log, _), q in zip(states(recording), recording.position, strict=True)
+    ]
+    path = write_bag(tmp_path / "bag", messages)
+    with pytest.raises(RecordingError, match="no effort is reported for b"):
+        bags.read(path)
+    assert bags.read(path, joints=["a", "c"]).effort is not None
+
+
+def test_bad_samples_are_refused_or_dropped(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    messages = states(recording)
+    bad = joint_state(ARM, (0.0, np.nan, 0.0), (0, 0, 0), (0, 0, 0), messages[10][2])
+    path = write_bag(tmp_path / "bag", [*messages[:10], (*messages[10][:3], bad), *messages[11:]])
+    with pytest.raises(RecordingError, match=r"position of b is not finite at 0.100 s"):
+        bags.read(path)
+    assert len(bags.read(path, drop_invalid=True)) == len(recording) - 1
+    backwards = [
+        (t, k, EPOCH + n, data) for n, (t, k, _, data) in enumerate([*messages[300:], *messages[:300]])
+    ]
+    path = write_bag(tmp_path / "back", backwards)
+    with pytest.raises(RecordingError, match="do not increase"):
+        bags.read(path)
+    assert_equal(bags.read(path, drop_invalid=True), bags.read(write_bag(tmp_path / "cut", messages[300:])))
+
+
+def test_repeated_stamps_are_left_out(tmp_path: Path) -> None:
+    messages = states(motion(joints=ARM))
+    again = bags.read(write_bag(tmp_path / "bag", [m for message in messages for m in (message, message)]))
+    assert_equal(again, motion(joints=ARM))
+    assert "repeat the stamp" in again.notes[0]
+
+
+def test_messages_that_make_no_sense_are_left_out(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    good = states(recording)
+    stamp = good[0][2]
+    senseless = [
+        joint_state(ARM, (1.0, 2.0), stamp=stamp),
+        joint_state((), (1.0, 2.0), stamp=stamp),
+        joint_state(ARM, (), (), (1.0, 2.0, 3.0), stamp=stamp),
+        joint_state(("a", "a", "b"), (1.0, 2.0, 3.0), stamp=stamp),
+        good[0][3][:40],
+        b"\x00\x07" + good[0][3][2:],
+    ]
+    messages = [*(("/joint_states", JOINT_STATE, stamp, data) for data in senseless), *good]
+    again = bags.read(write_bag(tmp_path / "bag", messages))
+    assert_equal(again, recording)
+    assert len(again.notes) == 2
+    only = [("/joint_states", JOINT_STATE, stamp + k, data) for k, data in enumerate(senseless)]
+    with pytest.raises(BagError, match="can be decoded"):
+        bags.read(write_bag(tmp_path / "none", only))
+
+
+def test_commands_are_held_until_the_next(tmp_path: Path) -> None:
+    recording = motion(samples=50, joints=ARM)
+    sent = np.array([0.095, 0.2, 0.3051])
+    values = np.arange(9.0).reshape(3, 3)
+    path = bags.write(replace(recording, effort=None), tmp_path / "bag", commands=(sent, values))
+    again = bags.read(path, effort="command")
+    expected = [values[0]] * 10 + [values[1]] * 11 + [values[2]] * 19
+    np.testing.assert_array_equal(again.effort, expected)
+    np.testing.assert_allclose(again.time[0] + again.epoch * 1e-9, EPOCH * 1e-9 + 0.1, rtol=0, atol=1e-6)
+    assert "in the order a, b, c" in again.notes[0]
+    assert "10 samples before the first command" in again.notes[1]
+    turned = bags.read(path, effort="command", joints=["c", "b", "a"])
+    np.testing.assert_array_equal(turned.effort, expected)
+    fewer = bags.read(path, effort="command", joints=["c", "a"])
+    np.testing.assert_array_equal(fewer.effort, np.array(expected)[:, [2, 0]])
+    short = bags.write(recording, tmp_path / "short", commands=(sent, values[:, :2]))
+    with pytest.raises(RecordingError, match="have 2 values"):
+        bags.read(short, effort="command")
+
+
+def test_commands_need_their_topic(tmp_path: Path) -> None:
+    path = bags.write(motion(), tmp_path / "bag")
+    with pytest.raises(UsageError, match="none at all"):
+        bags.read(path, effort="command")
+    messages = [
+        *states(motion()),
+        ("/u", MULTI_ARRAY, EPOCH, command([1.0], ["x"])),
+        ("/w", MULTI_ARRAY, EPOCH, command([2.0])),
+    ]
+    path = write_bag(tmp_path / "two", messages)
+    with pytest.raises(UsageError, match="/u, /w"):
+        bags.read(path, effort="command")
+    np.testing.assert_array_equal(bags.read(path, "/joint_states", "/u", "command").effort, np.ones((600, 1)))
+    with pytest.raises(UsageError, match="not 'felt'"):
+        bags.read(path, effort="felt")
+
+
+def test_a_directory_without_metadata_or_with_other_profiles_reads(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    path = write_bag(tmp_path / "bag", states(recording))
+    text_before = (path / "metadata.yaml").read_text()
+    for content in (text_before.replace("reliable", "best_effort"), "nonsense: [", None):
+        (path / "metadata.yaml").unlink()
+        if content is not None:
+            (path / "metadata.yaml").write_text(content)
+        assert_equal(bags.read(path), recording)
+
+
+def test_a_bag_in_several_files_is_one(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    messages = states(recording)
+    path = write_bag(tmp_path / "bag", messages[:400])
+    other = write_bag(tmp_path / "bag_1", messages[400:])
+    (other / "bag_1.mcap").rename(path / "bag_1.mcap")
+    information = yaml.safe_load((path / "metadata.yaml").read_text())
+    information["rosbag2_bagfile_information"]["relative_file_paths"].append("bag_1.mcap")
+    (path / "metadata.yaml").write_text(yaml.safe_dump(information))
+    assert_equal(bags.read(path), recording)
+    (path / "bag_1.mcap").unlink()
+    with pytest.raises(BagError, match=r"bag_1\.mcap that metadata\.yaml names is missing"):
+        bags.read(path)
+
+
+def test_topics_that_hold_no_joint_state(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "other", states(motion(), topic="/arm/joint_states"))
+    with pytest.raises(BagError, match="no JointState on /joint_states, but on /arm/joint_states"):
+        bags.read(path)
+    path = write_bag(tmp_path / "none", [("/chatter", STRING, EPOCH, text("hello"))])
+    with pytest.raises(BagError, match=r"holds no sensor_msgs/JointState; its topics are /chatter"):
+        bags.read(path)
+    for name, topics in (("bare", ()), ("declared", (("/joint_states", JOINT_STATE),))):
+        path = write_bag(tmp_path / name, [], topics=topics)
+        with pytest.raises(BagError, match="without messages"):
+            bags.read(path)
+
+
+def test_what_is_not_there_or_not_a_bag(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="There is no bag"):
+        bags.read(tmp_path / "nothing.mcap")
+    with pytest.raises(BagError, match="directory without a bag"):
+        bags.read(tmp_path)
+    for name in ("a.mcap", "a.db3"):
+        (tmp_path / name).write_bytes(b"")
+        with pytest.raises(BagError, match="is empty"):
+            bags.read(tmp_path / name)
+        (tmp_path / name).write_bytes(b"hello, this is text and not a bag at all" * 9)
+        with pytest.raises(BagError, match="not a bag"):
+            bags.read(tmp_path / name)
+    (tmp_path / "a.txt").write_text("hello")
+    with pytest.raises(BagError, match="not a bag"):
+        bags.read(tmp_path / "a.txt")
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_a_damaged_file_is_never_a_surprise(tmp_path: Path, storage: StoragePlugin) -> None:
+    path = next(
+        p
+        for p in write_bag(tmp_path / "bag", states(motion(samples=300, joints=ARM)), storage).iterdir()
+        if p.suffix != ".yaml"
+    )
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for length in (9, 20, 60, len(whole) // 3, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(BagError, match=r"truncated or damaged|not a bag"):
+            bags.read(path)
+    refused = 0
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for place in rng.integers(0, len(whole), 20):
+            damaged[place] = rng.integers(256)
+        path.write_bytes(damaged)
+        try:
+            bags.read(path)
+        except BdnnError:
+            refused += 1
+    assert refused
+
+
+def test_memory_grows_with_the_joint_states_only(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    recording = motion(samples=400, joints=ARM)
+    messages = []
+    for message in states(recording):
+        messages += [message, ("/camera", STRING, message[2], text(rng.bytes(50_000).hex()))]
+    path = write_bag(tmp_path / "bag", messages)
+    size = (path / "bag.mcap").stat().st_size
+    assert size > 40_000_000
+    tracemalloc.start()
+    try:
+        assert_equal(bags.read(path), recording)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < size / 4
+
+
+def test_progress_is_told(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", states(motion(samples=5000, joints=ARM)))
+    told: list[tuple[int, int]] = []
+    bags.read(path, progress=lambda done, total: told.append((done, total)))
+    assert told[-1] == (5000, 5000)
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert len(told) > 2
+
+
+def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
+    path = bags.write(motion(), tmp_path / "bag")
+    with pytest.raises(UsageError, match="exists already"):
+        bags.write(motion(seed=2), path)
+    bags.write(motion(seed=2), path, overwrite=True)
+    assert_equal(bags.read(path), motion(seed=2))
+    (tmp_path / "precious").mkdir()
+    (tmp_path / "precious" / "thesis.tex").write_text("years of work")
+    with pytest.raises(UsageError, match="not a bag"):
+        bags.write(motion(), tmp_path / "precious", overwrite=True)
+    plain = bags.write(motion(), tmp_path / "a.mcap")
+    bags.write(motion(seed=2), plain, overwrite=True)
+    assert_equal(bags.read(plain), motion(seed=2))
+
+
+def test_a_bag_appears_whole_or_not_at_all(tmp_path: Path) -> None:
+    late = replace(motion(), epoch=2**31 * SECOND)
+    with pytest.raises(UsageError, match="do not fit a ROS message"):
+        bags.write(late, tmp_path / "bag")
+    wrong = (np.array([0.0, 1.0]), np.zeros((1, 1)))
+    with pytest.raises(ValueError, match="shorter"):
+        bags.write(motion(), tmp_path / "bag", commands=wrong)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the recordings of real robots are not here")
+@pytest.mark.parametrize(
+    ("database", "twin"),
+    [
+        ("panda_unisa/panda_exciting_trajectory.db3", "panda_unisa/panda.mcap"),
+        ("ur10_unisa/ur10_exciting_trajectory.db3", "ur10_unisa/ur10.mcap"),
+    ],
+)
+def test_real_recordings_are_the_same_in_both_formats(database: str, twin: str) -> None:
+    left, right = bags.read(DATA / database), bags.read(DATA / twin)
+    np.testing.assert_array_equal(left.time, right.time)
+    for field in ("position", "velocity", "effort"):  # the twin was rounded to single precision
+        np.testing.assert_array_equal(
+            getattr(left, field).astype(np.float32), getattr(right, field).astype(np.float32)
+        )
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the recordings of real robots are not here")
+def test_a_real_recording_without_velocity() -> None:
+    recording = bags.read(DATA / "tx40_figaroh" / "tx40.mcap")
+    assert (len(recording), recording.width, recording.velocity) == (45000, 6, None)
+    assert recording.effort is not None and recording.urdf is not None
+    assert recording.rate == pytest.approx(5000.0)
