@@ -1,1 +1,1 @@
-"""Bidirectional dynamic neural networks: acceleration from effort, effort from acceleration, readable parts."""
+"""Bidirectional dynamic neural networks: forward and inverse dynamics that stay readable as mechanics."""

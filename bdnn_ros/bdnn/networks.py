@@ -1,0 +1,211 @@
+"""The networks of a BDNN, and the map P from a vector to a symmetric positive-definite matrix.
+
+Plain NumPy: every derivative is written by hand, as in appendix A of the paper (Li, Zhao, Lan et al.,
+"Bidirectional dynamic neural networks with physical analyzability", Nonlinear Dynamics 111, 2023). Arrays
+keep their precision: float32 in, float32 out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.errors import UsageError, listed
+
+SPD_FLOOR = 1e-5
+"""Least eigenvalue of P(v), relative to 1 + |L|²: far enough above float32's rounding to survive it."""
+OUTPUT_BOUND = 100.0
+"""Outputs bend at this size, so that no weights can overflow P."""
+
+
+def _tanh(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    value = np.tanh(z)
+    return value, 1.0 - value * value
+
+
+def _sigmoid(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    value = 0.5 + 0.5 * np.tanh(0.5 * z)
+    return value, value * (1.0 - value)
+
+
+def _softplus(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.logaddexp(z, np.zeros((), z.dtype)), 0.5 + 0.5 * np.tanh(0.5 * z)
+
+
+ACTIVATIONS: dict[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+    "tanh": _tanh,
+    "sigmoid": _sigmoid,
+    "softplus": _softplus,
+}
+"""Each gives φ(z) and φ'(z)."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """What a network's forward pass leaves behind for its derivatives; names as in the paper.
+
+    Attributes:
+        inputs: o⁽¹⁾, (B, in).
+        hidden: o⁽²⁾ = φ(i⁽¹⁾), (B, hidden).
+        hidden_slope: φ'(i⁽¹⁾), (B, hidden).
+        output: y, (B, out).
+        output_slope: derivative of the output's activation, (B, out).
+    """
+
+    inputs: np.ndarray
+    hidden: np.ndarray
+    hidden_slope: np.ndarray
+    output: np.ndarray
+    output_slope: np.ndarray
+
+
+@dataclass(frozen=True)
+class Network:
+    """One hidden layer: y = ψ(W₂ φ(W₁ x + b₁) + b₂), with ψ(z) = bound · tanh(z / bound).
+
+    Attributes:
+        hidden_weights, hidden_bias: W₁ (hidden, in), b₁ (hidden,).
+        output_weights, output_bias: W₂ (out, hidden), b₂ (out,).
+        activation: φ, one of `ACTIVATIONS`.
+        bound: where outputs bend.
+    """
+
+    hidden_weights: np.ndarray
+    hidden_bias: np.ndarray
+    output_weights: np.ndarray
+    output_bias: np.ndarray
+    activation: str = "tanh"
+    bound: float = OUTPUT_BOUND
+
+    @classmethod
+    def random(
+        cls, inputs: int, hidden: int, outputs: int, rng: np.random.Generator, activation: str = "tanh"
+    ) -> Network:
+        """A network to start training from: inputs of size one excite the hidden layer, outputs are small.
+
+        Raises:
+            UsageError: the activation is not known.
+        """
+        if activation not in ACTIVATIONS:
+            raise UsageError(f"No activation {activation!r}.", f"There are {listed(ACTIVATIONS)}.")
+        return cls(
+            rng.normal(size=(hidden, inputs)) / np.sqrt(inputs),
+            rng.uniform(-1.0, 1.0, hidden),
+            0.1 * rng.normal(size=(outputs, hidden)) / np.sqrt(hidden),
+            np.zeros(outputs),
+            activation,
+        )
+
+    def run(self, x: np.ndarray) -> Pass:
+        """Forward pass for inputs (B, in)."""
+        hidden, slope = ACTIVATIONS[self.activation](x @ self.hidden_weights.T + self.hidden_bias)
+        bent = np.tanh((hidden @ self.output_weights.T + self.output_bias) / self.bound)
+        return Pass(x, hidden, slope, self.bound * bent, 1.0 - bent * bent)
+
+    def pull_inputs(self, done: Pass, cotangent: np.ndarray) -> np.ndarray:
+        """Cotangent of the inputs (B, in) for one of the outputs (B, out)."""
+        delta = cotangent * done.output_slope
+        return ((delta @ self.output_weights) * done.hidden_slope) @ self.hidden_weights
+
+    def pull_weights(self, done: Pass, cotangent: np.ndarray) -> np.ndarray:
+        """Gradient of all weights, in the order of `vector`, summed over the batch.
+
+        δ⁽²⁾ = cotangent ⊙ ψ', δ⁽¹⁾ = W₂ᵀ δ⁽²⁾ ⊙ φ': equations (12) and (13) for H, (14) and (15) for R, whose
+        cotangents `field.Field.pull_weights` forms.
+        """
+        delta = cotangent * done.output_slope
+        inner = (delta @ self.output_weights) * done.hidden_slope
+        parts = (inner.T @ done.inputs, inner.sum(axis=0), delta.T @ done.hidden, delta.sum(axis=0))
+        return np.concatenate([part.ravel() for part in parts])
+
+    def input_jacobian(self, done: Pass) -> np.ndarray:
+        """∂y/∂x, (B, out, in)."""
+        hidden = self.output_weights * done.hidden_slope[:, None, :]
+        return done.output_slope[:, :, None] * (hidden @ self.hidden_weights)
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """The weights: W₁, b₁, W₂, b₂."""
+        return self.hidden_weights, self.hidden_bias, self.output_weights, self.output_bias
+
+    def vector(self) -> np.ndarray:
+        """All weights in one new vector."""
+        return np.concatenate([part.ravel() for part in self.arrays])
+
+    def with_vector(self, vector: np.ndarray) -> Network:
+        """The network whose weights are views of a vector: to change it in place changes the network."""
+        parts, start = [], 0
+        for part in self.arrays:
+            parts.append(vector[start : start + part.size].reshape(part.shape))
+            start += part.size
+        return Network(*parts, self.activation, self.bound)
+
+    def astype(self, dtype: Any) -> Network:
+        """The same network in another precision."""
+        names = [f.name for f in fields(self)[:4]]
+        return replace(self, **{name: getattr(self, name).astype(dtype) for name in names})
+
+
+# -- P: vector -> symmetric positive-definite matrix ---------------------------------------------------------
+
+
+def vector_size(n: int) -> int:
+    """Entries of the vector that P maps to an n × n matrix."""
+    return n * (n + 1) // 2
+
+
+@lru_cache(maxsize=32)
+def lower_indices(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the lower triangle, in the order of P's vector."""
+    return np.tril_indices(n)
+
+
+def spd_factor(vector: np.ndarray, n: int) -> np.ndarray:
+    """L = 1 + tril(v), (B, n, n), of vectors (B, n(n+1)/2); v = 0 gives the unit matrix."""
+    factor = np.zeros((*vector.shape[:-1], n, n), vector.dtype)
+    rows, columns = lower_indices(n)
+    factor[..., rows, columns] = vector
+    factor[..., np.arange(n), np.arange(n)] += 1.0
+    return factor
+
+
+def spd_shift(factor: np.ndarray) -> np.ndarray:
+    """What P adds to the diagonal of L Lᵀ, (B,)."""
+    return factor.dtype.type(SPD_FLOOR) * (1.0 + np.einsum("...ij,...ij->...", factor, factor))
+
+
+def spd_matrix(factor: np.ndarray) -> np.ndarray:
+    """P = L Lᵀ + ε (1 + |L|²) 1, (B, n, n): positive-definite whatever L is, in float32 too."""
+    unit = np.eye(factor.shape[-1], dtype=factor.dtype)
+    return factor @ np.swapaxes(factor, -1, -2) + spd_shift(factor)[..., None, None] * unit
+
+
+def spd_apply(factor: np.ndarray, shift: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """P y without forming P, (B, n)."""
+    inner = (np.swapaxes(factor, -1, -2) @ y[..., None])[..., 0]
+    return (factor @ inner[..., None])[..., 0] + shift[..., None] * y
+
+
+def spd_pull(factor: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """P⁻¹ of the paper: the cotangent of v, (B, n(n+1)/2), for the cotangent left · rightᵀ of P."""
+    transposed = np.swapaxes(factor, -1, -2)
+    right_inner = (transposed @ right[..., None])[..., 0]
+    left_inner = (transposed @ left[..., None])[..., 0]
+    inner = 2.0 * factor.dtype.type(SPD_FLOOR) * np.einsum("...i,...i->...", left, right)
+    full = left[..., :, None] * right_inner[..., None, :] + right[..., :, None] * left_inner[..., None, :]
+    full += inner[..., None, None] * factor
+    rows, columns = lower_indices(factor.shape[-1])
+    return full[..., rows, columns]
+
+
+def spd_derivative(factor: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Change of P, (B, n, n), for a change of v, (B, n(n+1)/2)."""
+    n = factor.shape[-1]
+    step = spd_factor(change, n) - np.eye(n, dtype=factor.dtype)
+    half = step @ np.swapaxes(factor, -1, -2)
+    trace = 2.0 * factor.dtype.type(SPD_FLOOR) * np.einsum("...ij,...ij->...", step, factor)
+    return half + np.swapaxes(half, -1, -2) + trace[..., None, None] * np.eye(n, dtype=factor.dtype)
