@@ -29,6 +29,8 @@ KERNEL_WIDTHS = 4.0
 """Half length of the kernel in standard deviations."""
 MINIMUM_SAMPLES = 20
 """A segment shorter than this many working samples is left out."""
+ROUNDING = 0.05
+"""A rate this close to a whole number of working rates counts as there: 999 and 1001 Hz go together."""
 SAME_RATE = 0.02
 """Signals whose working rates differ by more than this share are not joined."""
 REST_WIDTHS = 5.0
@@ -272,10 +274,10 @@ def velocity_noise(position_noise: np.ndarray, std: float, rate: float) -> np.nd
 
 def _grid(rate: float, cutoff: float) -> tuple[float, int]:
     """Step of the even grid [s] and how many of its samples make one working sample."""
-    needed = SAMPLES_PER_CUTOFF * cutoff
-    if rate >= needed:
-        return 1.0 / rate, max(int(rate / needed), 1)
-    return 1.0 / (rate * np.ceil(needed / rate)), 1
+    ratio = rate / (SAMPLES_PER_CUTOFF * cutoff)
+    if ratio >= 1.0:
+        return 1.0 / rate, int(ratio + ROUNDING)
+    return 1.0 / (rate * np.ceil(1.0 / ratio - ROUNDING)), 1
 
 
 def _segment(

@@ -89,7 +89,7 @@ class Storage:
 
 
 def _require_all_pages(path: Path) -> None:
-    """Raises where a database is shorter than its header says, which SQLite itself notices only page by page.
+    """Raises where a database is shorter than its header says, which SQLite notices only page by page.
 
     Header of the SQLite file format: page size at byte 16 (1 stands for 65536), number of pages at 28, valid if
     the change counters at 24 and 92 agree.
