@@ -1,0 +1,50 @@
+"""The files of an extension: extended.urdf, extended.mjcf.xml, effects.yaml."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bdnn_ros.diagnosis.effects_file import effects_text
+from bdnn_ros.diagnosis.extension import ExtendedModel, extend
+from bdnn_ros.diagnosis.mjcf import beside_mjcf, extended_mjcf
+from bdnn_ros.diagnosis.urdf import beside_urdf, extended_urdf
+
+if TYPE_CHECKING:
+    from bdnn_ros.diagnosis.diagnose import Examination
+
+URDF, MJCF, EFFECTS = "extended.urdf", "extended.mjcf.xml", "effects.yaml"
+
+
+def write_extension(examination: Examination, out: Path) -> list[Path]:
+    """Write the extended robot of a diagnosis; returns the files' paths."""
+    return write_model_files(extend(examination), out)
+
+
+def write_model_files(model: ExtendedModel, out: Path) -> list[Path]:
+    """Write an extended model as URDF, MuJoCo model and effects; each file whole or not at all."""
+    beside = beside_urdf(model)
+    texts = {
+        URDF: extended_urdf(model),
+        MJCF: extended_mjcf(model),
+        EFFECTS: effects_text(beside, model.robot, beside_mjcf(beside)),
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    return [write_text(out / name, text) for name, text in texts.items()]
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text file, whole or not at all."""
+    handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        mask = os.umask(0o077)  # it can only be read by setting it
+        os.umask(mask)
+        os.chmod(beside, 0o666 & ~mask)
+        os.replace(beside, path)
+    finally:
+        Path(beside).unlink(missing_ok=True)
+    return path
