@@ -32,7 +32,7 @@ def real_robot(robot: Robot, seed: int = 1, error: float = 0.1) -> Robot:
 
 
 def motion(robot: Robot, duration: float, rate: float, seed: int = 0, noise: float = 0.0) -> Recording:
-    """A robot that follows a sum of sines exactly; its effort is the inverse dynamics, with noise if wanted."""
+    """A robot that follows sums of sines exactly; its effort is the inverse dynamics, and noise."""
     generator = np.random.default_rng(seed)
     time_ = np.arange(round(duration * rate)) / rate
     frequency = generator.uniform(0.15, 0.9, (4, robot.width)) * 2.0 * np.pi
@@ -111,6 +111,7 @@ def node_process(tmp_path: Path, domain: int, **parameters: Any) -> Iterator[Pro
     finally:
         if process.process.poll() is None:
             process.end()
+        print(process.output)  # shown where the test fails
         if "Traceback" in process.output:
             raise AssertionError(process.output)
 
@@ -160,16 +161,16 @@ class Robotics:
         with contextlib.suppress(ExternalShutdownException):
             self.executor.spin()
 
-    def call(self, kind: Any, name: str, timeout: float = 30.0, **fields: Any) -> Any:
+    def call(self, kind: Any, service: str, /, timeout: float = 30.0, **fields: Any) -> Any:
         """Answer of a service."""
-        client = self._clients.get(name)
+        client = self._clients.get(service)
         if client is None:
-            client = self._clients[name] = self.node.create_client(kind, name)
-        assert client.wait_for_service(DISCOVERY), f"no service {name}"
+            client = self._clients[service] = self.node.create_client(kind, service)
+        assert client.wait_for_service(DISCOVERY), f"no service {service}"
         future = client.call_async(kind.Request(**fields))
         done = threading.Event()
         future.add_done_callback(lambda _: done.set())
-        assert future.done() or done.wait(timeout), f"no answer from {name}"
+        assert future.done() or done.wait(timeout), f"no answer from {service}"
         return future.result()
 
     def keep(self, kind: Any, topic: str, latched: bool = False, most: int = 5000) -> list[Any]:
@@ -228,3 +229,26 @@ class Robotics:
                 time.sleep(pause)
             if message is not None:
                 publisher.publish(message)
+
+
+def status(diagnostics: list[Any]) -> dict[str, str]:
+    """Keys and values of the newest status of the node; `message` and `level` beside them."""
+    told = diagnostics[-1].status[0]
+    assert told.name == "bdnn: identification"
+    return {
+        **{pair.key: pair.value for pair in told.values},
+        "message": told.message,
+        "level": str(told.level[0]),
+    }
+
+
+def pose(robot: Robot, value: float = 0.3) -> dict[str, list[float]]:
+    """A request for inverse dynamics."""
+    return {name: [value] * robot.width for name in ("position", "velocity", "acceleration")}
+
+
+def urdf_file(folder: Path, robot: Robot) -> Path:
+    """The robot's description as a file."""
+    path = folder / "robot.urdf"
+    path.write_text(robot.urdf)
+    return path

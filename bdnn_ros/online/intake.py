@@ -145,7 +145,7 @@ class Intake:
         row[:n] = np.asarray(position)[index]
         row[n : 2 * n] = np.asarray(velocity)[index] if len(velocity) else math.nan
         row[2 * n :] = np.asarray(effort)[index] if len(effort) else math.nan
-        if not math.isfinite(row.sum()) and not self._acceptable(row, n):
+        if not np.isfinite(row).all() and not self._acceptable(row, n):
             return self._reject(NOT_FINITE)
         stream_time = self.clock.advance(stamp)
         if stream_time < 0:
@@ -198,7 +198,7 @@ class CommandIntake:
             return False
         row = self.ring.slot()
         row[:] = values
-        if not math.isfinite(row.sum()):
+        if not np.isfinite(row).all():
             self.rejected[NOT_FINITE] += 1
             return False
         stream_time = self.clock.advance(sent)

@@ -1,0 +1,182 @@
+"""What becomes a sample, and what is counted instead."""
+
+from __future__ import annotations
+
+import array
+
+import numpy as np
+import pytest
+
+from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.intake import BLOCK, PAUSE, Clock, CommandIntake, Intake
+
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+
+
+@pytest.fixture
+def intake():
+    ring = Ring.create(4096, 6)
+    yield Intake(("a", "b"), ring)
+    ring.close()
+
+
+def send(
+    intake: Intake, k: int, names=("a", "b"), position=(1.0, 2.0), velocity=(), effort=(3.0, 4.0)
+) -> bool:
+    return intake.take(list(names), position, velocity, effort, START + k * MS, START + k * MS + 5)
+
+
+def test_a_message_becomes_a_sample(intake):
+    fields = [array.array("d", values) for values in ((1.0, 2.0), (0.1, 0.2), (3.0, 4.0))]
+    assert intake.take(["a", "b"], *fields, START, START + 7)
+    chunk = intake.ring.read(0)
+    assert chunk.values.tolist() == [[1.0, 2.0, 0.1, 0.2, 3.0, 4.0]]
+    assert chunk.stamp.tolist() == [START] and chunk.sent.tolist() == [START + 7]
+
+
+def test_joints_may_come_in_any_order_with_others_between_and_change_it(intake):
+    send(intake, 0, ("b", "gripper", "a"), (2.0, 9.0, 1.0), (), (4.0, 9.0, 3.0))
+    send(intake, 1, ("a", "b"), (1.0, 2.0), (), (3.0, 4.0))
+    send(intake, 2, ("b", "a"), (2.0, 1.0), (), (4.0, 3.0))
+    values = intake.ring.read(0).values
+    assert values[:, [0, 1, 4, 5]].tolist() == [[1.0, 2.0, 3.0, 4.0]] * 3
+    assert intake.jumps == 2 and not intake.rejected
+
+
+def test_missing_joints_are_named_and_others_are_ignored(intake):
+    assert not send(intake, 0, ("a", "c"))
+    assert not send(intake, 1, ("gripper",), (1.0,), (), (1.0,))
+    assert send(intake, 2)
+    assert intake.rejected == {"joints_missing": 1}
+    assert intake.received == 2  # what has none of our joints is another publisher's
+
+
+def test_missing_velocity_and_effort_are_kept_as_missing(intake):
+    nan = float("nan")
+    assert send(intake, 0, velocity=(), effort=())
+    assert send(intake, 1, velocity=(nan, nan), effort=(nan, nan))
+    assert np.isnan(intake.ring.read(0).values[:, 2:]).all()
+    assert intake.rejected == {"effort_missing": 2}
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"position": (1.0, float("nan"))}, "not_finite"),
+        ({"position": (1.0, float("inf"))}, "not_finite"),
+        ({"position": (float("inf"), float("-inf"))}, "not_finite"),
+        ({"velocity": (float("nan"), 1.0)}, "not_finite"),
+        ({"effort": (1.0, float("-inf"))}, "not_finite"),
+        ({"position": (1.0,)}, "wrong_length"),
+        ({"position": ()}, "wrong_length"),
+        ({"effort": (1.0, 2.0, 3.0)}, "wrong_length"),
+    ],
+)
+def test_what_cannot_be_used_is_counted_by_reason(intake, fields, reason):
+    assert send(intake, 0)
+    assert not send(intake, 1, **fields)
+    assert send(intake, 2)
+    assert intake.rejected == {reason: 1} and intake.ring.written == 2
+
+
+def test_large_but_finite_numbers_are_taken(intake):
+    assert send(intake, 0, position=(1e308, 1e308), effort=(1e308, 1e308))
+
+
+def test_without_a_stamp_the_time_of_sending_stands(intake):
+    assert intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), 0, START)
+    assert intake.ring.read(0).stamp.tolist() == [START]
+    assert intake.unstamped == 1
+
+
+def advance(clock: Clock, stamps) -> list[int]:
+    return [clock.advance(int(stamp)) for stamp in stamps]
+
+
+def test_an_even_stream_loses_nothing():
+    clock = Clock()
+    stamps = START + MS * np.arange(10 * BLOCK)
+    assert advance(clock, stamps) == stamps.tolist()
+    assert clock.lost == 0 and clock.period == MS
+
+
+def test_gaps_are_counted():
+    clock = Clock()
+    kept = np.delete(np.arange(10 * BLOCK), [100, 200, 201, 202])
+    advance(clock, START + MS * kept)
+    advance(clock, START + MS * (10 * BLOCK + np.arange(BLOCK)))
+    assert clock.lost == 4
+
+
+def test_jitter_and_catching_up_are_no_loss():
+    clock = Clock()
+    generator = np.random.default_rng(0)
+    stamps = START + MS * np.arange(20 * BLOCK) + generator.integers(-MS // 5, MS // 5, 20 * BLOCK)
+    stamps[300:305] += (np.arange(5, 0, -1) * 0.9 * MS).astype(
+        int
+    )  # late by up to 4.5 ms, then on time again
+    advance(clock, stamps)
+    assert clock.lost == 0
+
+
+def test_another_rate_is_no_loss():
+    clock = Clock()
+    advance(clock, START + MS * np.arange(4 * BLOCK + 1))
+    advance(clock, START + MS * (4 * BLOCK + 10 * np.arange(1, 4 * BLOCK + 1)))
+    assert clock.lost == 0 and clock.period == 10 * MS
+
+
+def test_a_pause_is_no_loss():
+    clock = Clock()
+    advance(clock, START + MS * np.arange(500))
+    advance(clock, START + 7 * PAUSE + MS * np.arange(500))
+    assert clock.lost == 0 and clock.pauses == 1
+
+
+def test_a_stamp_that_repeats_or_goes_back_a_little_is_refused():
+    clock = Clock()
+    advance(clock, [START, START + MS])
+    assert clock.advance(START + MS) == -1
+    assert clock.advance(START) == -1
+    assert clock.advance(START + 2 * MS) == START + 2 * MS
+
+
+def test_a_clock_that_jumps_back_goes_on_in_a_new_stretch():
+    clock = Clock()
+    before = advance(clock, START + MS * np.arange(100))
+    after = advance(clock, START - 3600 * PAUSE + MS * np.arange(100))
+    assert clock.restarts == 1
+    assert after[0] - before[-1] > PAUSE
+    assert np.diff(after).tolist() == [MS] * 99
+
+
+def test_a_clock_that_stays_back_by_little_is_taken_up():
+    clock = Clock()
+    advance(clock, START + MS * np.arange(1000))
+    times = advance(clock, START + 500 * MS + MS * np.arange(100))
+    assert clock.restarts == 1
+    assert times.count(-1) < 25
+    taken = [time for time in times if time > 0]
+    assert (np.diff(taken) > 0).all()
+
+
+def test_one_stamp_far_ahead_does_not_end_the_stream():
+    clock = Clock()
+    stamps = START + MS * np.arange(300)
+    stamps[150] += 86400 * PAUSE
+    times = advance(clock, stamps)
+    assert times.count(-1) == 0
+    assert (np.diff(times) > 0).all()
+
+
+def test_commands_are_checked_alike():
+    ring = Ring.create(64, 2)
+    intake = CommandIntake(("a", "b"), ring)
+    assert intake.take(array.array("d", (1.0, 2.0)), START)
+    assert not intake.take((1.0,), START + MS)
+    assert not intake.take((1.0, float("nan")), START + MS)
+    assert not intake.take((1.0, 2.0), START)
+    assert intake.rejected == {"wrong_length": 1, "not_finite": 1, "stamp_backwards": 1}
+    assert ring.read(0).values.tolist() == [[1.0, 2.0]]
+    ring.close()

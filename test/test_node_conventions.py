@@ -1,0 +1,192 @@
+"""ROS conventions: lifecycle, parameters, namespaces, simulated time, commanded efforts, the replay node."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from live_support import (
+    Process,
+    Robotics,
+    motion,
+    node_process,
+    pose,
+    real_robot,
+    status,
+    urdf_file,
+    wait_until,
+)
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+from std_msgs.msg import Float64MultiArray, String
+
+from bdnn_interfaces.msg import DynamicsEstimate
+from bdnn_interfaces.srv import InverseDynamics
+from bdnn_ros import bags
+from bdnn_ros.nodes.parameters import IDENTIFICATION, REPLAY
+from bdnn_ros.robot import Robot
+
+pytestmark = pytest.mark.ros
+
+NODE = "/identification_node"
+ARM = Robot.bundled("arm2")
+REAL = real_robot(ARM)
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def change(ros: Robotics, transition: int) -> bool:
+    return ros.call(ChangeState, f"{NODE}/change_state", transition=Transition(id=transition)).success
+
+
+def state(ros: Robotics) -> int:
+    return ros.call(GetState, f"{NODE}/get_state").current_state.id
+
+
+def test_lifecycle_and_parameters(tmp_path):
+    with node_process(tmp_path, 121, autostart=False) as node, Robotics(121) as ros:
+        assert state(ros) == State.PRIMARY_STATE_UNCONFIGURED
+        names = [setting.name for setting in IDENTIFICATION]
+        told = ros.call(DescribeParameters, f"{NODE}/describe_parameters", names=names).descriptors
+        assert all(descriptor.description for descriptor in told)
+        ranges = {d.name: d for d in told}
+        assert ranges["cutoff"].floating_point_range[0].to_value == 500.0
+        assert ranges["trainer_niceness"].integer_range[0].to_value == 19
+
+        def put(name: str, **value) -> str:
+            parameter = Parameter(name=name, value=ParameterValue(**value))
+            result = ros.call(SetParameters, f"{NODE}/set_parameters", parameters=[parameter]).results[0]
+            return "" if result.successful else result.reason or "?"
+
+        double, text = ParameterType.PARAMETER_DOUBLE, ParameterType.PARAMETER_STRING
+        assert put("cutoff", type=double, double_value=-1.0)
+        assert "measured" in put("effort_source", type=text, string_value="guessed")
+        assert put("cutoff", type=double, double_value=8.0) == ""
+        assert put("urdf_file", type=text, string_value=str(tmp_path / "none.urdf")) == ""
+        assert not change(ros, Transition.TRANSITION_CONFIGURE)
+        assert "none.urdf" in node.output
+        assert put("urdf_file", type=text, string_value=str(urdf_file(tmp_path, ARM))) == ""
+        assert change(ros, Transition.TRANSITION_CONFIGURE)
+        assert state(ros) == State.PRIMARY_STATE_INACTIVE
+        assert "configuration" in put("cutoff", type=double, double_value=9.0)
+        # inactive, it answers but does not listen
+        assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
+        assert not ros.node.get_subscriptions_info_by_topic("/joint_states")
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        assert change(ros, Transition.TRANSITION_ACTIVATE)
+        ros.stream(motion(REAL, 2.0, 250.0), speed=2.0)
+        wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "500")
+        boolean = ParameterType.PARAMETER_BOOL
+        assert put("training", type=boolean, bool_value=False) == ""
+        wait_until(lambda: status(diagnostics)["training"] == "false")
+        assert change(ros, Transition.TRANSITION_DEACTIVATE)
+        wait_until(lambda: not ros.node.get_subscriptions_info_by_topic("/joint_states"))
+        assert node.children()
+        assert change(ros, Transition.TRANSITION_CLEANUP)
+        assert not node.children()
+        assert change(ros, Transition.TRANSITION_CONFIGURE) and change(ros, Transition.TRANSITION_ACTIVATE)
+        assert state(ros) == State.PRIMARY_STATE_ACTIVE
+        assert change(ros, Transition.TRANSITION_ACTIVE_SHUTDOWN)
+        assert not node.children()
+        assert state(ros) == State.PRIMARY_STATE_FINALIZED
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("effort_source", "guessed", "effort_source is 'guessed'; it must be one of measured, command."),
+        ("trainer_niceness", "40", "trainer_niceness is 40; it must lie between 0 and 19."),
+        ("cutoff", "ten", "cutoff is 'ten'; it must be a number with a decimal point."),
+    ],
+)
+def test_a_bad_value_at_start_gets_a_sentence(tmp_path, name, value, said):
+    arguments = [sys.executable, "-m", "bdnn_ros.nodes.identification_node", "--ros-args", "-p"]
+    process = Process([*arguments, f"{name}:={value}"], tmp_path / "log", 122)
+    assert process.process.wait(30) == 2
+    assert said in process.output and "Traceback" not in process.output
+
+
+@pytest.mark.parametrize(
+    ("file", "settings"), [("identification_node", IDENTIFICATION), ("replay_node", REPLAY)]
+)
+def test_the_configuration_files_hold_every_default(file, settings):
+    loaded = yaml.safe_load((ROOT / "config" / f"{file}.yaml").read_text())["/**"][file]["ros__parameters"]
+    empty = {setting.name: setting.default for setting in settings if setting.default == []}
+    assert {**empty, **loaded} == {setting.name: setting.default for setting in settings}
+
+
+def test_namespace_remapping_simulated_time_and_commands(tmp_path):
+    """In a namespace, on another topic, with /clock for time and the effort that was commanded."""
+    arguments = [sys.executable, "-m", "bdnn_ros.nodes.identification_node", "--ros-args"]
+    arguments += ["-r", "__ns:=/cell_1", "-r", "effort_commands:=/arm_controller/commands"]
+    settings = {
+        "use_sim_time": "true",
+        "effort_source": "command",
+        "joints": f"[{', '.join(ARM.joints)}]",
+        "diagnosis_period": "0.0",
+    }
+    for name, value in settings.items():
+        arguments += ["-p", f"{name}:={value}"]
+    recording = motion(REAL, 5.0, 250.0)
+    commands = recording.effort
+    process = Process(arguments, tmp_path / "log", 123)
+    try:
+        with Robotics(123) as ros:
+            diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+            estimates = ros.keep(DynamicsEstimate, "/cell_1/identification_node/estimate")
+            ros.publisher(String, "/cell_1/robot_description", latched=True).publish(String(data=ARM.urdf))
+            commander = ros.publisher(Float64MultiArray, "/arm_controller/commands")
+
+            def command(row, message):
+                commander.publish(Float64MultiArray(data=commands[row].tolist()))
+                message.effort = []
+                return message
+
+            ros.stream(recording, topic="/cell_1/joint_states", start=5_000_000_000, change=command)
+            wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "1250")
+            wait_until(lambda: int(status(diagnostics)["model_version"]) >= 2)
+            assert status(diagnostics)["samples_rejected"] == "0"
+            asked = {k: np.array(v) for k, v in pose(ARM).items()}
+            answer = ros.call(InverseDynamics, "/cell_1/identification_node/inverse_dynamics", **pose(ARM))
+            np.testing.assert_allclose(answer.effort, REAL.inverse_dynamics(**asked), rtol=0.03, atol=0.03)
+            told = estimates[-1]
+            assert 5 < told.header.stamp.sec < 11 and len(told.effort_measured) == 2
+    finally:
+        process.end()
+        print(process.output)
+
+
+def test_the_replay_node_plays_a_bag_with_its_own_stamps(tmp_path):
+    recording = motion(REAL, 3.0, 200.0)
+    bags.write(recording, tmp_path / "bag")
+    with (
+        node_process(tmp_path, 124, diagnosis_period=0.0),
+        Robotics(124) as ros,
+    ):
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        estimates = ros.keep(DynamicsEstimate, f"{NODE}/estimate")
+        arguments = [sys.executable, "-m", "bdnn_ros.nodes.replay_node", "--ros-args"]
+        arguments += ["-p", f"bag:={tmp_path / 'bag'}", "-p", "rate:=2.0", "-p", "clock:=true"]
+        player = Process(arguments, tmp_path / "player.log", 124)
+        assert player.process.wait(60) == 0, player.output
+        wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "600")
+        assert status(diagnostics)["samples_lost"] == "0"
+        assert re.search(r"played 600 joint states", player.output)
+        stamps = {message.header.stamp.sec for message in estimates}
+        original = bags.read(tmp_path / "bag").epoch // 10**9
+        assert stamps <= set(range(original, original + 4))
+
+
+def test_the_replay_node_says_what_is_wrong(tmp_path):
+    arguments = [sys.executable, "-m", "bdnn_ros.nodes.replay_node", "--ros-args", "-p", "bag:=/none.mcap"]
+    player = Process(arguments, tmp_path / "player.log", 125)
+    assert player.process.wait(30) == 2
+    assert "/none.mcap" in player.output and "Traceback" not in player.output
+    assert signal.SIGINT

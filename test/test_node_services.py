@@ -1,0 +1,125 @@
+"""Saving, loading, resuming, resetting, pausing and diagnosing through the node's services."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from live_support import (
+    Robotics,
+    motion,
+    node_process,
+    pose,
+    real_robot,
+    status,
+    urdf_file,
+    wait_until,
+)
+from std_srvs.srv import SetBool, Trigger
+
+from bdnn_interfaces.msg import Findings
+from bdnn_interfaces.srv import Diagnose, InverseDynamics, LoadModel, SaveModel
+from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.online.session import nominal
+from bdnn_ros.robot import Robot
+
+pytestmark = pytest.mark.ros
+
+NODE = "/identification_node"
+ARM = Robot.bundled("arm2")
+REAL = real_robot(ARM)
+
+
+def asked_effort(ros: Robotics) -> np.ndarray:
+    answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM))
+    assert answer.success, answer.message
+    return np.array(answer.effort)
+
+
+def test_the_life_of_a_model(tmp_path):
+    """Learned, saved, forgotten, loaded, kept at the end, and gone on from by the next node."""
+    kept = tmp_path / "models"
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": kept, "diagnosis_period": 0.0}
+    real = np.array(REAL.inverse_dynamics(*(np.array(x) for x in pose(ARM).values())))
+    described = np.array(ARM.inverse_dynamics(*(np.array(x) for x in pose(ARM).values())))
+    with node_process(tmp_path, 111, **parameters) as node, Robotics(111) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        ros.stream(motion(REAL, 4.5, 250.0))
+        wait_until(lambda: diagnostics and int(status(diagnostics)["model_version"]) >= 2)
+        np.testing.assert_allclose(asked_effort(ros), real, rtol=0.02, atol=0.02)
+        answer = ros.call(SaveModel, f"{NODE}/save_model", name="first")
+        assert answer.success and str(kept / "first" / "model.bdnn") in answer.message
+        saved = load_model(kept / "first")
+        np.testing.assert_allclose(
+            saved.inverse_dynamics(*(np.array(x) for x in pose(ARM).values())), asked_effort(ros)
+        )
+
+        # what leads out of the directory is refused, in both directions
+        outside = tmp_path / "outside"
+        save_model(outside, nominal(ARM))
+        os.symlink(outside, kept / "link")
+        for name in (
+            "../outside",
+            str(outside),
+            "a/../../outside",
+            "link",
+            "..",
+            "a//b",
+            "a\x00b",
+            "x" * 300,
+        ):
+            for kind, service in ((SaveModel, "save_model"), (LoadModel, "load_model")):
+                answer = ros.call(kind, f"{NODE}/{service}", name=name)
+                assert answer.success is False and "model_directory" in answer.message, name
+        assert sorted(path.name for path in outside.iterdir()) == ["model.bdnn"]
+        answer = ros.call(LoadModel, f"{NODE}/load_model", name="absent")
+        assert answer.success is False and "no model" in answer.message
+        save_model(kept / "other", nominal(Robot.bundled("arm6")))
+        answer = ros.call(LoadModel, f"{NODE}/load_model", name="other")
+        assert answer.success is False and "arm6_joint1" in answer.message
+        (kept / "damaged").mkdir()
+        (kept / "damaged" / "model.bdnn").write_bytes(b"not a model")
+        assert ros.call(LoadModel, f"{NODE}/load_model", name="damaged").success is False
+
+        assert ros.call(Trigger, f"{NODE}/reset").success
+        np.testing.assert_allclose(asked_effort(ros), described)
+        answer = ros.call(LoadModel, f"{NODE}/load_model", name="first")
+        assert answer.success, answer.message
+        np.testing.assert_allclose(asked_effort(ros), real, rtol=0.02, atol=0.02)
+        learned = asked_effort(ros)
+        assert node.end() == 0
+    np.testing.assert_allclose(
+        load_model(kept).inverse_dynamics(*(np.array(x) for x in pose(ARM).values())), learned
+    )
+    with node_process(tmp_path, 112, joints=f"[{', '.join(ARM.joints)}]", **parameters), Robotics(112) as ros:
+        np.testing.assert_allclose(asked_effort(ros), learned)  # before it saw the robot move
+
+
+def test_pausing_and_diagnosing(tmp_path):
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}
+    with node_process(tmp_path, 113, **parameters), Robotics(113) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        findings = ros.keep(Findings, f"{NODE}/findings", latched=True)
+        assert ros.call(SetBool, f"{NODE}/set_training", data=False).success
+        recording = motion(REAL, 12.0, 100.0, noise=0.002)
+        ros.stream(recording, speed=4.0)
+        wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "1200")
+        told = status(diagnostics)
+        assert told["model_version"] == "0" and told["training"] == "false"
+        short = ros.call(Diagnose, f"{NODE}/diagnose", window=2.0)
+        assert short.success is False and "short" in short.message
+        whole = ros.call(Diagnose, f"{NODE}/diagnose", timeout=60.0, window=0.0)
+        assert whole.success, whole.message
+        assert whole.findings.verdict in ("explained", "partly_explained")
+        assert whole.findings.findings and whole.findings.gain > 0.5
+        for finding in whole.findings.findings:
+            assert finding.sentence and len(finding.values) == len(finding.parameter_names) == len(
+                finding.units
+            )
+        wait_until(lambda: findings)
+        assert findings[-1].verdict == whole.findings.verdict
+        assert ros.call(SetBool, f"{NODE}/set_training", data=True).success
+        ros.stream(recording, speed=4.0, start=2_000_000_000_000)
+        wait_until(lambda: int(status(diagnostics)["model_version"]) > 0)
