@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.errors import RobotError, UsageError, listed
-from bdnn_ros.urdf import Limits, child_link, joint_tags, limits_of, link_inertia, reduced_model
+from bdnn_ros.urdf import Limits, child_link, inertia_of, joint_tags, limits_of, link_inertia, reduced_model
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 BUNDLED = ("arm2", "arm6", "arm7")
@@ -126,7 +126,7 @@ class Robot:
     def _model(self) -> pin.Model:
         model, _ = reduced_model(self.urdf, self.joints)
         for name, values in zip(self.joints, self.inertials, strict=True):
-            model.inertias[model.getJointId(name)] = pin.Inertia.FromDynamicParameters(np.asarray(values))
+            model.inertias[model.getJointId(name)] = inertia_of(values)
         model.armature[:] = 0.0
         model.gravity.linear = np.asarray(self.gravity_vector)
         return model

@@ -114,6 +114,15 @@ def _bounded(urdf: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def inertia_of(parameters: np.ndarray) -> pin.Inertia:
+    """The inertia of a body by its parameters (10,): m, m·c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin."""
+    mass, (xx, xy, yy, xz, yz, zz) = parameters[0], parameters[4:]
+    if mass != 0.0:
+        return pin.Inertia.FromDynamicParameters(np.asarray(parameters, float))
+    # without mass there is no centre of mass to divide out
+    return pin.Inertia(0.0, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
 def link_inertia(urdf: str, link: str) -> pin.Inertia:
     """The <inertial> of a link, in its frame; zero where it has none."""
     path = f"./link[@name='{link}']/inertial"

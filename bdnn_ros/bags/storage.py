@@ -91,8 +91,8 @@ class Storage:
 def _require_all_pages(path: Path) -> None:
     """Raises where a database is shorter than its header says, which SQLite notices only page by page.
 
-    Header of the SQLite file format: page size at byte 16 (1 stands for 65536), number of pages at 28, valid if
-    the change counters at 24 and 92 agree.
+    SQLite file format: page size at byte 16 (1 stands for 65536), number of pages at 28, valid if the change
+    counters at 24 and 92 agree.
     """
     if path.suffix != ".db3" or path.stat().st_size < SQLITE_HEADER:
         return

@@ -1,0 +1,354 @@
+"""The rigid-body robot: closed forms, axioms and finite differences."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from bdnn_ros.errors import RobotError, UsageError
+from bdnn_ros.robot import BUNDLED, PER_LINK, Robot
+
+G = 9.81
+M1, M2, L1, C1, C2, I1, I2 = 3.0, 2.0, 0.8, 0.5, 0.3, 0.2, 0.07
+
+
+def two_link(dynamics: str = "", kind: str = "revolute", order: str = "12") -> str:
+    """A planar arm in the vertical plane: horizontal at zero, positive angles lift it."""
+    limit = '<limit lower="-3" upper="3" effort="100" velocity="5"/>' if kind == "revolute" else ""
+    joints = {
+        "1": f"""<joint name="one" type="{kind}"><parent link="base"/><child link="upper"/>
+            <axis xyz="0 -1 0"/>{limit}{dynamics}</joint>""",
+        "2": f"""<joint name="two" type="{kind}"><parent link="upper"/><child link="lower"/>
+            <axis xyz="0 -1 0"/><origin xyz="{L1} 0 0"/>{limit}</joint>""",
+    }
+
+    def link(name: str, mass: float, centre: float, inertia: float) -> str:
+        return f"""<link name="{name}"><inertial><origin xyz="{centre} 0 0"/><mass value="{mass}"/>
+            <inertia ixx="0.01" ixy="0" ixz="0" iyy="{inertia}" iyz="0" izz="{inertia}"/></inertial></link>"""
+
+    return f"""<robot name="arm"><link name="base"/>{link("upper", M1, C1, I1)}{link("lower", M2, C2, I2)}
+        {"".join(joints[k] for k in order)}
+        <link name="tool"/><joint name="fixed" type="fixed"><parent link="lower"/><child link="tool"/>
+        <origin xyz="0.4 0.1 0.2" rpy="0.3 0.2 0.1"/></joint></robot>"""
+
+
+def closed_form(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Effort of the two-link arm (Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 7.4)."""
+    mass = closed_mass(q)
+    h = M2 * L1 * C2 * np.sin(q[1])
+    coriolis = np.array([-h * (2.0 * v[0] * v[1] + v[1] ** 2), h * v[0] ** 2])
+    outer = M2 * C2 * G * np.cos(q[0] + q[1])
+    return mass @ a + coriolis + np.array([(M1 * C1 + M2 * L1) * G * np.cos(q[0]) + outer, outer])
+
+
+def closed_mass(q: np.ndarray) -> np.ndarray:
+    """Mass matrix of the two-link arm."""
+    cross = M2 * L1 * C2 * np.cos(q[1])
+    inner = I2 + M2 * C2**2
+    return np.array(
+        [[I1 + M1 * C1**2 + inner + M2 * L1**2 + 2.0 * cross, inner + cross], [inner + cross, inner]]
+    )
+
+
+def states(robot: Robot, count: int = 20, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random positions, velocities, accelerations, (count, n) each."""
+    rng = np.random.default_rng(seed)
+    q, v, a = rng.uniform(-1.5, 1.5, (3, count, robot.width))
+    return q, 2.0 * v, 5.0 * a
+
+
+@pytest.fixture(params=[*BUNDLED, "shuffled"])
+def robot(request: pytest.FixtureRequest) -> Robot:
+    """Every bundled robot, and one with its joints in another order and two of them locked."""
+    if request.param != "shuffled":
+        return Robot.bundled(request.param)
+    return Robot.bundled("arm7", [f"arm7_joint{k}" for k in (6, 2, 4, 1, 7)])
+
+
+def test_the_two_link_arm_is_the_textbooks() -> None:
+    arm = Robot.from_urdf(two_link())
+    q, v, a = states(arm)
+    expected = np.array([closed_form(*row) for row in zip(q, v, a, strict=True)])
+    np.testing.assert_allclose(arm.rigid_effort(q, v, a), expected, atol=1e-10)
+    np.testing.assert_allclose(arm.mass_matrix(q), [closed_mass(row) for row in q], atol=1e-12)
+    rest = np.zeros(2)
+    np.testing.assert_allclose(arm.gravity(q), [closed_form(row, rest, rest) for row in q], atol=1e-10)
+    np.testing.assert_allclose(
+        arm.coriolis(q, v) + arm.gravity(q),
+        [closed_form(*row, rest) for row in zip(q, v, strict=True)],
+        atol=1e-10,
+    )
+
+
+@pytest.mark.parametrize("text", [two_link(order="21"), two_link()])
+def test_joints_come_in_any_order(text: str) -> None:
+    straight = Robot.from_urdf(text, ["one", "two"])
+    turned = Robot.from_urdf(text, ["two", "one"])
+    q, v, a = states(straight)
+    np.testing.assert_allclose(straight.rigid_effort(q, v, a)[0], closed_form(q[0], v[0], a[0]), atol=1e-10)
+    turn = [1, 0]
+    np.testing.assert_allclose(
+        turned.rigid_effort(q[:, turn], v[:, turn], a[:, turn]),
+        straight.rigid_effort(q, v, a)[:, turn],
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(
+        turned.mass_matrix(q[:, turn]), straight.mass_matrix(q)[:, turn][:, :, turn], atol=1e-12
+    )
+    np.testing.assert_array_equal(turned.inertials, straight.inertials[turn])
+
+
+def test_order_of_a_tree_does_not_matter() -> None:
+    whole = Robot.bundled("arm7")
+    order = np.random.default_rng(1).permutation(7)
+    turned = Robot.bundled("arm7", [whole.joints[k] for k in order])
+    q, v, a = states(whole)
+    np.testing.assert_allclose(
+        turned.inverse_dynamics(q[:, order], v[:, order], a[:, order]),
+        whole.inverse_dynamics(q, v, a)[:, order],
+        atol=1e-10,
+    )
+    for name in ("lower", "upper", "velocity", "effort"):
+        np.testing.assert_array_equal(getattr(turned.limits, name), getattr(whole.limits, name)[order])
+
+
+def test_the_regressor_is_linear_in_the_inertials(robot: Robot) -> None:
+    rng = np.random.default_rng(2)
+    q, v, a = states(robot)
+    regressor = robot.regressor(q, v, a)
+    assert regressor.shape == (20, robot.width, robot.width * PER_LINK)
+    np.testing.assert_allclose(regressor @ robot.inertials.ravel(), robot.rigid_effort(q, v, a), atol=1e-9)
+    other = robot.with_inertials(robot.inertials * rng.uniform(0.8, 1.2, robot.inertials.shape))
+    np.testing.assert_allclose(regressor @ other.inertials.ravel(), other.rigid_effort(q, v, a), atol=1e-9)
+
+
+def test_the_mass_matrix_is_symmetric_and_positive(robot: Robot) -> None:
+    q, _, _ = states(robot, 50)
+    mass = robot.mass_matrix(q)
+    np.testing.assert_allclose(mass, np.swapaxes(mass, 1, 2), atol=1e-12)
+    assert np.linalg.eigvalsh(mass).min() > 0.0
+    armature = np.arange(1.0, robot.width + 1.0)
+    np.testing.assert_allclose(
+        robot.with_joint_parameters(armature=armature).mass_matrix(q) - mass,
+        np.tile(np.diag(armature), (50, 1, 1)),
+        atol=1e-12,
+    )
+
+
+def test_mass_and_coriolis_belong_together(robot: Robot) -> None:
+    """Christoffel symbols from M by finite differences: their C q̇ is the robot's, and Ṁ - 2C is skew."""
+    q, v, _ = states(robot, 1)
+    step, n = 1e-5, robot.width
+    sides = [robot.mass_matrix(q[0] + sign * step * np.eye(n)) for sign in (1.0, -1.0)]
+    slope = (sides[0] - sides[1]) / (2.0 * step)  # slope[k, i, j] = dM_ij / dq_k
+    christoffel = 0.5 * (
+        np.einsum("kij->ijk", slope) + np.einsum("jik->ijk", slope) - np.einsum("ijk->ijk", slope)
+    )
+    matrix = christoffel @ v[0]
+    np.testing.assert_allclose(matrix @ v[0], robot.coriolis(q, v)[0], atol=1e-6)
+    skew = np.einsum("kij,k->ij", slope, v[0]) - 2.0 * matrix
+    np.testing.assert_allclose(skew, -skew.T, atol=1e-7)
+
+
+def test_forward_undoes_inverse(robot: Robot) -> None:
+    n = robot.width
+    real = robot.with_joint_parameters(np.full(n, 0.1), np.full(n, 2.0), np.full(n, 1.5))
+    q, v, a = states(real)
+    effort = real.inverse_dynamics(q, v, a)
+    np.testing.assert_allclose(real.forward_dynamics(q, v, effort), a, atol=1e-8)
+    np.testing.assert_allclose(
+        effort - robot.inverse_dynamics(q, v, a), 0.1 * a + 2.0 * v + 1.5 * np.sign(v) + 0.0, atol=1e-9
+    )
+
+
+def test_one_pose_none_and_many_have_their_shapes(robot: Robot) -> None:
+    n = robot.width
+    q, v, a = states(robot, 6)
+    cube = tuple(x.reshape(2, 3, n) for x in (q, v, a))
+    assert robot.inverse_dynamics(*cube).shape == (2, 3, n)
+    np.testing.assert_allclose(robot.inverse_dynamics(q[0], v[0], a[0]), robot.inverse_dynamics(*cube)[0, 0])
+    np.testing.assert_allclose(robot.mass_matrix(q[0]), robot.mass_matrix(cube[0])[0, 0])
+    np.testing.assert_allclose(robot.forward_dynamics(q[0], v[0], a[0]), robot.forward_dynamics(*cube)[0, 0])
+    none = np.empty((0, n))
+    assert robot.inverse_dynamics(none, none, none).shape == (0, n)
+    assert robot.mass_matrix(none).shape == (0, n, n)
+    assert robot.regressor(none, none, none).shape == (0, n, n * PER_LINK)
+    assert robot.link_jacobian(none, robot.moving_link(robot.joints[0])).shape == (0, 6, n)
+
+
+def test_joints_left_out_are_held() -> None:
+    whole = Robot.bundled("arm7")
+    kept = ["arm7_joint6", "arm7_joint2"]
+    part = Robot.bundled("arm7", kept)
+    rest = np.clip(np.zeros(7), whole.limits.lower, whole.limits.upper)
+    columns = [whole.joints.index(joint) for joint in kept]
+    q, v, a = states(part)
+    position, velocity, acceleration = np.tile(rest, (20, 1)), np.zeros((20, 7)), np.zeros((20, 7))
+    position[:, columns], velocity[:, columns], acceleration[:, columns] = q, v, a
+    expected = whole.rigid_effort(position, velocity, acceleration)[:, columns]
+    np.testing.assert_allclose(part.rigid_effort(q, v, a), expected, atol=1e-9)
+
+
+def test_continuous_joints_are_angles_without_limits() -> None:
+    turning, bounded = Robot.from_urdf(two_link(kind="continuous")), Robot.from_urdf(two_link())
+    q, v, a = states(bounded)
+    np.testing.assert_allclose(turning.rigid_effort(q, v, a), bounded.rigid_effort(q, v, a), atol=1e-12)
+    np.testing.assert_allclose(turning.gravity(q + 2.0 * np.pi * 40.0), bounded.gravity(q), atol=1e-9)
+    for limit in (
+        turning.limits.upper,
+        -turning.limits.lower,
+        turning.limits.effort,
+        turning.limits.velocity,
+    ):
+        np.testing.assert_array_equal(limit, np.inf)
+    np.testing.assert_array_equal(bounded.limits.upper, 3.0)
+    np.testing.assert_array_equal(bounded.limits.effort, 100.0)
+    partly = Robot.from_urdf(two_link(kind="continuous"), ["two"])
+    np.testing.assert_allclose(partly.mass_matrix(np.zeros(1)), [[I2 + M2 * C2**2]], atol=1e-12)
+
+
+def test_tags_of_the_urdf_are_the_joints_friction() -> None:
+    arm = Robot.from_urdf(two_link('<dynamics damping="0.7" friction="1.3"/>'))
+    np.testing.assert_array_equal(arm.viscous, [0.7, 0.0])
+    np.testing.assert_array_equal(arm.coulomb, [1.3, 0.0])
+    v = np.array([[2.0, 2.0], [-2.0, 1.0], [0.0, 0.0]])
+    np.testing.assert_allclose(arm.friction(np.zeros((3, 2)), v), [[2.7, 0.0], [-2.7, 0.0], [0.0, 0.0]])
+    np.testing.assert_array_equal(Robot.from_urdf(two_link('<dynamics damping="0.7"/>')).coulomb, 0.0)
+    with pytest.raises(RobotError, match="damping value"):
+        Robot.from_urdf(two_link('<dynamics damping="much"/>'))
+
+
+def test_a_tilted_base_turns_gravity() -> None:
+    arm = Robot.from_urdf(two_link(), ["one"])
+    q = np.linspace(-1.0, 1.0, 7)[:, None]
+    np.testing.assert_allclose(arm.tilted(0.0, 0.2).gravity(q), arm.gravity(q - 0.2), atol=1e-12)
+    np.testing.assert_allclose(arm.tilted(0.3, 0.0).gravity(q), np.cos(0.3) * arm.gravity(q), atol=1e-12)
+    roll, pitch = 0.3, 0.2
+    vector = arm.tilted(roll, pitch).gravity_vector
+    base = np.array([np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
+    np.testing.assert_allclose(vector, G * base, atol=1e-12)
+    np.testing.assert_allclose(arm.tilted(0.3, 0.2).mass_matrix(q), arm.mass_matrix(q))
+
+
+def place(robot: Robot, q: np.ndarray, link: str) -> np.ndarray:
+    """Where the origin of a link is, by Pinocchio, (3,) [m]."""
+    model, order = robot.pinocchio_model()
+    data, values = model.createData(), np.empty(robot.width)
+    values[order] = q
+    pin.framesForwardKinematics(model, data, values)
+    return np.array(data.oMf[model.getFrameId(link, pin.FrameType.BODY)].translation)
+
+
+def test_the_jacobian_is_the_slope_of_the_position(robot: Robot) -> None:
+    q, _, _ = states(robot, 1)
+    link = robot.links[-1]
+    jacobian = robot.link_jacobian(q, link)[0]
+    step = 1e-6
+    for k, direction in enumerate(np.eye(robot.width)):
+        slope = (
+            place(robot, q[0] + step * direction, link) - place(robot, q[0] - step * direction, link)
+        ) / (2.0 * step)
+        np.testing.assert_allclose(jacobian[:3, k], slope, atol=1e-8)
+
+
+def test_a_point_mass_pulls_through_the_jacobian(robot: Robot) -> None:
+    q, _, _ = states(robot, 5)
+    link = robot.links[-1]
+    body, _, translation = robot.body_of(link)
+    mass, (x, y, z) = 1.7, translation
+    outer = np.array([y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y])
+    inertials = robot.inertials.copy()
+    inertials[body] += mass * np.concatenate([[1.0], translation, outer])
+    pull = robot.with_inertials(inertials).gravity(q) - robot.gravity(q)
+    np.testing.assert_allclose(pull, mass * G * robot.link_jacobian(q, link)[:, 2], atol=1e-9)
+
+
+def test_links_know_the_body_that_carries_them() -> None:
+    arm = Robot.from_urdf(two_link())
+    assert arm.links == ("base", "upper", "lower", "tool")
+    assert [arm.moving_link(joint) for joint in arm.joints] == ["upper", "lower"]
+    body, rotation, translation = arm.body_of("tool")
+    assert body == 1
+    np.testing.assert_allclose(translation, [0.4, 0.1, 0.2])
+    np.testing.assert_allclose(rotation, pin.rpy.rpyToMatrix(0.3, 0.2, 0.1))
+    assert Robot.from_urdf(two_link(), ["two", "one"]).body_of("tool")[0] == 0
+    with pytest.raises(UsageError, match=r"'base' does not move.*upper, lower"):
+        arm.body_of("base")
+    with pytest.raises(UsageError, match=r"'upper' does not move.*Moving links are lower"):
+        Robot.from_urdf(two_link(), ["two"]).body_of("upper")
+    for ask in (arm.body_of, lambda link: arm.link_jacobian(np.zeros((1, 2)), link)):
+        with pytest.raises(UsageError, match=r"no link 'hand'.*base, upper, lower, tool"):
+            ask("hand")
+    with pytest.raises(UsageError, match="no joint 'three'"):
+        arm.moving_link("three")
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_links_make_up_their_bodies(name: str) -> None:
+    arm = Robot.bundled(name)
+    total = np.zeros_like(arm.inertials)
+    for link in arm.links:
+        try:
+            body, inertials = arm.link_inertial(link)
+        except UsageError:
+            continue
+        total[body] += inertials
+    np.testing.assert_allclose(total, arm.inertials, atol=1e-10)
+
+
+def test_a_joint_without_mass_carries_nothing() -> None:
+    text = (
+        two_link()
+        .replace('<mass value="2.0"/>', '<mass value="0"/>')
+        .replace('iyy="0.07" iyz="0" izz="0.07"', 'iyy="0" iyz="0" izz="0"')
+        .replace('ixx="0.01"', 'ixx="0"')
+    )
+    arm = Robot.from_urdf(text)
+    q, v, a = states(arm)
+    np.testing.assert_allclose(arm.rigid_effort(q, v, a)[:, 1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(arm.gravity(q)[:, 0], M1 * C1 * G * np.cos(q[:, 0]), atol=1e-10)
+
+
+def test_a_copy_is_the_same_robot() -> None:
+    arm = Robot.bundled("arm7").with_joint_parameters(armature=np.ones(7))
+    q, v, a = states(arm)
+    before = arm.inverse_dynamics(q, v, a)
+    np.testing.assert_array_equal(copy.deepcopy(arm).inverse_dynamics(q, v, a), before)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("garbage", "syntax error"),
+        ("", "no element found"),
+        ("<html/>", "not <robot>"),
+        ("<robot name='x'/>", "No link elements"),
+        (two_link().replace('type="revolute"', 'type="wobbly"'), "no known type"),
+        (
+            two_link().replace('<limit lower="-3" upper="3" effort="100" velocity="5"/>', ""),
+            "does not specify limits",
+        ),
+        (two_link().replace('type="revolute"', 'type="floating"'), "more than one degree of freedom"),
+        (two_link().replace('type="revolute"', 'type="fixed"'), "no movable joint"),
+    ],
+)
+def test_an_unusable_description_says_why(text: str, reason: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(RobotError, match=reason) as caught:
+        Robot.from_urdf(text)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_joints_and_files_that_are_not_there(tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match="no movable joint three; it has one, two"):
+        Robot.from_urdf(two_link(), ["one", "three"])
+    with pytest.raises(RobotError, match="cannot be read"):
+        Robot.from_file(tmp_path / "none.urdf")
+    with pytest.raises(UsageError, match="No bundled robot 'arm9'"):
+        Robot.bundled("arm9")
+    (tmp_path / "arm.urdf").write_text(two_link())
+    assert Robot.from_file(tmp_path / "arm.urdf").joints == ("one", "two")

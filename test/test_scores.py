@@ -1,0 +1,127 @@
+"""Scores: known errors, and rollouts of robots whose motion is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bag_cases import PENDULUM
+
+from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.scores import Scores, rollout_error, score, score_model
+from bdnn_ros.signals import Signals, prepare
+
+
+class Model(Robot):
+    """A robot that predicts along a motion."""
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """Effort, (N, n) [N·m]."""
+        return self.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+
+
+@pytest.fixture
+def pendulum() -> Model:
+    """A pendulum."""
+    return Model.from_urdf(PENDULUM)
+
+
+def driven(model: Robot, duration: float = 20.0) -> Signals:
+    """The motion of a robot along a sinusoid, and the effort that it takes."""
+    time = np.arange(0.0, duration, 0.002)
+    q = 0.8 * np.sin(1.7 * time)[:, None]
+    v, a = 0.8 * 1.7 * np.cos(1.7 * time)[:, None], -(1.7**2) * q
+    return prepare(Recording(time, model.joints, q, v, model.inverse_dynamics(q, v, a)))
+
+
+def test_known_errors_have_known_scores() -> None:
+    rng = np.random.default_rng(0)
+    measured = rng.normal(size=(100_000, 2)) * [2.0, 5.0] + 30.0
+    predicted = measured + rng.normal(size=measured.shape) * [0.2, 2.5]
+    found = score(measured, predicted, ("a", "b"))
+    np.testing.assert_allclose(found.rmse, [0.2, 2.5], rtol=0.02)
+    np.testing.assert_allclose(found.nrmse, [0.1, 0.5], rtol=0.02)
+    np.testing.assert_allclose(found.nmse, found.nrmse**2)
+    assert found.nrmse_mean == pytest.approx(np.mean(found.nrmse))
+    assert score(measured, measured, ("a", "b")).nrmse_mean == 0.0
+    mean = np.broadcast_to(measured.mean(axis=0), measured.shape)
+    np.testing.assert_allclose(score(measured, mean, ("a", "b")).nrmse, 1.0)
+
+
+def test_json_is_as_the_contract_says() -> None:
+    found = score(np.array([[1.0, 5.0], [3.0, 5.0]]), np.array([[1.0, 5.0], [2.0, 6.0]]), ("a", "b"))
+    text = json.dumps(found.as_json(), allow_nan=False)
+    assert json.loads(text) == {
+        "joints": ["a", "b"],
+        "rmse": pytest.approx([0.5**0.5, 0.5**0.5]),
+        "nrmse": [pytest.approx(0.5**0.5), None],
+        "nmse": [pytest.approx(0.5), None],
+        "nrmse_mean": pytest.approx(0.5**0.5),
+    }
+    steady = score(np.ones((3, 1)), np.ones((3, 1)), ("a",))
+    assert steady.as_json()["nrmse_mean"] is None
+
+
+def test_no_sample_is_no_score() -> None:
+    with pytest.raises(RecordingError, match="No sample is left"):
+        score(np.empty((0, 2)), np.empty((0, 2)), ("a", "b"))
+
+
+def test_the_true_model_scores_well_and_a_wrong_one_as_expected(pendulum: Model) -> None:
+    signals = driven(pendulum)
+    assert score_model(pendulum, [signals]).nrmse[0] < 1e-3
+    heavier = pendulum.with_inertials(1.2 * pendulum.inertials)
+    found = score_model(heavier, [signals, signals])
+    assert isinstance(found, Scores)
+    assert signals.effort is not None
+    inside = signals.smooth(signals.effort)[signals.interior]
+    assert found.rmse[0] == pytest.approx(0.2 * np.sqrt(np.mean(inside**2)), rel=1e-2)
+    with pytest.raises(RecordingError, match="no effort"):
+        score_model(pendulum, [replace(signals, effort=None)])
+
+
+def test_the_true_model_rolls_out_along_the_motion(pendulum: Model) -> None:
+    signals = driven(pendulum)
+    found = rollout_error(pendulum, signals, 0.5)
+    assert found.horizon == pytest.approx(0.5, abs=0.01)
+    assert found.windows == pytest.approx(len(signals) / signals.rate / found.horizon, abs=2)
+    assert found.position[0] < 1e-3
+
+
+def test_a_constant_push_moves_by_half_its_acceleration_times_time_squared(pendulum: Model) -> None:
+    """A second's rollout of a wrong effort: the error is that of a uniform acceleration for a short time."""
+    signals = driven(pendulum)
+    assert signals.effort is not None
+    pushed = replace(signals, effort=signals.effort + 0.5)
+    horizon, inertia = 0.1, float(pendulum.mass_matrix(np.zeros(1))[0, 0])
+    found = rollout_error(pendulum, pushed, horizon)
+    assert found.position[0] == pytest.approx(0.5 * 0.5 / inertia * found.horizon**2, rel=0.05)
+
+
+def test_a_rollout_that_diverges_is_told_as_such(pendulum: Model) -> None:
+    signals = driven(pendulum)
+    unstable = pendulum.with_joint_parameters(viscous=np.array([-1e4]))
+    found = rollout_error(unstable, signals, 1.0)
+    assert found.position.tolist() == [np.inf]
+    assert found.as_json()["position"] == [None]
+
+
+def test_horizons(pendulum: Model) -> None:
+    signals = driven(pendulum, 4.0)
+    assert rollout_error(pendulum, signals, 100.0).windows == 1
+    assert rollout_error(pendulum, signals, 1e-9).horizon == pytest.approx(1.0 / signals.rate)
+    with pytest.raises(UsageError, match="is no time"):
+        rollout_error(pendulum, signals, 0.0)
+    with pytest.raises(RecordingError, match="no effort"):
+        rollout_error(pendulum, replace(signals, effort=None), 0.5)
+
+
+def test_rollouts_stay_within_the_pieces(pendulum: Model) -> None:
+    signals = driven(pendulum)
+    chosen = np.ones(len(signals), bool)
+    chosen[1000:1100] = False
+    assert rollout_error(pendulum, signals.rows(chosen), 0.5).position[0] < 1e-3
