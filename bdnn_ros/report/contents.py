@@ -1,0 +1,263 @@
+"""What stands in a report, as values the template only has to lay out."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.diagnosis.diagnose import Examination
+from bdnn_ros.diagnosis.result import Diagnosis, Finding
+from bdnn_ros.report import words
+from bdnn_ros.report.view import Cause, LinkChange, View
+
+TIE = 0.1
+"""A rival at least this probable is named beside the cause."""
+CLOSE_RIVAL = 0.03
+"""Causes without a rival of this probability need no bars."""
+
+
+@dataclass(frozen=True)
+class Root:
+    """One line of the list of root causes; `ties` are rivals too probable to leave out."""
+
+    title: str
+    where: str
+    amounts: tuple[str, ...]
+    sentence: str
+    share: float
+    share_of: str
+    probability: str
+    ties: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One candidate of a finding with its probability."""
+
+    name: str
+    probability: float
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class Contest:
+    """A finding beside its rivals, most probable first; `rest` is left for all others and for no effect."""
+
+    name: str
+    bars: tuple[Bar, ...]
+    rest: float
+
+
+@dataclass(frozen=True)
+class JointError:
+    """Held-out errors of a joint [N·m]; `*_width` are bar lengths in per cent, all joints on one scale."""
+
+    joint: str
+    index: int
+    unit: str
+    spread: float
+    simulation: float
+    extended: float
+    floor: float
+    simulation_width: float
+    extended_width: float
+    floor_width: float
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A line of the parameter table; `first` counts the finding's lines in its first one, else 0."""
+
+    title: str
+    where: str
+    first: int
+    name: str
+    value: str
+    low: str
+    high: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class LinkRow:
+    """A line of the table of links' corrections; `clear` where the mass moved beyond its interval."""
+
+    link: str
+    joint: str
+    nominal: str
+    corrected: str
+    change: str
+    shift: str
+    clear: bool
+
+
+def roots(diagnosis: Diagnosis) -> list[Root]:
+    """The list of root causes."""
+    return [_root(finding) for finding in diagnosis.findings]
+
+
+def contests(diagnosis: Diagnosis) -> list[Contest]:
+    """The findings that have rivals worth a bar."""
+    result = []
+    for finding in diagnosis.findings:
+        if not any(rival.probability >= CLOSE_RIVAL for rival in finding.rivals):
+            continue
+        bars = [Bar(words.named(finding), finding.probability, True)]
+        bars += [Bar(words.named(rival), rival.probability, False) for rival in finding.rivals]
+        bars.sort(key=lambda bar: -bar.probability)
+        rest = max(1.0 - sum(bar.probability for bar in bars), 0.0)
+        result.append(Contest(words.named(finding), tuple(bars), rest))
+    return result
+
+
+def joint_errors(shown: View) -> list[JointError]:
+    """Held-out errors of every joint; bars relative to the spread of its effort."""
+    errors = shown.examination.diagnosis.effort_rmse
+    relative = {key: np.asarray(values) / shown.scale for key, values in errors.items()}
+    most = max(float(np.max(values)) for values in relative.values()) or 1.0
+    width = {key: 100.0 * values / most for key, values in relative.items()}
+    return [
+        JointError(
+            joint,
+            j,
+            shown.units[j][0],
+            float(shown.scale[j]),
+            float(errors["simulation"][j]),
+            float(errors["extended"][j]),
+            float(errors["noise_floor"][j]),
+            float(width["simulation"][j]),
+            float(width["extended"][j]),
+            float(width["noise_floor"][j]),
+        )
+        for j, joint in enumerate(shown.joints)
+    ]
+
+
+def overall(diagnosis: Diagnosis) -> dict[str, float]:
+    """Held-out RMS error over all joints [N·m]."""
+    return {key: float(np.sqrt(np.mean(np.square(v)))) for key, v in diagnosis.effort_rmse.items()}
+
+
+def parameter_rows(causes: Sequence[Cause]) -> list[ParameterRow]:
+    """Every parameter of every finding."""
+    rows = []
+    for cause in causes:
+        finding = cause.finding
+        for k, (name, quantity) in enumerate(finding.parameters.items()):
+            low, high = words.interval(quantity, cause.effect, name)
+            known = quantity.std > 0.0
+            decimals = words.decimals_of(words.INTERVAL * quantity.std)
+            rows.append(
+                ParameterRow(
+                    title=words.title(finding.effect),
+                    where=words.place(finding.joint, finding.link, finding.effect),
+                    first=len(finding.parameters) if k == 0 else 0,
+                    name=words.label(name),
+                    value=words.fixed(quantity.value, decimals) if known else words.number(quantity.value),
+                    low=low if known else "–",
+                    high=high if known else "–",
+                    unit=words.unit(quantity.unit) or "–",
+                )
+            )
+    return rows
+
+
+def link_rows(changes: list[LinkChange]) -> list[LinkRow]:
+    """Corrections of the links' masses and centres of mass."""
+    rows = []
+    for change in changes:
+        decimals = words.decimals_of(words.INTERVAL * change.spread)
+        moved = change.corrected - change.nominal
+        rows.append(
+            LinkRow(
+                link=change.link,
+                joint=change.joint,
+                nominal=words.number(change.nominal),
+                corrected=f"{words.fixed(change.corrected, decimals)} ± "
+                f"{words.fixed(words.INTERVAL * change.spread, decimals)}",
+                change=words.percent(moved / change.nominal, 1) if change.nominal > 0.0 else "–",
+                shift=words.fixed(1e3 * float(np.linalg.norm(change.shift)), 1),
+                clear=abs(moved) > words.INTERVAL * change.spread,
+            )
+        )
+    return rows
+
+
+def links_share(shown: View) -> float:
+    """Part of the simulation's held-out squared error that the links' corrections remove."""
+    held = shown.usable & shown.held[:, None]
+    total = float(np.sum(shown.before[held] ** 2))
+    without = float(np.sum((shown.residual + shown.links)[held] ** 2) - np.sum(shown.residual[held] ** 2))
+    return max(without / max(total, 1e-30), 0.0)
+
+
+def recorded(examination: Examination) -> str:
+    """When the first recording began, where its clock says so."""
+    epoch = min(recording.epoch for recording in examination.recordings)
+    if epoch < 10**18:
+        return ""  # a clock that starts with the machine or the simulation
+    start = datetime.datetime.fromtimestamp(epoch * 1e-9, tz=datetime.timezone.utc)
+    return start.strftime("%Y-%m-%d %H:%M UTC")
+
+
+def method(shown: View) -> list[tuple[str, str]]:
+    """How it was computed: a term and its explanation each."""
+    examination = shown.examination
+    equations, pool = examination.equations, examination.pool
+    signals = equations.motion.signals
+    held = len(np.unique(equations.block[shown.held]))
+    seconds = float(np.median([b - a for a, b in shown.held_spans()])) if shown.held.any() else 0.0
+    return [
+        (
+            "Low-pass",
+            f"{signals.cutoff:.3g} Hz at −3 dB, zero phase, Gaussian, alike for position, its derivatives, "
+            f"measured and modelled effort; from {signals.raw_rate:.4g} to {signals.rate:.4g} Hz.",
+        ),
+        (
+            "Held out",
+            f"{held} of {equations.blocks} blocks of time, about {seconds:.1f} s each, spread over the "
+            "recording (shaded in the charts). Neither the search nor the model that is scored has seen "
+            "them. Errors, shares and gain are measured there.",
+        ),
+        (
+            "Gain",
+            "1 − RMS error of the extended model / RMS error of the simulation, over all joints; interval of "
+            "95 % from a bootstrap of the held-out blocks.",
+        ),
+        (
+            "Share",
+            "Part of the simulation's squared error that returns when the cause is taken out of the extended "
+            "model. Causes overlap, so shares need not add up to 100 %.",
+        ),
+        (
+            "Probability",
+            "Bayesian evidence of the cause against its rivals and against no effect at its place, errors "
+            f"of all links left free around the description (± {100.0 * pool.link_error:.0f} % at first).",
+        ),
+        (
+            "Intervals",
+            "Value ± 1.96 standard deviations, joint with all other causes and the links, for noise that is "
+            "coloured as the residual is.",
+        ),
+        ("Noise floor", "RMS of what neither position, velocity, load nor time predicts of the residual."),
+    ]
+
+
+def _root(finding: Finding) -> Root:
+    return Root(
+        title=words.title(finding.effect),
+        where=words.at(finding.joint, finding.link, finding.effect),
+        amounts=tuple(words.amounts(finding)),
+        sentence=finding.sentence,
+        share=finding.share,
+        share_of="of the velocity's error" if finding.effect == "velocity_filter" else "of the error",
+        probability=words.probability(finding.probability),
+        ties=tuple(
+            f"{words.named(rival)} ({words.probability(rival.probability)})"
+            for rival in finding.rivals
+            if rival.probability >= TIE
+        ),
+    )

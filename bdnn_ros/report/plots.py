@@ -1,0 +1,134 @@
+"""Figures as PNG files: measured effort beside what models say, joint by joint."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bdnn_ros.diagnosis.diagnose import Examination
+from bdnn_ros.report.view import view
+from bdnn_ros.report.words import headline
+
+INK, SOFT, RULE = "#1a1f26", "#57616d", "#dde1e6"
+STYLES: dict[str, dict[str, Any]] = {
+    "measured": {"color": "#9aa3ad", "linewidth": 3.2, "solid_capstyle": "round"},
+    "model": {"color": "#0b6bb0", "linewidth": 1.2},
+    "nominal": {"color": "#c9570c", "linewidth": 1.1, "linestyle": (0, (4, 2.5))},
+}
+"""Told apart by colour, width and dashes, so that no one of them has to be seen."""
+SETTINGS: Any = {"font.size": 8.5, "font.family": "sans-serif", "text.parse_math": False}
+"""Names of joints are drawn as they are: no mathematics in them."""
+WIDTH, ROW, HEAD = 10.0, 1.25, 1.0
+"""Width of a figure, height of a joint's row, and of the title and time axis [inch]."""
+LONGEST = 60.0
+"""Seconds that a figure shows at most."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Effort (N, n) of all joints with its name in the legend and its style, a key of `STYLES`."""
+
+    label: str
+    style: str
+    values: np.ndarray
+
+
+def effort_figure(examination: Examination, path: Path) -> None:
+    """Write a PNG of measured, simulated and extended effort of every joint.
+
+    Args:
+        path: the file; written whole or not at all.
+    """
+    shown = view(examination)
+    rows = shown.excerpt
+    series = [
+        Series("measured", "measured", shown.measured[rows]),
+        Series("simulated", "nominal", shown.simulated[rows]),
+        Series("extended model", "model", shown.extended[rows]),
+    ]
+    units = [unit for unit, _ in shown.units]
+    _write(path, shown.joints, units, shown.time[rows], series, headline(examination.diagnosis))
+
+
+def identification_png(
+    path: Path,
+    joints: Sequence[str],
+    time: np.ndarray,
+    measured: np.ndarray,
+    identified: np.ndarray,
+    nominal: np.ndarray | None = None,
+) -> None:
+    """Write a PNG of measured, nominal and identified effort of every joint.
+
+    Args:
+        path: the file; written whole or not at all.
+        time: [s], (N,).
+        measured, identified, nominal: effort, low-passed alike, (N, n) [N·m]; None where there is no URDF.
+    """
+    rows = time <= time[0] + LONGEST
+    series = [Series("measured", "measured", measured[rows])]
+    if nominal is not None:
+        series.append(Series("nominal", "nominal", nominal[rows]))
+    series.append(Series("identified", "model", identified[rows]))
+    _write(path, joints, ["N·m"] * len(joints), time[rows], series, "")
+
+
+def _write(
+    path: Path,
+    joints: Sequence[str],
+    units: Sequence[str],
+    time: np.ndarray,
+    series: Sequence[Series],
+    title: str,
+) -> None:
+    """One row a joint, the same time below all."""
+    height = HEAD + ROW * len(joints)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    with rc_context(SETTINGS):
+        figure = Figure((WIDTH, height), dpi=120, facecolor="white")
+        FigureCanvasAgg(figure)
+        rows = figure.subplots(len(joints), 1, sharex=True, squeeze=False)[:, 0]
+        figure.subplots_adjust(0.075, 0.45 / height, 0.985, 1.0 - 0.62 / height, hspace=0.32)
+        for j, axes in enumerate(rows):
+            for one in series:
+                axes.plot(time, one.values[:, j], label=one.label, **STYLES[one.style])
+            _dress(axes, f"{joints[j]} [{units[j]}]")
+        rows[0].set_xlim(time[0], time[-1])
+        rows[-1].set_xlabel("time [s]", color=SOFT)
+        if title:
+            figure.text(0.075, 1.0 - 0.3 / height, title, fontsize=11, fontweight="bold", color=INK)
+        lines, labels = rows[0].get_legend_handles_labels()
+        figure.legend(
+            lines,
+            labels,
+            loc="upper right",
+            bbox_to_anchor=(0.985, 1.0 - 0.08 / height),
+            ncols=len(series),
+            frameon=False,
+        )
+        try:
+            figure.savefig(beside, format="png")
+            os.replace(beside, path)
+        finally:
+            beside.unlink(missing_ok=True)
+
+
+def _dress(axes: Axes, title: str) -> None:
+    """Only the lines that are needed to read values."""
+    axes.set_title(title, loc="left", fontsize=8.5, color=SOFT, pad=2.5)
+    axes.grid(axis="y", color=RULE, linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.locator_params(axis="y", nbins=4)
+    axes.tick_params(length=0, colors=SOFT)
+    for side, spine in axes.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(RULE)

@@ -1,0 +1,165 @@
+"""Numbers, units and names as an engineer writes them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
+from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.registry import ALL, EFFECTS
+
+INTERVAL = 1.96
+"""Standard deviations on each side of a 95 % interval."""
+MOST_IN_LINE = 3
+"""So many parameters go into one line of the verdict; an effect with more has them in the table."""
+
+CLAIMS = {
+    "nothing_wrong": "The simulation predicts the measured effort as well as this data can tell.",
+    "explained": "With {these} the model predicts every joint's effort down to its noise.",
+    "partly_explained": "{These} {explain} part of the error; a part larger than the noise remains.",
+    "cannot_tell": "Its error is larger than the noise, but the data supports no single cause.",
+}
+
+
+def title(effect: str) -> str:
+    """What a list calls an effect: its title without article, first letter large."""
+    same = [known for known in ALL if known.name == effect]
+    # A name with variants (what drifts, what pushes) stands for all of them; the sentence tells which.
+    text = same[0].title if len(same) == 1 else effect.replace("_", " ")
+    for article in ("a ", "an "):
+        text = text.removeprefix(article)
+    return text[:1].upper() + text[1:]
+
+
+def place(joint: str | None, link: str | None, effect: str) -> str:
+    """Where it is: a link, a joint, the base or all joints."""
+    if link or joint:
+        return str(link or joint)
+    known = EFFECTS.get(effect)
+    return "base" if known is not None and known.on == "base" else "all joints"
+
+
+def at(joint: str | None, link: str | None, effect: str) -> str:
+    """Where it is, to follow its title: "at panda_joint4"; nothing for the base, which the title names."""
+    where = place(joint, link, effect)
+    return "" if where == "base" else f"at {where}"
+
+
+def named(cause: Finding | Rival) -> str:
+    """An effect with its place: "Coulomb friction at panda_joint4"."""
+    return f"{title(cause.effect)} {at(cause.joint, cause.link, cause.effect)}".rstrip()
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in one line."""
+    findings = diagnosis.findings
+    if diagnosis.verdict == "nothing_wrong":
+        return "Nothing wrong found"
+    if not findings:
+        return "The simulation is off, and no cause stands out"
+    if len(findings) == 1:
+        return f"One root cause: {decapitalised(named(findings[0]))}"
+    return f"{len(findings)} root causes found"
+
+
+def claim(diagnosis: Diagnosis) -> str:
+    """What the verdict means for the model, one sentence."""
+    count = len(diagnosis.findings)
+    these, explain = ("this cause", "explains") if count == 1 else (f"these {count} causes", "explain")
+    return CLAIMS[diagnosis.verdict].format(these=these, These=these.capitalize(), explain=explain)
+
+
+def kinds(findings: Sequence[Finding]) -> str:
+    """The kinds of many findings in one line: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
+    counts = Counter(title(finding.effect) for finding in findings)
+    parts = [f"{decapitalised(name)} at {n} place{'s' if n > 1 else ''}" for name, n in counts.most_common()]
+    return ", ".join(parts)
+
+
+def decapitalised(text: str) -> str:
+    """A title inside a sentence; names such as Coulomb and Stribeck keep their capital."""
+    return text if text.startswith(("Coulomb", "Stribeck")) else text[:1].lower() + text[1:]
+
+
+def unit(text: str) -> str:
+    """A unit as it is printed: `N*m*s^2/rad^2` as N·m·s²/rad²."""
+    return {"-": "", "deg": "°"}.get(text, text.replace("*", "·").replace("^2", "²"))
+
+
+def amounts(finding: Finding) -> list[str]:
+    """The parameters with their 95 % uncertainty, one text each; of many the most telling."""
+    shown = {name: q for name, q in finding.parameters.items() if q.std > 0.0} or finding.parameters
+    if len(shown) > MOST_IN_LINE:
+        shown = {name: q for name, q in shown.items() if name in ("mass", "torque")}
+    several = len(shown) > 1 or any(q.unit == "-" for q in shown.values())
+    return [(f"{label(name)} " if several else "") + with_spread(q) for name, q in shown.items()]
+
+
+def label(name: str) -> str:
+    """A parameter's name in a text."""
+    return name.removesuffix("_deg").replace("_", " ")
+
+
+def with_spread(quantity: Quantity) -> str:
+    """Value ± half its 95 % interval, unit."""
+    half, symbol = INTERVAL * quantity.std, unit(quantity.unit)
+    space = "" if symbol in ("", "°") else " "
+    if not (half > 0.0 and math.isfinite(half)):
+        return f"{number(quantity.value)}{space}{symbol}"
+    decimals = decimals_of(half)
+    return f"{fixed(quantity.value, decimals)} ± {fixed(half, decimals)}{space}{symbol}"
+
+
+def interval(quantity: Quantity, effect: Effect | None, name: str) -> tuple[str, str]:
+    """Ends of the 95 % interval, not beyond what is physically possible."""
+    low, high = (quantity.value + side * INTERVAL * quantity.std for side in (-1.0, 1.0))
+    for parameter in effect.parameters if effect is not None else ():
+        if parameter.name == name:
+            low, high = max(low, parameter.lower), min(high, parameter.upper)
+    decimals = decimals_of(INTERVAL * quantity.std) if quantity.std > 0.0 else None
+    return (
+        (fixed(low, decimals), fixed(high, decimals)) if decimals is not None else (number(low), number(high))
+    )
+
+
+def decimals_of(spread: float) -> int:
+    """Decimals that show a spread with two digits where it starts with 1 or 2, else with one."""
+    if not (spread > 0.0 and math.isfinite(spread)):
+        return 3
+    power = math.floor(math.log10(spread))
+    return min(max(1 - power if spread / 10.0**power < 2.95 else -power, 0), 9)
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals and a true minus."""
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with some significant digits and a true minus, without exponent where that is short."""
+    if not math.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    if -3 <= decimals <= 6:
+        return fixed(round(value, decimals), max(decimals, 0))
+    return f"{value:.{digits - 1}e}".replace("-", "−")
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """A share in per cent."""
+    if not math.isfinite(share):
+        return "–"
+    if 0.0 < share < 0.005 and digits == 0:
+        return "<\N{NO-BREAK SPACE}1\N{NO-BREAK SPACE}%"
+    return f"{fixed(100.0 * share + 0.0, digits)}\N{NO-BREAK SPACE}%"
+
+
+def probability(p: float) -> str:
+    """A probability in per cent, never a certainty."""
+    if p > 0.99:
+        return ">\N{NO-BREAK SPACE}99\N{NO-BREAK SPACE}%"
+    return percent(0.004 if p < 0.01 else p)
