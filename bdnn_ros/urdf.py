@@ -115,7 +115,7 @@ def _bounded(urdf: str) -> str:
 
 
 def inertia_of(parameters: np.ndarray) -> pin.Inertia:
-    """The inertia of a body by its parameters (10,): m, m·c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin."""
+    """The inertia of a body by its parameters (10,): m, m·c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz at the origin."""
     mass, (xx, xy, yy, xz, yz, zz) = parameters[0], parameters[4:]
     if mass != 0.0:
         return pin.Inertia.FromDynamicParameters(np.asarray(parameters, float))
