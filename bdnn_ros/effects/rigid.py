@@ -170,7 +170,7 @@ class BaseTilt(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         roll, pitch = (_secant(math.radians(shape[key])) for key in ("roll_deg", "pitch_deg"))
-        level = motion.robot.gravity(motion.position)
+        level = motion.robot.tilted(0.0, 0.0).gravity(motion.position)
         rolled = motion.robot.tilted(roll, 0.0).gravity(motion.position)
         tilted = motion.robot.tilted(roll, pitch).gravity(motion.position)
         return np.stack([(rolled - level) / roll, (tilted - rolled) / pitch], axis=-1)
