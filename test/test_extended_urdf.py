@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.effects_file import effects_text, read_effects
-from bdnn_ros.diagnosis.extension import ExtendedModel
-from bdnn_ros.diagnosis.urdf import beside_urdf, extended_urdf, tilt_of
+from bdnn_ros.diagnosis.extended import ExtendedModel, tilt_of
+from bdnn_ros.diagnosis.urdf import beside_urdf, extended_urdf
 from bdnn_ros.diagnosis.urdf_text import UrdfText
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RobotError, UsageError
@@ -44,7 +44,7 @@ def states(robot: Robot, count: int = 50) -> tuple[np.ndarray, np.ndarray, np.nd
 
 def same_rigid_effort(model: ExtendedModel, again: Robot) -> None:
     state = states(again)
-    wanted = model.rigid_robot.rigid_effort(*state)
+    wanted = model.robot.rigid_effort(*state)
     np.testing.assert_allclose(again.rigid_effort(*state), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
@@ -116,7 +116,7 @@ def test_a_change_that_the_moving_link_cannot_carry_takes_the_whole_body() -> No
 
 def test_base_tilt_is_the_contracts(robot: Robot) -> None:
     model = model_of(robot, "base_tilt:roll_deg=20,pitch_deg=-35")
-    roll, pitch = tilt_of(model.rigid_robot.gravity_vector)
+    roll, pitch = tilt_of(model.robot.gravity_vector)
     np.testing.assert_allclose(np.degrees([roll, pitch]), [20.0, -35.0])
     tree = ElementTree.fromstring(extended_urdf(model))
     origin = tree.find("joint[@name='level_to_base']/origin")
@@ -189,6 +189,6 @@ def test_what_is_no_urdf_is_refused(text: str) -> None:
 def test_an_extended_urdf_can_be_extended_again(robot: Robot) -> None:
     once = Robot.from_urdf(extended_urdf(model_of(robot, *SPECS)))
     model = model_of(once, SPECS[0], SPECS[3], "link_inertia@arm7_link7_payload:scale=2")
-    urdf = extended_urdf(replace(model, robot=once))
+    urdf = extended_urdf(replace(model, bare=once))
     same_rigid_effort(model, Robot.from_urdf(urdf))
     assert Robot.from_urdf(urdf).coulomb[3] == pytest.approx(2.6)

@@ -11,12 +11,14 @@ import pytest
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.diagnosis.equations import Term, build, relative_inertials
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.extension import ExtendedModel, corrected_links, extend
+from bdnn_ros.diagnosis.extended import ExtendedModel
+from bdnn_ros.diagnosis.extension import corrected_links, extend
 from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.effects.registry import Installed, parse_spec
-from bdnn_ros.errors import ModelFileError
-from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.errors import ModelFileError, UsageError
+from bdnn_ros.online.models import Model, load_model, save_model
 from bdnn_ros.physical.consistency import feasible
+from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
@@ -159,7 +161,7 @@ def test_files_keep_everything(robot: Robot, tmp_path) -> None:
     signals = motion(robot)
     model = replace(
         with_effects(robot, *TIMELESS, *TIMED),
-        robot=robot.with_inertials(1.05 * robot.inertials),
+        bare=robot.with_inertials(1.05 * robot.inertials),
         noise=np.arange(7.0),
         stds=({"coulomb": 0.1},),
         lead=0.003,
@@ -198,12 +200,14 @@ def test_links_are_feasible_together_with_the_effects_on_them(robot: Robot) -> N
         robot, shrunk, relative_inertials(robot), errors, np.diag(np.full(70, 0.05**2))
     )
     model = ExtendedModel(corrected, tuple(shrunk), np.zeros(7))
-    assert feasible(model.rigid_robot.inertials)
+    assert feasible(model.robot.inertials)
 
 
-def _examination(robot: Robot, signals: Signals, terms: list[Term]) -> SimpleNamespace:
+def _examination(
+    robot: Robot, signals: Signals, terms: list[Term], model: Model | None = None
+) -> SimpleNamespace:
     """What `extend` reads of an examination, for terms that are known."""
-    equations = build(signals, robot)
+    equations = build(signals, robot, None if model is None else model.predict(signals))
     noise = equations.noise_of(1e-3 * equations.target, 1e-4 * equations.effort_scale)
     pool = Pool(equations, noise, terms, 0.06, 1e-4)
     fit = pool.fit(range(len(terms)))
@@ -216,6 +220,7 @@ def _examination(robot: Robot, signals: Signals, terms: list[Term]) -> SimpleNam
         diagnosis=SimpleNamespace(findings=()),
         test=equations.block % 5 == 2,
         extended=pool.residual(fit),
+        model=model,
     )
 
 
@@ -262,3 +267,61 @@ def test_a_prediction_does_not_look_at_the_measured_effort(robot: Robot, spec: s
     model, signals = with_effects(robot, spec), motion(robot, 2.0)
     known = replace(signals, effort=1e3 * np.sin(50.0 * signals.position))
     np.testing.assert_array_equal(model.predict(known), model.predict(signals))
+
+
+def test_what_changed_since_comes_on_top_of_the_earlier_model() -> None:
+    """Against an identified robot with an offset and a tilt, only the new payload and tilt are found."""
+    robot = Robot.bundled("arm2")
+    earlier = replace(
+        with_effects(
+            robot.with_inertials(1.1 * robot.inertials),
+            "effort_offset@arm2_joint1:offset=0.5",
+            "base_tilt:pitch_deg=3",
+        ),
+        lead=0.001,
+    )
+    truth = replace(earlier, effects=(*earlier.effects, parse_spec("payload@arm2_link2:mass=0.5", robot)))
+    signals = motion(robot, 30.0)
+    signals = replace(signals, effort=truth.predict(signals))
+    terms = [
+        Term(e.effect, e.target, e.link, (("com_x", 0.0), ("com_y", 0.0), ("com_z", 0.0)))
+        for e in truth.effects[2:]
+    ]
+    model = extend(_examination(earlier.robot, signals, terms, earlier))
+    assert [e.effect.name for e in model.effects] == ["effort_offset", "payload"]
+    np.testing.assert_allclose(model.robot.gravity_vector, earlier.robot.gravity_vector)
+    assert model.effects[1].values["mass"] == pytest.approx(0.5, rel=0.1)
+    assert model.lead == pytest.approx(0.001, abs=1e-4)
+    assert not model.stds[0] and model.stds[1]["mass"] > 0.0
+    left = signals.smooth(model.predict(signals) - signals.effort)[signals.interior]
+    assert np.sqrt(np.mean(left**2)) < 0.01 * np.std(signals.effort)
+
+
+def test_two_tilts_are_one_and_a_physical_model_keeps_its_offset() -> None:
+    robot = Robot.bundled("arm2")
+    signals = motion(robot, 30.0)
+    physical = PhysicalModel(robot, np.array([0.4, 0.0]), np.eye(28), np.zeros(2))
+    truth = with_effects(robot, "effort_offset@arm2_joint1:offset=-0.4", "base_tilt:pitch_deg=4")
+    signals = replace(signals, effort=truth.predict(signals))
+    np.testing.assert_allclose(
+        physical.predict(signals),
+        with_effects(robot, "effort_offset@arm2_joint1:offset=-0.4").predict(signals),
+    )
+    tilt = truth.effects[1]
+    terms = [Term(tilt.effect, -1, None, (("pitch_deg", 4.0), ("roll_deg", 0.0)))]
+    model = extend(_examination(robot, signals, terms, physical))
+    assert [e.effect.name for e in model.effects] == ["effort_offset", "base_tilt"]
+    assert model.effects[0].values["offset"] == pytest.approx(-0.4)
+    earlier = with_effects(robot, "base_tilt:pitch_deg=2.5", "effort_offset@arm2_joint1:offset=-0.4")
+    terms = [Term(tilt.effect, -1, None, (("pitch_deg", 1.5), ("roll_deg", 0.0)))]
+    again = extend(_examination(earlier.robot, signals, terms, earlier))
+    assert [e.effect.name for e in again.effects] == ["effort_offset", "base_tilt"]
+    assert again.effects[1].values["pitch_deg"] == pytest.approx(4.0, abs=0.1)
+
+
+def test_a_model_with_networks_cannot_be_extended(robot: Robot) -> None:
+    other = SimpleNamespace(predict=lambda signals: np.zeros_like(signals.position))
+    signals = motion(robot, 30.0)
+    signals = replace(signals, effort=with_effects(robot).predict(signals))
+    with pytest.raises(UsageError, match="learned more"):
+        extend(_examination(robot, signals, [], other))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The files of an extension, round the whole way: hidden effects, extended URDF and effects, simulation, gap closed."""
+"""The files of an extension, round the whole way: hidden effects, extended URDF, simulation, gap closed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.effects_file import read_effects
-from bdnn_ros.diagnosis.extension import ExtendedModel
+from bdnn_ros.diagnosis.extended import ExtendedModel
 from bdnn_ros.diagnosis.files import write_model_files
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.robot import Robot

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bdnn_ros.diagnosis.effects_file import effects_text
-from bdnn_ros.diagnosis.extension import ExtendedModel, extend
+from bdnn_ros.diagnosis.extended import ExtendedModel
+from bdnn_ros.diagnosis.extension import extend
 from bdnn_ros.diagnosis.mjcf import beside_mjcf, extended_mjcf
 from bdnn_ros.diagnosis.urdf import beside_urdf, extended_urdf
 

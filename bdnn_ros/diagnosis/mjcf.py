@@ -12,8 +12,8 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pinocchio as pin
 
-from bdnn_ros.diagnosis.extension import ExtendedModel
-from bdnn_ros.diagnosis.urdf import IN_URDF, Joints, joints_of, named, tilt_of
+from bdnn_ros.diagnosis.extended import ExtendedModel, tilt_of
+from bdnn_ros.diagnosis.urdf import IN_URDF, Joints, joints_of, named
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.robot import Robot
 
@@ -32,7 +32,7 @@ def beside_mjcf(effects: list[Installed]) -> list[Installed]:
 
 def extended_mjcf(model: ExtendedModel) -> str:
     """The model in MuJoCo's format."""
-    robot = model.rigid_robot
+    robot = model.robot
     root = ElementTree.Element("mujoco", model=_name(model.robot.urdf))
     root.append(ElementTree.Comment(_preamble(model)))
     ElementTree.SubElement(root, "compiler", angle="radian", inertiafromgeom="false", autolimits="true")
@@ -48,7 +48,7 @@ def extended_mjcf(model: ExtendedModel) -> str:
 
 
 def _add_bodies(base: ElementTree.Element, model: ExtendedModel) -> None:
-    robot, joints = model.rigid_robot, joints_of(model)
+    robot, joints = model.robot, joints_of(model)
     tree, order = robot.pinocchio_model()
     bodies = {0: base}
     for index in range(1, tree.njoints):  # parents come before their children

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from bdnn_ros.diagnosis.extension import ExtendedModel
+from bdnn_ros.diagnosis.extended import ExtendedModel, tilt_of
 from bdnn_ros.diagnosis.urdf_text import UrdfText, tag
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import payload_parameters
@@ -35,7 +34,7 @@ class Joints:
 
 def joints_of(model: ExtendedModel) -> Joints:
     """Armature, viscous and Coulomb friction with all effects of these names."""
-    robot = model.rigid_robot
+    robot = model.robot
     coulomb = robot.coulomb.copy()
     for effect in named(model, "coulomb_friction"):
         coulomb[effect.target] += effect.values["coulomb"]
@@ -64,18 +63,12 @@ def extended_urdf(model: ExtendedModel) -> str:
     document = UrdfText(model.robot.urdf)
     _write_bodies(document, model)
     _write_friction(document, model)
-    _write_tilt(document, model.rigid_robot.gravity_vector)
+    _write_tilt(document, model.robot.gravity_vector)
     return document.text()
 
 
-def tilt_of(gravity_vector: np.ndarray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a base turned by Ry(pitch)·Rx(roll) that sees this gravity, (3,)."""
-    x, y, z = -np.asarray(gravity_vector) / np.linalg.norm(gravity_vector)
-    return math.atan2(y, z) + 0.0, -math.asin(max(-1.0, min(1.0, x))) + 0.0
-
-
 def _write_bodies(document: UrdfText, model: ExtendedModel) -> None:
-    robot = model.rigid_robot
+    robot = model.robot
     nominal = Robot.from_urdf(model.robot.urdf, model.joints)
     wanted = robot.inertials - _payloads(model)
     members: dict[int, dict[str, np.ndarray]] = {i: {} for i in range(robot.width)}

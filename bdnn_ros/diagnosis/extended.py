@@ -1,0 +1,255 @@
+"""The extended model: a robot with its links corrected and the effects that were found in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bdnn_ros.diagnosis.effects_file import entry, from_entry
+from bdnn_ros.effects.base import Motion
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.effects.registry import Installed
+from bdnn_ros.errors import BdnnError, ModelFileError
+from bdnn_ros.physical.model import robot_from_state
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+IN_BODIES = frozenset({"payload", "link_inertia", "base_tilt"})
+"""Effects that are other inertial parameters or another gravity: installing them changes the rigid robot."""
+IN_ROBOT = IN_BODIES | {"armature", "viscous_friction"}
+"""Effects that a robot holds once they are installed."""
+IN_PLANT = IN_ROBOT | {
+    "position_offset",
+    "effort_scale",
+    "effort_offset",
+    "effort_delay",
+    "velocity_filter",
+}
+"""Effects that a plant carries as numbers; the others are efforts, one column or more each."""
+WITH_MEMORY = frozenset(
+    {
+        "hysteresis",
+        "effort_delay",
+        "external_wrench",
+        "drift",
+        "velocity_filter",
+        "joint_elasticity",
+        "backlash",
+    }
+)
+"""Effects that need the motion's past or its clock."""
+LOAD_ROUNDS = 100
+"""Most rounds of the fixed point between load and the friction that depends on it."""
+LOAD_TOLERANCE = 1e-10
+LOOSE_ROUNDS = 6
+"""The same where a gear is loose: its sides are found in two or three rounds, and may flicker afterwards."""
+
+
+@dataclass(frozen=True)
+class ExtendedModel:
+    """A robot with named effects.
+
+    Along a motion, `predict` counts every effect. The pointwise answers (`inverse_dynamics` and the rest)
+    know neither past nor clock: hysteresis, backlash, elasticity, delays, filters, drifts and external
+    wrenches count only in `predict`. M, C and g are those of the efforts that act; `inverse_dynamics`
+    returns, and `forward_dynamics` takes, the effort that is measured, where
+    effort that acts = scale · measured + offset.
+
+    Attributes:
+        bare: the robot without the effects: the simulation's with its links corrected.
+        effects: what was found, with place and values.
+        noise: standard deviation of the low-passed effort around `predict`, (n,) [N·m].
+        stds: standard deviations of each effect's values, in the order of `effects`; empty if unknown.
+        lead: how far the effort's stamps lead the motion's [s]: a property of the recording that only
+            `predict` counts.
+    """
+
+    kind: ClassVar[str] = "extended"
+
+    bare: Robot
+    effects: tuple[Installed, ...]
+    noise: np.ndarray
+    stds: tuple[Mapping[str, float], ...] = ()
+    lead: float = 0.0
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """n joint names, the order of every array."""
+        return self.bare.joints
+
+    @cached_property
+    def plant(self) -> Plant:
+        """The robot with every effect installed that needs neither past nor clock."""
+        return plant_of(self.bare, [e for e in self.effects if e.effect.name not in WITH_MEMORY])
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with those effects that it can hold: bodies, gravity, armature, viscous friction."""
+        return self.plant.robot
+
+    # -- pointwise -------------------------------------------------------------------------------------------
+
+    def inverse_dynamics(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
+        """Measured effort [N·m], (..., n)."""
+        plant = self.plant
+        rest = plant.robot.inverse_dynamics(position - plant.position_offset, velocity, acceleration)
+        acting = rest
+        for _ in range(LOAD_ROUNDS):
+            previous, acting = acting, rest + self._resistance(position, velocity, acting)
+            if np.abs(acting - previous).max(initial=0.0) < LOAD_TOLERANCE:
+                break
+        return np.asarray((acting - plant.offset) / plant.scale)
+
+    def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """Acceleration [rad/s²] under a measured effort, (..., n)."""
+        plant = self.plant
+        acting = plant.scale * effort + plant.offset
+        drive = acting - self._resistance(position, velocity, acting)
+        return plant.robot.forward_dynamics(position - plant.position_offset, velocity, drive)
+
+    def mass_matrix(self, position: np.ndarray) -> np.ndarray:
+        """M(q) [kg·m²], (..., n, n), symmetric positive-definite."""
+        return self.plant.robot.mass_matrix(position - self.plant.position_offset)
+
+    def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """C(q, q̇) q̇ [N·m], (..., n)."""
+        return self.plant.robot.coriolis(position - self.plant.position_offset, velocity)
+
+    def gravity(self, position: np.ndarray) -> np.ndarray:
+        """g(q) [N·m], (..., n)."""
+        return self.plant.robot.gravity(position - self.plant.position_offset)
+
+    def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Measured effort at zero acceleration that is neither Coriolis nor gravity, (..., n) [N·m]."""
+        still = self.inverse_dynamics(position, velocity, np.zeros_like(position))
+        return still - self.coriolis(position, velocity) - self.gravity(position)
+
+    def _resistance(self, position: np.ndarray, velocity: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Effort of springs, ripples, drag and dry friction under a load, (..., n) [N·m]."""
+        width = self.robot.width
+        q, v, u = (np.reshape(values, (-1, width)).tolist() for values in (position, velocity, load))
+        result = np.zeros((len(q), width))
+        for joint, effort in self.plant.efforts:
+            for k in range(len(q)):
+                result[k, joint] += effort(0.0, q[k][joint], v[k][joint], u[k][joint])
+        for joint, dry in self.plant.dry:
+            for k in range(len(q)):
+                if v[k][joint]:
+                    sign = 1.0 if v[k][joint] > 0.0 else -1.0
+                    result[k, joint] += sign * dry(0.0, abs(v[k][joint]), u[k][joint], sign)
+        return result.reshape(np.shape(position))
+
+    # -- along a motion --------------------------------------------------------------------------------------
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """Measured effort along a motion, (N, n) [N·m], not low-passed; every effect counts."""
+        plant = plant_of(self.bare, [e for e in self.effects if e.effect.name in IN_PLANT])
+        motion, acting = self._acting(plant, signals)
+        measured = np.empty_like(acting)
+        leads = plant.delay + self.lead
+        for lead in np.unique(leads):
+            later = motion.advanced(acting, float(lead)) if lead else acting
+            measured[:, leads == lead] = later[:, leads == lead]
+        return np.asarray((measured - plant.offset) / plant.scale)
+
+    def _acting(self, plant: Plant, signals: Signals) -> tuple[Motion, np.ndarray]:
+        """A motion with the effort that really acts along it, and that effort, (N, n) [N·m].
+
+        What a load decides (friction in proportion to it, the side on which a loose gear lies) is decided by
+        the model's own load, never by the measured effort.
+        """
+        robot = plant.robot
+        rigid = robot.rigid_effort(
+            signals.position - plant.position_offset, signals.velocity, signals.acceleration
+        )
+        drive = robot.armature * signals.acceleration + robot.viscous * signals.velocity
+        drive = drive + robot.coulomb * signals.sign
+        own = replace(signals, effort=None)
+        motion = Motion(own, robot, rigid + drive)
+        others = [e for e in self.effects if e.effect.name not in IN_PLANT]
+        loaded = [e for e in others if e.effect.of_load or e.effect.name == "backlash"]
+        for effect in others:
+            if effect not in loaded:
+                part = contribution(effect, motion)
+                rigid, drive = (rigid, drive + part) if effect.effect.in_drive else (rigid + part, drive)
+        loose = any(effect.effect.name == "backlash" for effect in loaded)
+        fixed = acting = rigid + drive
+        for _ in range(0 if not loaded else LOOSE_ROUNDS if loose else LOAD_ROUNDS):
+            motion = motion.with_load(acting, drive)
+            if loose:
+                motion = replace(motion, signals=replace(own, effort=acting))
+            previous, acting = acting, fixed + sum(contribution(effect, motion) for effect in loaded)
+            if np.abs(acting - previous).max(initial=0.0) < LOAD_TOLERANCE:
+                break
+        return motion, np.asarray(acting)
+
+    # -- files -----------------------------------------------------------------------------------------------
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and JSON-able rest that make the model again."""
+        robot = self.bare
+        arrays = {
+            "inertials": robot.inertials,
+            "armature": robot.armature,
+            "viscous": robot.viscous,
+            "coulomb": robot.coulomb,
+            "gravity_vector": robot.gravity_vector,
+            "noise": self.noise,
+        }
+        info = {
+            "urdf": robot.urdf,
+            "joints": list(robot.joints),
+            "effects": [entry(effect, robot) for effect in self.effects],
+            "stds": [dict(std) for std in self.stds],
+            "lead": self.lead,
+        }
+        return arrays, info
+
+    @classmethod
+    def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> ExtendedModel:
+        """The model of `to_state`.
+
+        Raises:
+            ModelFileError: something is missing or does not fit.
+        """
+        try:
+            robot = robot_from_state(arrays, info)
+            return cls(
+                bare=robot,
+                effects=tuple(from_entry(one, robot) for one in info["effects"]),
+                noise=np.asarray(arrays["noise"], float),
+                stds=tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
+                lead=float(info["lead"]),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError, BdnnError) as error:
+            raise ModelFileError(
+                f"The extended model is incomplete ({error!r}).", "Diagnose again."
+            ) from None
+
+
+def contribution(effect: Installed, motion: Motion) -> np.ndarray:
+    """What an effect adds to the measured effort along a motion, (N, n) [N·m]."""
+    coefficients, shape = effect.effect.coefficients(effect.values)
+    columns = effect.effect.columns(motion, effect.target, shape, effect.link)
+    return np.asarray(columns @ coefficients)
+
+
+def plant_of(robot: Robot, effects: Sequence[Installed]) -> Plant:
+    """A robot with effects installed."""
+    plant = Plant(robot)
+    for effect in effects:
+        effect.install(plant)
+    return plant
+
+
+def tilt_of(gravity_vector: np.ndarray) -> tuple[float, float]:
+    """Roll and pitch [rad] of a base turned by Ry(pitch)·Rx(roll) that sees this gravity, (3,)."""
+    x, y, z = -np.asarray(gravity_vector) / np.linalg.norm(gravity_vector)
+    return math.atan2(y, z) + 0.0, -math.asin(max(-1.0, min(1.0, x))) + 0.0
