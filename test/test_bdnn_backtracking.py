@@ -9,7 +9,7 @@ import pytest
 import torch
 from torchdiffeq import odeint_adjoint
 
-from bdnn_ros.bdnn.backtracking import Windows, backtrack, discrete_gradient, roll_out
+from bdnn_ros.bdnn.backtracking import Windows, backtrack, discrete_gradient, flat, roll_out
 from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.bdnn.networks import SPD_FLOOR, Network
 
@@ -113,8 +113,9 @@ def test_equations_11_to_15_are_what_autograd_gives(activation):
     done = field.acceleration(state, effort)
     assert relative(done.acceleration, flow.detach().numpy()[:, N:]) < 1e-13
     on_state, on_weights = torch.autograd.grad((flow * torch.tensor(alpha)).sum(), [x, twin.vector])
-    assert relative(field.pull_state(done, alpha), on_state.numpy()) < 1e-10
-    gradient, edge = field.pull_weights(done, alpha), field.h.vector().size
+    pulled, deltas = field.pull(done, alpha)
+    assert relative(pulled, on_state.numpy()) < 1e-10
+    gradient, edge = flat(field.weight_gradient(done, deltas)), field.h.vector().size
     assert relative(gradient[:edge], on_weights.numpy()[:edge]) < 1e-10  # (12), (13)
     assert relative(gradient[edge:], on_weights.numpy()[edge:]) < 1e-10  # (14), (15)
 
@@ -181,6 +182,19 @@ def test_backtracking_agrees_with_an_independent_adjoint_solver():
     value, gradient = backtrack(field, make_windows(80))
     assert value == pytest.approx(loss.item(), rel=1e-7)
     assert relative(gradient, module.vector.grad.numpy()) < 1e-6
+
+
+def test_a_loss_at_samples_makes_the_adjoint_jump():
+    field = make_field()
+    distance = []
+    for steps in (20, 40):
+        windows = make_windows(steps)
+        value, gradient = backtrack(field, windows, running=False)
+        expected_value, expected = discrete_gradient(field, windows)
+        assert value == pytest.approx(expected_value, rel=1e-12)
+        distance.append(relative(gradient, expected))
+    assert distance[0] < 1e-4
+    assert distance[1] < distance[0] / 8.0
 
 
 def test_backtracking_converges_with_the_fourth_order():

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.bdnn.field import Field, FieldPass
-from bdnn_ros.bdnn.networks import Pass
+from bdnn_ros.bdnn.field import Field, FieldDeltas, FieldPass
 
 
 @dataclass(frozen=True)
@@ -102,44 +101,52 @@ def roll_out(field: Field, windows: Windows) -> Rollout:
     return Rollout(states, stages)
 
 
-def backtrack(field: Field, windows: Windows) -> tuple[float, np.ndarray]:
+def backtrack(field: Field, windows: Windows, running: bool = True) -> tuple[float, np.ndarray]:
     """L = ∫ l dt and dL/dw by Algorithm 1.
 
     α_T = 0 and α̇ᵀ = ∂l/∂xᵀ − αᵀ ∂f/∂xᵀ (19) are integrated from T to 0 by Runge-Kutta's fourth order;
     G_T = 0 and Ġ = αᵀ ∂f/∂w (22) along with it, so that dL/dw = G₀. The states come from the forward
-    rollout, halfway through a step by Hermite's cubic. What multiplies ∂f/∂w is linear in α, so it is
-    gathered state by state and pulled through the networks once.
+    rollout, halfway through a step by Hermite's cubic. The networks' δ are linear in α, so those of one
+    state are added before they meet the weights.
+
+    Args:
+        running: l runs along the whole window, as in the paper; else it counts at the whole steps 1 … T only,
+            as in `discrete_gradient`, and α jumps there.
 
     Returns:
         The loss and its gradient by all weights, in the order of `Field.vector`.
     """
-    h, count = windows.step, windows.steps
+    h, batch = windows.step, windows.states.shape[1]
     rollout = roll_out(field, windows)
     whole = [stages[0] for stages in rollout.stages]
     whole.append(field.acceleration(rollout.states[-1], windows.efforts[-1]))
     between = _midway(field, windows, rollout.states, [flow(field, done) for done in whole])
-    batch = windows.states.shape[1]
-    on_whole = [np.zeros_like(rollout.states[0]) for _ in whole]
-    on_between = np.empty_like(between.state)
+    gradient = [np.zeros_like(part) for part in field.arrays]
     alpha = np.zeros_like(rollout.states[-1])
-    for k in range(count - 1, -1, -1):
+    ahead: FieldDeltas | None = None
+    for k in range(windows.steps - 1, -1, -1):
+        end, start = whole[k + 1], whole[k]
         middle = _rows(between, slice(k * batch, (k + 1) * batch))
-        slope_end = windows.loss_slope(2 * k + 2, whole[k + 1].state)
-        slope_middle = windows.loss_slope(2 * k + 1, middle.state)
-        slope_start = windows.loss_slope(2 * k, whole[k].state)
-        k1 = slope_end - field.pull_state(whole[k + 1], alpha)
-        alpha2 = alpha - 0.5 * h * k1
-        k2 = slope_middle - field.pull_state(middle, alpha2)
-        alpha3 = alpha - 0.5 * h * k2
-        k3 = slope_middle - field.pull_state(middle, alpha3)
-        alpha4 = alpha - h * k3
-        k4 = slope_start - field.pull_state(whole[k], alpha4)
-        on_whole[k + 1] -= (h / 6.0) * alpha
-        on_between[k * batch : (k + 1) * batch] = (-h / 3.0) * (alpha2 + alpha3)
-        on_whole[k] -= (h / 6.0) * alpha4
+        slopes = [windows.loss_slope(2 * k + i, p.state) for i, p in enumerate((start, middle, end))]
+        if not running:
+            alpha = alpha - h * slopes[2]
+            slopes = [np.zeros_like(alpha)] * 3
+        pulled, at_end = field.pull(end, alpha)
+        k1 = slopes[2] - pulled
+        pulled, at_second = field.pull(middle, alpha - 0.5 * h * k1)
+        k2 = slopes[1] - pulled
+        pulled, at_third = field.pull(middle, alpha - 0.5 * h * k2)
+        k3 = slopes[1] - pulled
+        pulled, at_start = field.pull(start, alpha - h * k3)
+        k4 = slopes[0] - pulled
         alpha = alpha - (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
-    gradient = field.pull_weights(_joined([between, *whole]), np.concatenate([on_between, *on_whole]))
-    return _simpson(windows, rollout.states, between.state), gradient
+        _add(gradient, -h / 6.0, field.weight_gradient(end, at_end if ahead is None else at_end + ahead))
+        _add(gradient, -h / 3.0, field.weight_gradient(middle, at_second + at_third))
+        ahead = at_start
+    assert ahead is not None
+    _add(gradient, -h / 6.0, field.weight_gradient(whole[0], ahead))
+    loss = _simpson(windows, rollout.states, between.state) if running else _sampled(windows, rollout.states)
+    return loss, flat(gradient)
 
 
 def discrete_gradient(field: Field, windows: Windows) -> tuple[float, np.ndarray]:
@@ -147,25 +154,26 @@ def discrete_gradient(field: Field, windows: Windows) -> tuple[float, np.ndarray
 
     Runs the solver's own steps backwards, stage by stage.
     """
-    h, count = windows.step, windows.steps
+    h = windows.step
     rollout = roll_out(field, windows)
-    passes, cotangents = [], []
+    gradient = [np.zeros_like(part) for part in field.arrays]
     on_state = np.zeros_like(rollout.states[-1])
-    for k in range(count - 1, -1, -1):
+    for k in range(windows.steps - 1, -1, -1):
         on_state = on_state + h * windows.loss_slope(2 * k + 2, rollout.states[k + 1])
         first, second, third, fourth = rollout.stages[k]
-        on4 = (h / 6.0) * on_state
-        back4 = field.pull_state(fourth, on4)
-        on3 = (h / 3.0) * on_state + h * back4
-        back3 = field.pull_state(third, on3)
-        on2 = (h / 3.0) * on_state + 0.5 * h * back3
-        back2 = field.pull_state(second, on2)
-        on1 = (h / 6.0) * on_state + 0.5 * h * back2
-        on_state = on_state + back2 + back3 + back4 + field.pull_state(first, on1)
-        passes += [first, second, third, fourth]
-        cotangents += [on1, on2, on3, on4]
-    gradient = field.pull_weights(_joined(passes), np.concatenate(cotangents))
-    return h * windows.loss(slice(2, None, 2), rollout.states[1:]), gradient
+        back4, deltas4 = field.pull(fourth, (h / 6.0) * on_state)
+        back3, deltas3 = field.pull(third, (h / 3.0) * on_state + h * back4)
+        back2, deltas2 = field.pull(second, (h / 3.0) * on_state + (0.5 * h) * back3)
+        back1, deltas1 = field.pull(first, (h / 6.0) * on_state + (0.5 * h) * back2)
+        on_state = on_state + back1 + back2 + back3 + back4
+        for done, deltas in ((first, deltas1), (second, deltas2), (third, deltas3), (fourth, deltas4)):
+            _add(gradient, 1.0, field.weight_gradient(done, deltas))
+    return _sampled(windows, rollout.states), flat(gradient)
+
+
+def flat(parts: list[np.ndarray]) -> np.ndarray:
+    """Gradients by array as one vector."""
+    return np.concatenate([part.ravel() for part in parts])
 
 
 def _midway(field: Field, windows: Windows, states: np.ndarray, flows: list[np.ndarray]) -> FieldPass:
@@ -184,21 +192,17 @@ def _simpson(windows: Windows, states: np.ndarray, between: np.ndarray) -> float
     return windows.step / 3.0 * (ends + 2.0 * windows.loss(slice(1, None, 2), middle))
 
 
-def _parts(done: FieldPass | Pass) -> list[Any]:
-    return [getattr(done, f.name) for f in fields(done)]
+def _sampled(windows: Windows, states: np.ndarray) -> float:
+    """h Σ l at the whole steps 1 … T."""
+    return windows.step * windows.loss(slice(2, None, 2), states[1:])
+
+
+def _add(total: list[np.ndarray], factor: float, parts: list[np.ndarray]) -> None:
+    for held, part in zip(total, parts, strict=True):
+        held += factor * part
 
 
 def _rows(done: Any, rows: slice) -> Any:
     """The same pass for some of its batch."""
-    picked = [part[rows] if isinstance(part, np.ndarray) else _rows(part, rows) for part in _parts(done)]
-    return type(done)(*picked)
-
-
-def _joined(passes: list[Any]) -> Any:
-    """Several passes as one batch."""
-    columns = zip(*(_parts(done) for done in passes), strict=True)
-    joined = [
-        np.concatenate(column) if isinstance(column[0], np.ndarray) else _joined(list(column))
-        for column in columns
-    ]
-    return type(passes[0])(*joined)
+    parts = [getattr(done, f.name) for f in fields(done)]
+    return type(done)(*(p[rows] if isinstance(p, np.ndarray) else _rows(p, rows) for p in parts))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.bdnn.networks import (
+    Deltas,
     Network,
     Pass,
     spd_apply,
@@ -54,7 +55,7 @@ class FieldPass:
         state: x, (B, 2n).
         h, r: passes of the two networks.
         factor, shift: of P.
-        drive: F (u − R), (B, n).
+        drive, inner: F (u − R) and Lᵀ of it, (B, n) each.
         acceleration: q̈, (B, n).
     """
 
@@ -64,7 +65,22 @@ class FieldPass:
     factor: np.ndarray
     shift: np.ndarray
     drive: np.ndarray
+    inner: np.ndarray
     acceleration: np.ndarray
+
+
+@dataclass(frozen=True)
+class FieldDeltas:
+    """δ of both networks, linear in the adjoint they are for."""
+
+    h: Deltas
+    r: Deltas
+
+    def __add__(self, other: FieldDeltas) -> FieldDeltas:
+        return FieldDeltas(self.h + other.h, self.r + other.r)
+
+    def __rmul__(self, factor: float) -> FieldDeltas:
+        return FieldDeltas(factor * self.h, factor * self.r)
 
 
 @dataclass(frozen=True)
@@ -102,6 +118,11 @@ class Field:
         """All weights, θ then ε, in one new vector."""
         return np.concatenate([self.h.vector(), self.r.vector()])
 
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """The weights of h, then of r."""
+        return self.h.arrays + self.r.arrays
+
     def with_vector(self, vector: np.ndarray) -> Field:
         """The field whose weights are views of a vector."""
         edge = self.h.vector().size
@@ -128,7 +149,8 @@ class Field:
         factor = spd_factor(h.output, self.width)
         shift = spd_shift(factor)
         drive = self.gain * (effort - self.scales.effort * r.output)
-        return FieldPass(state, h, r, factor, shift, drive, self.gain * spd_apply(factor, shift, drive))
+        product, inner = spd_apply(factor, shift, drive)
+        return FieldPass(state, h, r, factor, shift, drive, inner, self.gain * product)
 
     def effort(self, state: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """u = H⁻¹ q̈ + R, (B, n) [N·m]: the other direction of the same networks."""
@@ -159,34 +181,26 @@ class Field:
 
     # -- derivatives -----------------------------------------------------------------------------------------
 
-    def pull_state(self, done: FieldPass, adjoint: np.ndarray) -> np.ndarray:
-        """αᵀ ∂f/∂x, (B, 2n), for adjoints α (B, 2n): equation (11).
+    def pull(self, done: FieldPass, adjoint: np.ndarray) -> tuple[np.ndarray, FieldDeltas]:
+        """αᵀ ∂f/∂x, (B, 2n), and the networks' δ, for adjoints α (B, 2n): equation (11).
 
-        The velocity half of α meets [∂H/∂q (u − R)  0] − H ∂R/∂x, its position half meets q̇.
+        The velocity half α_s meets [∂H/∂q (u − R)  0] − H ∂R/∂x, the position half meets q̇. The cotangents of
+        the networks' outputs are P⁻¹(α_s (u − R)ᵀ) as in (12) and −H α_s as in (14).
         """
-        n = self.width
-        on_h, on_r = self._cotangents(done, adjoint[:, n:])
-        from_r = self.r.pull_inputs(done.r, on_r)
-        from_r[:, : 2 * n] += self.h.pull_inputs(done.h, on_h)
+        n, x = self.width, done.r.inputs
+        scaled = self.gain * adjoint[:, n:]
+        on_drive, inner = spd_apply(done.factor, done.shift, scaled)
+        on_h = self.h.deltas(done.h, spd_pull(done.factor, scaled, inner, done.drive, done.inner))
+        on_r = self.r.deltas(done.r, on_drive * -(self.scales.effort * self.gain))
+        from_r = self.r.pull_inputs(on_r)
+        from_r[:, : 2 * n] += self.h.pull_inputs(on_h)
         result = np.empty_like(adjoint)
-        sine, cosine = done.r.inputs[:, :n], done.r.inputs[:, n : 2 * n]
-        result[:, :n] = from_r[:, :n] * cosine - from_r[:, n : 2 * n] * sine
-        soft = done.r.inputs[:, 3 * n :]
-        rate = (1.0 - soft * soft) / self.scales.slow
+        result[:, :n] = from_r[:, :n] * x[:, n : 2 * n] - from_r[:, n : 2 * n] * x[:, :n]
+        rate = (1.0 - x[:, 3 * n :] ** 2) / self.scales.slow
         result[:, n:] = from_r[:, 2 * n : 3 * n] / self.scales.velocity + from_r[:, 3 * n :] * rate
         result[:, n:] += adjoint[:, :n]
-        return result
+        return result, FieldDeltas(on_h, on_r)
 
-    def pull_weights(self, done: FieldPass, adjoint: np.ndarray) -> np.ndarray:
-        """αᵀ ∂f/∂w summed over the batch, w = [θ, ε]: equations (12)-(15); only α's velocity half matters."""
-        on_h, on_r = self._cotangents(done, adjoint[:, self.width :])
-        return np.concatenate([self.h.pull_weights(done.h, on_h), self.r.pull_weights(done.r, on_r)])
-
-    def _cotangents(self, done: FieldPass, adjoint: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cotangents of the outputs of h and r for one of q̈ (B, n).
-
-        P⁻¹(α_s (u − R)ᵀ) as in (12), and −H α_s as in (14).
-        """
-        scaled = self.gain * adjoint
-        on_drive = spd_apply(done.factor, done.shift, scaled)
-        return spd_pull(done.factor, scaled, done.drive), -(self.scales.effort * self.gain) * on_drive
+    def weight_gradient(self, done: FieldPass, deltas: FieldDeltas) -> list[np.ndarray]:
+        """αᵀ ∂f/∂w summed over the batch, θ then ε: equations (12) to (15); as `arrays`."""
+        return self.h.weight_gradient(done.h, deltas.h) + self.r.weight_gradient(done.r, deltas.r)

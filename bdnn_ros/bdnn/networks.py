@@ -22,26 +22,29 @@ OUTPUT_BOUND = 100.0
 """Outputs bend at this size, so that no weights can overflow P."""
 
 
-def _tanh(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    value = np.tanh(z)
-    return value, 1.0 - value * value
+def _tanh(z: np.ndarray) -> np.ndarray:
+    return np.asarray(np.tanh(z, out=z))
 
 
-def _sigmoid(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    value = 0.5 + 0.5 * np.tanh(0.5 * z)
-    return value, value * (1.0 - value)
+def _tanh_slope(value: np.ndarray) -> np.ndarray:
+    slope = value * value
+    return np.asarray(np.subtract(1.0, slope, out=slope))
 
 
-def _softplus(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return np.logaddexp(z, np.zeros((), z.dtype)), 0.5 + 0.5 * np.tanh(0.5 * z)
+def _sigmoid(z: np.ndarray) -> np.ndarray:
+    return 0.5 + 0.5 * np.tanh(0.5 * z)
 
 
-ACTIVATIONS: dict[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
-    "tanh": _tanh,
-    "sigmoid": _sigmoid,
-    "softplus": _softplus,
+def _softplus(z: np.ndarray) -> np.ndarray:
+    return np.logaddexp(z, np.zeros((), z.dtype))
+
+
+ACTIVATIONS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
+    "tanh": (_tanh, _tanh_slope),
+    "sigmoid": (_sigmoid, lambda value: value * (1.0 - value)),
+    "softplus": (_softplus, lambda value: -np.expm1(-value)),
 }
-"""Each gives φ(z) and φ'(z)."""
+"""Each gives φ(z), which may take the place of z, and φ' from the value of φ."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +54,31 @@ class Pass:
     Attributes:
         inputs: o⁽¹⁾, (B, in).
         hidden: o⁽²⁾ = φ(i⁽¹⁾), (B, hidden).
-        hidden_slope: φ'(i⁽¹⁾), (B, hidden).
         output: y, (B, out).
-        output_slope: derivative of the output's activation, (B, out).
     """
 
     inputs: np.ndarray
     hidden: np.ndarray
-    hidden_slope: np.ndarray
     output: np.ndarray
-    output_slope: np.ndarray
+
+
+@dataclass(frozen=True)
+class Deltas:
+    """δ of one network for a cotangent of its outputs; linear in that cotangent.
+
+    Attributes:
+        hidden: δ⁽¹⁾, (B, hidden).
+        output: δ⁽²⁾, (B, out).
+    """
+
+    hidden: np.ndarray
+    output: np.ndarray
+
+    def __add__(self, other: Deltas) -> Deltas:
+        return Deltas(self.hidden + other.hidden, self.output + other.output)
+
+    def __rmul__(self, factor: float) -> Deltas:
+        return Deltas(factor * self.hidden, factor * self.output)
 
 
 @dataclass(frozen=True)
@@ -102,30 +120,42 @@ class Network:
 
     def run(self, x: np.ndarray) -> Pass:
         """Forward pass for inputs (B, in)."""
-        hidden, slope = ACTIVATIONS[self.activation](x @ self.hidden_weights.T + self.hidden_bias)
-        bent = np.tanh((hidden @ self.output_weights.T + self.output_bias) / self.bound)
-        return Pass(x, hidden, slope, self.bound * bent, 1.0 - bent * bent)
+        hidden = x @ self.hidden_weights.T
+        hidden += self.hidden_bias
+        hidden = ACTIVATIONS[self.activation][0](hidden)
+        output = hidden @ self.output_weights.T
+        output += self.output_bias
+        output /= self.bound
+        return Pass(x, hidden, self.bound * np.tanh(output, out=output))
 
-    def pull_inputs(self, done: Pass, cotangent: np.ndarray) -> np.ndarray:
-        """Cotangent of the inputs (B, in) for one of the outputs (B, out)."""
-        delta = cotangent * done.output_slope
-        return ((delta @ self.output_weights) * done.hidden_slope) @ self.hidden_weights
+    def deltas(self, done: Pass, cotangent: np.ndarray) -> Deltas:
+        """δ⁽²⁾ = cotangent ⊙ ψ' and δ⁽¹⁾ = W₂ᵀ δ⁽²⁾ ⊙ φ', for a cotangent of the outputs (B, out)."""
+        output = cotangent * self._output_slope(done)
+        hidden = output @ self.output_weights
+        hidden *= self._hidden_slope(done)
+        return Deltas(hidden, output)
 
-    def pull_weights(self, done: Pass, cotangent: np.ndarray) -> np.ndarray:
-        """Gradient of all weights, in the order of `vector`, summed over the batch.
+    def pull_inputs(self, deltas: Deltas) -> np.ndarray:
+        """Cotangent of the inputs, (B, in)."""
+        return deltas.hidden @ self.hidden_weights
 
-        δ⁽²⁾ = cotangent ⊙ ψ', δ⁽¹⁾ = W₂ᵀ δ⁽²⁾ ⊙ φ': equations (12) and (13) for H, (14) and (15) for R, whose
-        cotangents `field.Field.pull_weights` forms.
-        """
-        delta = cotangent * done.output_slope
-        inner = (delta @ self.output_weights) * done.hidden_slope
-        parts = (inner.T @ done.inputs, inner.sum(axis=0), delta.T @ done.hidden, delta.sum(axis=0))
-        return np.concatenate([part.ravel() for part in parts])
+    def weight_gradient(self, done: Pass, deltas: Deltas) -> list[np.ndarray]:
+        """δ⁽¹⁾ o⁽¹⁾ᵀ and δ⁽²⁾ o⁽²⁾ᵀ summed over the batch, as `arrays`: (12) and (13), or (14) and (15)."""
+        out, hidden = deltas.output, deltas.hidden
+        ones = np.ones(len(out), out.dtype)
+        return [hidden.T @ done.inputs, ones @ hidden, out.T @ done.hidden, ones @ out]
 
     def input_jacobian(self, done: Pass) -> np.ndarray:
         """∂y/∂x, (B, out, in)."""
-        hidden = self.output_weights * done.hidden_slope[:, None, :]
-        return done.output_slope[:, :, None] * (hidden @ self.hidden_weights)
+        hidden = self.output_weights * self._hidden_slope(done)[:, None, :]
+        return self._output_slope(done)[:, :, None] * (hidden @ self.hidden_weights)
+
+    def _hidden_slope(self, done: Pass) -> np.ndarray:
+        return ACTIVATIONS[self.activation][1](done.hidden)
+
+    def _output_slope(self, done: Pass) -> np.ndarray:
+        bent = done.output / self.bound
+        return 1.0 - bent * bent
 
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
@@ -138,11 +168,12 @@ class Network:
 
     def with_vector(self, vector: np.ndarray) -> Network:
         """The network whose weights are views of a vector: to change it in place changes the network."""
-        parts, start = [], 0
+        parts: list[np.ndarray] = []
+        start = 0
         for part in self.arrays:
             parts.append(vector[start : start + part.size].reshape(part.shape))
             start += part.size
-        return Network(*parts, self.activation, self.bound)
+        return Network(parts[0], parts[1], parts[2], parts[3], self.activation, self.bound)
 
     def astype(self, dtype: Any) -> Network:
         """The same network in another precision."""
@@ -162,6 +193,12 @@ def vector_size(n: int) -> int:
 def lower_indices(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the lower triangle, in the order of P's vector."""
     return np.tril_indices(n)
+
+
+@lru_cache(maxsize=32)
+def _flat_lower(n: int) -> np.ndarray:
+    rows, columns = lower_indices(n)
+    return rows * n + columns
 
 
 def spd_factor(vector: np.ndarray, n: int) -> np.ndarray:
@@ -184,22 +221,25 @@ def spd_matrix(factor: np.ndarray) -> np.ndarray:
     return factor @ np.swapaxes(factor, -1, -2) + spd_shift(factor)[..., None, None] * unit
 
 
-def spd_apply(factor: np.ndarray, shift: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """P y without forming P, (B, n)."""
-    inner = (np.swapaxes(factor, -1, -2) @ y[..., None])[..., 0]
-    return (factor @ inner[..., None])[..., 0] + shift[..., None] * y
+def spd_apply(factor: np.ndarray, shift: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """P y without forming P, and Lᵀ y on the way; (B, n) each."""
+    inner = (y[..., None, :] @ factor)[..., 0, :]
+    return (factor @ inner[..., None])[..., 0] + shift[..., None] * y, inner
 
 
-def spd_pull(factor: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """P⁻¹ of the paper: the cotangent of v, (B, n(n+1)/2), for the cotangent left · rightᵀ of P."""
-    transposed = np.swapaxes(factor, -1, -2)
-    right_inner = (transposed @ right[..., None])[..., 0]
-    left_inner = (transposed @ left[..., None])[..., 0]
-    inner = 2.0 * factor.dtype.type(SPD_FLOOR) * np.einsum("...i,...i->...", left, right)
-    full = left[..., :, None] * right_inner[..., None, :] + right[..., :, None] * left_inner[..., None, :]
-    full += inner[..., None, None] * factor
-    rows, columns = lower_indices(factor.shape[-1])
-    return full[..., rows, columns]
+def spd_pull(
+    factor: np.ndarray, left: np.ndarray, left_inner: np.ndarray, right: np.ndarray, right_inner: np.ndarray
+) -> np.ndarray:
+    """P⁻¹ of the paper: the cotangent of v, (B, n(n+1)/2), for the cotangent left · rightᵀ of P.
+
+    Args:
+        left_inner, right_inner: Lᵀ left and Lᵀ right, (B, n), which `spd_apply` has at hand.
+    """
+    full = left[..., :, None] * right_inner[..., None, :]
+    full += right[..., :, None] * left_inner[..., None, :]
+    shift = 2.0 * factor.dtype.type(SPD_FLOOR) * np.einsum("...i,...i->...", left, right)
+    full += shift[..., None, None] * factor
+    return full.reshape(*full.shape[:-2], -1)[..., _flat_lower(factor.shape[-1])]
 
 
 def spd_derivative(factor: np.ndarray, change: np.ndarray) -> np.ndarray:
