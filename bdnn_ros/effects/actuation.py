@@ -14,7 +14,10 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
 from bdnn_ros.effects.plant import Plant
 
-GAUTIER = "Gautier, Briot, Global identification of joint drive gains and dynamic parameters of robots, JDSMC 136(5), 2014"
+GAUTIER = (
+    "Gautier, Briot, Global identification of joint drive gains and dynamic parameters of "
+    "robots, JDSMC 136(5), 2014"
+)
 
 
 class EffortOffset(Effect):
@@ -76,8 +79,8 @@ class EffortScale(Effect):
 class EffortDelay(Effect):
     """An effort that acts `delay` after its stamp, on one joint or on all alike.
 
-    Linear in the delay while it is short; the shape `at` [s] names the delay at which the columns are exact, as a
-    secant from no delay.
+    Linear in the delay while it is short; the shape `at` [s] names the delay at which the columns are exact,
+    as a secant from no delay.
     """
 
     name = "effort_delay"
@@ -88,7 +91,10 @@ class EffortDelay(Effect):
     equation = "effort(t + delay) - effort(t)"
     confused_with = ("armature", "viscous_friction", "velocity_filter")
     shown_by = "fast changes of effort: high frequencies, reversals of acceleration"
-    source = "Swevers, Verdonck, De Schutter, Dynamic model identification for industrial robots, IEEE CSM 27(5), 2007"
+    source = (
+        "Swevers, Verdonck, De Schutter, Dynamic model identification for industrial robots, IEEE "
+        "CSM 27(5), 2007"
+    )
     coefficient_bounds = ((0.0, 0.2),)
     of_load = True
 
@@ -133,7 +139,10 @@ class Cogging(Effect):
     equation = "amplitude * sin(periods_per_rev * q + phase)"
     confused_with = ("joint_spring", "link_inertia")
     shown_by = "slow motion over a wide range of positions"
-    source = "Thomas, Mendes, Torque ripple of gear drives; Gandhi et al., Modeling of harmonic drive ripple, ICRA 2002"
+    source = (
+        "Thomas, Mendes, Torque ripple of gear drives; Gandhi et al., Modeling of harmonic drive "
+        "ripple, ICRA 2002"
+    )
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
     shape_bounds = MappingProxyType({"periods_per_rev": (1.0, 80.0)})
 
@@ -177,7 +186,10 @@ class JointSpring(Effect):
     equation = "stiffness * (q - rest)"
     confused_with = ("effort_offset", "link_inertia", "cogging")
     shown_by = "the whole range of positions of the joint, in poses of different gravity"
-    source = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 9.6 (gravity-compensating springs)"
+    source = (
+        "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 9.6 "
+        "(gravity-compensating springs)"
+    )
     coefficient_bounds = ((0.0, np.inf), (-np.inf, np.inf))
     contains = ("effort_offset",)
 

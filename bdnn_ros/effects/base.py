@@ -29,7 +29,7 @@ class Parameter:
     Attributes:
         name, unit: as in the contract.
         lower, upper: what is physically possible.
-        plausible: magnitudes met in practice, (low, high); the simulation draws from it, the diagnosis starts in it.
+        plausible: magnitudes met in practice, (low, high); the simulation draws from it.
         of_effort: the plausible range is a share of the joint's typical effort instead of absolute.
     """
 
@@ -51,7 +51,7 @@ class Motion:
         signals: low-passed motion, N working samples.
         robot: the simulation's robot (or the current estimate of it).
         load: effort that really acts at each joint, noise-free estimate (from a model), (N, n) [N·m].
-        drive: the part of it that the drives take before the gear (effects with `in_drive`), (N, n), if known.
+        drive: the part of it that drives take before the gear (effects with `in_drive`), (N, n), if known.
     """
 
     signals: Signals
@@ -91,7 +91,7 @@ class Motion:
 
     @cached_property
     def link_load(self) -> np.ndarray:
-        """Effort that the transmission passes on to the bodies, drive friction and rotor left out, (N, n) [N·m]."""
+        """Effort of the bodies alone, drive friction and rotor left out, (N, n) [N·m]."""
         return self.robot.rigid_effort(self.position, self.velocity, self.acceleration)
 
     @cached_property
@@ -113,7 +113,7 @@ class Motion:
         return result
 
     def sharp_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
-        """As `joint_column`, for columns with steps or ripples faster than the motion: low-passed as the effort was."""
+        """As `joint_column` for columns with steps or ripples: low-passed as the effort was."""
         return self.joint_column(target, *(self.signals.smooth(column) for column in columns))
 
     @cached_property
@@ -132,7 +132,7 @@ class Motion:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
-        """Values (N, n) as they will be `lead` seconds later, along each gap-free segment; held at its end."""
+        """Values (N, n) as they will be `lead` seconds later, along each segment; held at its end."""
         result = np.empty_like(values)
         for rows in self.signals.segments:
             time = self.time[rows]
@@ -194,10 +194,10 @@ class Motion:
 class Effect(ABC):
     """One physical cause a simulation may leave out.
 
-    The measured effort is modelled as `rigid effort of the URDF + sum of columns · coefficients`. Coefficients enter
-    linearly; the parameters that do not (a Stribeck velocity, a breakaway distance) are the `shape`, tried on a grid
-    and then refined. `target` is the index of the joint (or of the joint that moves the link), -1 where the effect
-    acts on the base or on all joints.
+    The measured effort is modelled as `rigid effort of the URDF + sum of columns · coefficients`.
+    Coefficients enter linearly; the parameters that do not (a Stribeck velocity, a breakaway distance) are
+    the `shape`, tried on a grid and then refined. `target` is the index of the joint (or of the joint that
+    moves the link), -1 where the effect acts on the base or on all joints.
     """
 
     name: ClassVar[str]
@@ -218,7 +218,7 @@ class Effect(ABC):
     coefficient_bounds: ClassVar[tuple[tuple[float, float], ...]]
     """Lower and upper bound of each linear coefficient."""
     contains: ClassVar[tuple[str, ...]] = ()
-    """Effects at the same place whose columns are a special case of this one's: naming this one replaces them."""
+    """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
     of_load: ClassVar[bool] = False
     """Its columns are made from the load, so a better estimate of the load changes them."""
     in_drive: ClassVar[bool] = False
@@ -229,13 +229,13 @@ class Effect(ABC):
     shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     """Range of each shape parameter that a search may refine; a shape parameter not named here is given."""
 
-    # -- simulation -------------------------------------------------------------------------------------------
+    # -- simulation ------------------------------------------------------------------------------------------
 
     @abstractmethod
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         """Put the effect into a simulated robot."""
 
-    # -- diagnosis and extension ------------------------------------------------------------------------------
+    # -- diagnosis and extension -----------------------------------------------------------------------------
 
     @abstractmethod
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
@@ -280,7 +280,7 @@ class Effect(ABC):
         """Linear coefficients (k,) and shape from the contract's parameters: the inverse of `values`."""
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        """The shape at which the columns are exact for these coefficients; the same shape where they always are."""
+        """The shape at which the columns are exact for these coefficients; the same where they always are."""
         return dict(shape)
 
     def sentence(self, where: str, values: Values) -> str:

@@ -20,7 +20,7 @@ HADDADIN = "Haddadin, De Luca, Albu-Schäffer, Robot collisions: a survey, IEEE 
 
 
 class ExternalWrench(Effect):
-    """A constant force and torque of the environment on a link, in the base frame's axes, between two times."""
+    """A constant force and torque of the environment on a link, in the base's axes, between two times."""
 
     name = "external_wrench"
     variant = "link"
@@ -61,8 +61,8 @@ class ExternalWrench(Effect):
         force = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[:3])
         torque = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[3:])
         return (
-            f"Something pushes {where} from {values['start']:.2f} s to {values['end']:.2f} s with ({force}) N and "
-            f"({torque}) N·m."
+            f"Something pushes {where} from {values['start']:.2f} s to {values['end']:.2f} s "
+            f"with ({force}) N and ({torque}) N·m."
         )
 
 
@@ -107,7 +107,7 @@ class ExternalTorque(Effect):
 
 
 class Drift(Effect):
-    """A parameter that changes linearly from the start of the recording to its end (warm-up, wear, sensor drift)."""
+    """A parameter that changes linearly from the start of the recording to its end (warm-up, wear)."""
 
     name = "drift"
     on = "joint"
@@ -134,8 +134,8 @@ class Drift(Effect):
     def sentence(self, where: str, values: Values) -> str:
         unit = self.parameters[0].unit.replace("*", "·")
         return (
-            f"{where} drifts: its {self.title} goes from {values['start_value']:.3g} to {values['end_value']:.3g} "
-            f"{unit} over the recording."
+            f"{where} drifts: its {self.title} goes from {values['start_value']:.3g} "
+            f"to {values['end_value']:.3g} {unit} over the recording."
         )
 
 

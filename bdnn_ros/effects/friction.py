@@ -1,4 +1,4 @@
-"""Friction of joints and drives; every one resists the motion, so it adds to the measured effort with its sign."""
+"""Friction of joints and drives; it resists the motion, so it adds to the measured effort with its sign."""
 
 from __future__ import annotations
 
@@ -162,7 +162,10 @@ class LoadDependentFriction(Effect):
     equation = "ratio * abs(effort) * sign(qd)"
     confused_with = ("coulomb_friction", "effort_scale")
     shown_by = "both directions under small and under large load"
-    source = "Hamon, Gautier, Garrec, Dynamic identification of robots with a dry friction model depending on load, IROS 2010"
+    source = (
+        "Hamon, Gautier, Garrec, Dynamic identification of robots with a dry friction model "
+        "depending on load, IROS 2010"
+    )
     coefficient_bounds = ((0.0, 0.9),)
     of_load = True
 
@@ -260,12 +263,14 @@ class Hysteresis(Effect):
 
 
 def bristle(position: np.ndarray, breakaway: float) -> np.ndarray:
-    """Bend of a Dahl bristle along positions (N,), in [-1, 1], from 0; exact between samples of one direction."""
+    """Bend of a Dahl bristle along positions (N,), in [-1, 1], from 0; exact while the direction stays."""
     result = np.zeros(len(position))
+    direction = np.sign(np.diff(position))
+    turns = np.flatnonzero(np.diff(direction)) + 1
     bend = 0.0
-    for k, step in enumerate(np.diff(position).tolist(), start=1):
-        if step:
-            direction = math.copysign(1.0, step)
-            bend = direction + (bend - direction) * math.exp(-abs(step) / breakaway)
-        result[k] = bend
+    for start, end in zip([0, *turns.tolist()], [*turns.tolist(), len(direction)], strict=True):
+        way = direction[start] if end > start else 0.0
+        fade = np.exp(-np.abs(position[start + 1 : end + 1] - position[start]) / breakaway)
+        result[start + 1 : end + 1] = way + (bend - way) * fade if way else bend
+        bend = float(result[end])
     return result

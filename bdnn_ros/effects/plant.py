@@ -10,11 +10,11 @@ import numpy as np
 from bdnn_ros.robot import Robot
 
 JointEffort = Callable[[float, float, float, float], float]
-"""(time [s], position [rad], velocity [rad/s], load [N·m]) -> resisting effort of that joint [N·m], called in order
-of time, once a step. The load is the effort that acts on the joint."""
+"""(time [s], position [rad], velocity [rad/s], load [N·m]) -> resisting effort of that joint [N·m], called in
+order of time, once a step. The load is the effort that acts on the joint."""
 DryFriction = Callable[[float, float, float, float], float]
-"""(time [s], speed [rad/s] >= 0, load [N·m], direction +1 or -1) -> magnitude of dry friction against a motion in that
-direction [N·m]; at speed 0 what holds the joint."""
+"""(time [s], speed [rad/s] >= 0, load [N·m], direction +1 or -1) -> magnitude of dry friction against motion
+in that direction [N·m]; at speed 0 what holds the joint."""
 Wrench = Callable[[float], np.ndarray]
 """Time [s] -> force and torque on a link frame's origin, in the base frame's axes, (6,) [N, N·m]."""
 
@@ -29,8 +29,8 @@ class Plant:
         efforts: (joint, smooth resisting effort): springs, drag, cogging, bristles ...
         dry: (joint, magnitude of dry friction); magnitudes on one joint add up.
         wrenches: (link, wrench of the environment on it).
-        scale, offset, delay: effort that acts = scale · commanded(t - delay) + offset; (n,) each, delay in [s].
-        stiffness: joint elasticity between the motor, whose position is measured, and the link (n,) [N·m/rad].
+        scale, offset, delay: effort that acts = scale · commanded(t - delay) + offset; (n,) each.
+        stiffness: of the gear between motor, whose position is measured, and link (n,) [N·m/rad].
         gap: backlash between motor and link, full width (n,) [rad].
         position_offset: measured position = true position + offset, (n,) [rad].
         velocity_cutoff: first-order low-pass of the reported velocity, (n,) [Hz].

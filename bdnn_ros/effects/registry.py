@@ -1,14 +1,15 @@
 """Every effect by name, and specifications as users write them.
 
-`ALL` holds every class once. Those of one contract name are variants (what drifts; a wrench on a link or a joint), each
-with its own columns and bounds: go through `ALL` to try everything, through `EFFECTS` to list the names.
+`ALL` holds every class once. Those of one contract name are variants (what drifts; a wrench on a link or a
+joint), each with its own columns and bounds: go through `ALL` to try everything, through `EFFECTS` to list
+the names.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bdnn_ros.effects import actuation, environment, friction, rigid, sensing, transmission
 from bdnn_ros.effects.base import Effect, Parameter, Where
@@ -98,6 +99,12 @@ class Installed:
     def install(self, plant: Plant) -> None:
         """Put it into a plant."""
         self.effect.install(plant, self.target, self.values, self.link)
+
+    def within(self, duration: float) -> Installed:
+        """The same, a drift that is to last as long as the recording ending with it."""
+        if not math.isinf(self.values.get("end", 0.0)):
+            return self
+        return replace(self, values={**self.values, "end": duration})
 
     def place(self, robot: Robot) -> str:
         """What a sentence calls the place: the link, the joint, `base` or `all joints`."""

@@ -1,7 +1,7 @@
 """Bodies that differ from the description: payload, scaled link, rotor inertia, tilted base.
 
-All of them add rigid-body effort, so what they add to the measured effort is a regressor times inertial parameters,
-or rigid effort under another gravity.
+All of them add rigid-body effort, so what they add to the measured effort is a regressor times inertial
+parameters, or rigid effort under another gravity.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class Armature(Effect):
 class Payload(Effect):
     """A mass fixed to a link, a point at its centre; its own rotational inertia is left out.
 
-    Linear in mass and first moments; the second moments m·c·cᵀ are carried by the mass at the centre of mass that the
-    shape names, so the columns are exact there.
+    Linear in mass and first moments; the second moments m·c·cᵀ are carried by the mass at the centre of mass
+    that the shape names, so the columns are exact there.
     """
 
     name = "payload"
@@ -100,7 +100,7 @@ class Payload(Effect):
 
 
 class LinkInertia(Effect):
-    """A link whose mass and inertia are `scale` times those of the description, its centre of mass unchanged."""
+    """A link whose mass and inertia are `scale` times the described ones, its centre of mass unchanged."""
 
     name = "link_inertia"
     title = "wrong mass and inertia"
@@ -113,7 +113,10 @@ class LinkInertia(Effect):
     equation = "(scale - 1) * Y_link(q, qd, qdd) * inertial parameters of the link"
     confused_with = ("payload", "armature", "base_tilt")
     shown_by = "poses in which the link points in all directions, and its accelerations"
-    source = "Atkeson, An, Hollerbach, Estimation of inertial parameters of manipulator loads and links, IJRR 5(3), 1986"
+    source = (
+        "Atkeson, An, Hollerbach, Estimation of inertial parameters of manipulator loads and "
+        "links, IJRR 5(3), 1986"
+    )
     coefficient_bounds = ((-0.95, 9.0),)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
@@ -138,16 +141,16 @@ class LinkInertia(Effect):
 
     def sentence(self, where: str, values: Values) -> str:
         return (
-            f"{where} weighs {values['mass']:.3g} kg, not {values['nominal_mass']:.3g} kg: its mass and inertia are "
-            f"{values['scale']:.3g} times those of the model."
+            f"{where} weighs {values['mass']:.3g} kg, not {values['nominal_mass']:.3g} kg: its mass and "
+            f"inertia are {values['scale']:.3g} times those of the model."
         )
 
 
 class BaseTilt(Effect):
     """A base that stands turned by Ry(pitch)·Rx(roll) from level: gravity comes from another direction.
 
-    Linear in the angles [rad] near level; the shape names the tilt at which the columns are exact, as secants from
-    level to that tilt.
+    Linear in the angles [rad] near level; the shape names the tilt at which the columns are exact, as secants
+    from level to that tilt.
     """
 
     name = "base_tilt"
@@ -190,13 +193,13 @@ class BaseTilt(Effect):
 
     def sentence(self, where: str, values: Values) -> str:
         return (
-            f"The base is tilted: roll {values['roll_deg']:.2f}°, pitch {values['pitch_deg']:.2f}° from the level that "
-            "the model takes."
+            f"The base is tilted: roll {values['roll_deg']:.2f}°, pitch {values['pitch_deg']:.2f}° from the "
+            "level that the model takes."
         )
 
 
 def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values) -> tuple[int, np.ndarray]:
-    """Inertial parameters of the body per unit of (m, m·cx, m·cy, m·cz) in the link frame: body, (PER_LINK, 4)."""
+    """Body and its inertial parameters per unit of (m, m·cx, m·cy, m·cz) in the link frame, (PER_LINK, 4)."""
     body, rotation, translation = place
     x, y, z = rotation @ np.array([shape[f"com_{axis}"] for axis in AXES]) + translation
     parameters = np.zeros((PER_LINK, 4))

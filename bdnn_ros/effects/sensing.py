@@ -13,8 +13,8 @@ from bdnn_ros.effects.plant import Plant
 class PositionOffset(Effect):
     """An encoder whose zero is off: measured position = true position + offset.
 
-    The rigid effort belongs to the true position, so the measured effort is the model's at `q - offset`. The shape `at`
-    [rad] names the offset at which the column is exact, as a secant from none.
+    The rigid effort belongs to the true position, so the measured effort is the model's at `q - offset`. The
+    shape `at` [rad] names the offset at which the column is exact, as a secant from none.
     """
 
     name = "position_offset"

@@ -1,7 +1,7 @@
-"""Transmissions that give: the measured position is the motor's, the link lags behind it by what the load bends.
+"""Transmissions that give: the measured position is the motor's, the link lags behind by what the load bends.
 
-The rigid effort belongs to the link's motion, `q - deflection`, so the measured effort changes by the rigid effort's
-derivative along `-deflection` and its time derivatives.
+The rigid effort belongs to the link's motion, `q - deflection`, so the measured effort changes by the rigid
+effort's derivative along `-deflection` and its time derivatives.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class JointElasticity(Effect):
 class Backlash(Effect):
     """Play between motor and link: the link lies half the gap behind, on the side the load pushes it to.
 
-    When the load changes its sign the motor crosses the gap within the shape's `transit` [s]; the measured effort tells
-    when, because the motor's jump is in the measured position.
+    When the load changes its sign the motor crosses the gap within the shape's `transit` [s]; the measured
+    effort tells when, because the motor's jump is in the measured position.
     """
 
     name = "backlash"

@@ -1,4 +1,4 @@
-"""Tracking control: the description's inverse dynamics at the measured state, with a position loop around it."""
+"""Tracking control: inverse dynamics of the description at the measured state, and a position loop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SOFTEST = 0.25
 
 
 class Controller:
-    """Computed torque: u = inverse dynamics of the description at (q, qd, qdd_plan + k_p · error + k_d · error rate).
+    """Computed torque: u = described inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate).
 
     It knows the description, and of the real robot only its rotors and how fast each position loop may be.
 
@@ -49,7 +49,7 @@ class Controller:
 
 
 def loop_bandwidth(nominal: Robot, plant: Plant, plan: Trajectory) -> float:
-    """Bandwidth that the worst joint's dead time and elasticity allow [rad/s]: through the arm all loops are one."""
+    """Bandwidth that the worst joint's dead time and elasticity allow [rad/s]; the arm couples all loops."""
     period = float(plan.time[1] - plan.time[0])
     timely = PHASE_BUDGET / (0.5 * period + plant.delay)
     inertia = np.diagonal(nominal.mass_matrix(plan.position[::50]), axis1=1, axis2=2).max(axis=0)

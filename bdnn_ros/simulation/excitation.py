@@ -1,6 +1,7 @@
 """Motions that bring out the dynamics: Fourier series within a robot's limits.
 
-Swevers, Ganseman, Tükel, De Schutter, Van Brussel, Optimal robot excitation and identification, IEEE T-RA 13(5), 1997.
+Swevers, Ganseman, Tükel, De Schutter, Van Brussel, Optimal robot excitation and identification, IEEE T-RA
+13(5), 1997.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import numpy as np
 from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
 
-HIGHEST_FREQUENCY = 0.6
+HIGHEST_FREQUENCY = 1.0
 """Highest harmonic [Hz]."""
+STEEPNESS = 0.8
+"""Amplitudes fall with this power of the frequency: wide slow motion under quick small one."""
 LONGEST_PERIOD = 20.0
 """Base period of the series [s]; a shorter motion has its own duration."""
 BLEND = 1.5
@@ -31,7 +34,7 @@ CANDIDATES = 12
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A motion over time: position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s²], at `time` (N,) [s]."""
+    """A motion: position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s²], at `time` (N,) [s]."""
 
     time: np.ndarray
     position: np.ndarray
@@ -40,7 +43,7 @@ class Trajectory:
 
 
 def fourier(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Trajectory:
-    """The most informative of some random Fourier series that keep position, velocity, acceleration and effort limits.
+    """The most informative of some random Fourier series that keep all limits.
 
     Args:
         time: evenly spaced from 0, (N,) [s].
@@ -97,7 +100,7 @@ class _Series:
         period = min(max(duration, 2.0), LONGEST_PERIOD)
         frequencies = np.arange(1, max(int(HIGHEST_FREQUENCY * period), 2) + 1) / period
         shape = (robot.width, len(frequencies))
-        amplitude = rng.uniform(0.2, 1.0, shape) / np.sqrt(frequencies / frequencies[0])
+        amplitude = rng.uniform(0.2, 1.0, shape) / (frequencies / frequencies[0]) ** STEEPNESS
         lower, upper = _range(robot)
         centre = 0.5 * (lower + upper) + rng.uniform(-0.15, 0.15, robot.width) * (upper - lower)
         return cls(centre, amplitude, rng.uniform(0.0, 2.0 * np.pi, shape), frequencies)

@@ -1,8 +1,8 @@
-"""Time integration of a plant: rigid bodies, sticking friction, drives, and motors behind elastic or loose gears.
+"""Time integration of a plant: rigid bodies, sticking friction, drives, motors behind elastic or loose gears.
 
-Position Verlet: half a step of position, one step of velocity with the forces in the middle, half a step of position.
-It is second order, keeps energy, and has the held command act exactly over its interval. Dry friction is solved for
-the velocity at the end of the step: a joint whose friction can hold it stops and sticks.
+Position Verlet: half a step of position, one step of velocity with the forces in the middle, half a step of
+position. It is second order, keeps energy, and has the held command act exactly over its interval. Dry
+friction is solved for the velocity at the end of the step: a joint that it can hold stops and sticks.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LONGEST_STEP = 1e-3
 
 @dataclass
 class State:
-    """Where a plant is, in the order of the robot's joints: link position [rad], velocity, acceleration, (n,) each."""
+    """Where a plant is: position [rad], velocity, acceleration of the links, (n,) each."""
 
     position: np.ndarray
     velocity: np.ndarray
@@ -117,7 +117,7 @@ class Integrator:
         applied: np.ndarray,
         stopping: np.ndarray,
     ) -> np.ndarray:
-        """The acceleration where joints come to rest, stick or turn: friction takes what it needs within its limits."""
+        """Acceleration where joints stop, stick or turn: friction takes what it needs within its limits."""
         h, velocity, rest = self.step, self.state.velocity, np.zeros(len(acceleration))
         ones = np.ones(len(acceleration))
         upper = self._dry(time, rest, load, ones)

@@ -1,4 +1,4 @@
-"""Motors behind an elastic or loose transmission: each has its own inertia, and carries the drive's friction."""
+"""Motors behind an elastic or loose gear: each has its own inertia, and carries the drive's friction."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Motor:
     dry: list[DryFriction] = field(default_factory=list)
 
     def advance(self, time: float, h: float, load: float, link: float, link_velocity: float) -> float:
-        """One implicit step under the drive's effort; gives back what the gear passes on to the link [N·m]."""
+        """One implicit step under the drive's effort; what the gear passes on to the link [N·m]."""
         middle = self.position + 0.5 * h * self.velocity
         twist = middle - link
         bend = twist - min(max(twist, -0.5 * self.gap), 0.5 * self.gap)
@@ -90,7 +90,7 @@ class Motors:
         velocity: np.ndarray,
         drive: np.ndarray,
     ) -> None:
-        """Steps every motor and puts what reaches the link in place of the drive's effort, in `drive` (n,)."""
+        """Steps every motor; in `drive` (n,), what reaches the link takes the place of the load."""
         for joint, motor in zip(self.joints, self.motors, strict=True):
             passed = motor.advance(
                 time, h, float(load[joint]), float(position[joint]), float(velocity[joint])

@@ -14,10 +14,10 @@ ARMATURE_SHARE = (0.001, 0.003)
 
 
 def wrong_robot(robot: Robot, share: float, rng: np.random.Generator) -> Robot:
-    """The robot with masses, centres of mass and inertias off by about `share` (standard deviation), consistently.
+    """The robot with masses, centres of mass and inertias off by about `share` (standard deviation).
 
-    Each body's mass distribution is deformed by a linear map, moved by a share of its radius of gyration, and weighed
-    anew, so that its inertia stays one that a body can have.
+    Each body's mass distribution is stretched along the axes of its frame, moved, and weighed anew, so that
+    its inertia stays one that a body can have. What is zero by symmetry stays zero.
     """
     inertials = robot.inertials.copy()
     for body, parameters in enumerate(robot.inertials):
@@ -30,7 +30,8 @@ def worn_robot(robot: Robot, effort: np.ndarray, rng: np.random.Generator) -> Ro
     """The robot with Coulomb and viscous friction and rotor inertia on every joint.
 
     Args:
-        effort: typical effort of each joint, (n,) [N·m]; stands in for an effort limit that the URDF does not give.
+        effort: typical effort of each joint, (n,) [N·m]; stands in for an effort limit that the URDF does not
+            give.
     """
     n = robot.width
     limit = np.where(np.isfinite(robot.limits.effort), robot.limits.effort, 4.0 * effort)
@@ -45,18 +46,10 @@ def worn_robot(robot: Robot, effort: np.ndarray, rng: np.random.Generator) -> Ro
 def _deformed(parameters: np.ndarray, share: float, rng: np.random.Generator) -> np.ndarray:
     """Inertial parameters of the deformed body, (PER_LINK,)."""
     inertia = pin.Inertia.FromDynamicParameters(parameters)
-    mass, centre = inertia.mass, np.array(inertia.lever)
     tensor = np.array(inertia.inertia)
     spread = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    gyration = np.sqrt(max(np.trace(spread) / mass, 0.0))
-
-    def drawn(*shape: int) -> np.ndarray:
-        return np.clip(rng.standard_normal(shape), -2.0, 2.0)
-
-    weight = 1.0 + share * float(drawn(1)[0])
-    stretch = np.eye(3) + 0.5 * share * drawn(3, 3)
-    size = np.hypot(gyration, np.linalg.norm(centre))
-    centre = centre + share * size * drawn(3) / np.sqrt(3.0)
-    spread = weight * stretch @ spread @ stretch.T
-    deformed = pin.Inertia(weight * mass, centre, np.trace(spread) * np.eye(3) - spread)
+    weight, *stretch = 1.0 + share * np.clip(rng.standard_normal(4), -2.0, 2.0) * (1.0, 0.5, 0.5, 0.5)
+    centre = np.array(inertia.lever) * (1.0 + share * np.clip(rng.standard_normal(3), -2.0, 2.0))
+    spread = weight * spread * np.outer(stretch, stretch)
+    deformed = pin.Inertia(weight * inertia.mass, centre, np.trace(spread) * np.eye(3) - spread)
     return np.array(deformed.toDynamicParameters())

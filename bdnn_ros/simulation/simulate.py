@@ -20,6 +20,8 @@ from bdnn_ros.simulation.sensors import Noise
 
 SLOWEST, FASTEST = 50.0, 2000.0
 """Rates that can be simulated [Hz]."""
+EPOCH = 1_600_000_000 * 10**9
+"""Clock of every simulated recording at its start [ns]: the same seed gives the same bytes."""
 LOST = 1.5
 """A joint this far off its plan is out of control [rad]."""
 
@@ -68,30 +70,43 @@ def simulate(
     Args:
         robot: the description: the controller computes from it, and its URDF comes with the recording.
         effects: what the description leaves out.
-        seed: of the motion and the noise; each has its own stream, so the motion does not depend on the noise.
-        duration, rate: of the recording [s], [Hz].
+        seed: of the motion and the noise; each has its own stream, so the motion does not depend on the
+            noise.
+        duration, rate: of the recording [s], [Hz], unless a plan is given.
         noise: of the sensors; None takes the default.
         reality: the bodies, rotors and friction that really move, where they are not the description's.
-        plan: the motion; None draws a Fourier series.
+        plan: the motion, evenly sampled; None draws a Fourier series.
         progress: told (samples done, samples in all).
 
     Raises:
         UsageError: duration or rate make no sense, or no motion keeps the limits.
         DataError: the controller lost the robot.
     """
+    if plan is None:
+        check(duration, rate)
+        time = np.arange(round(duration * rate)) / rate
+        plan = fourier(robot, time, np.random.default_rng([seed, 0]))
+    plant = Plant(robot if reality is None else reality, duration=float(plan.time[-1]))
+    placed = tuple(effect.within(plant.duration) for effect in effects)
+    for effect in placed:
+        effect.install(plant)
+    track = _moved(robot, plant, plan, progress)
+    recording = _reported(
+        robot, plant, plan, track, Noise() if noise is None else noise, np.random.default_rng([seed, 1])
+    )
+    return Simulated(recording, plan, *track, placed, plant.robot)
+
+
+def check(duration: float, rate: float) -> None:
+    """Refuses what cannot be simulated.
+
+    Raises:
+        UsageError: the duration [s] or the rate [Hz] makes no sense.
+    """
     if not SLOWEST <= rate <= FASTEST:
         raise UsageError(f"A rate of {rate:g} Hz cannot be simulated.", f"Use {SLOWEST:g} to {FASTEST:g} Hz.")
     if not 1.0 <= duration <= 3600.0:
         raise UsageError(f"A duration of {duration:g} s cannot be simulated.", "Use 1 to 3600 s.")
-    motion, sensing = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    if plan is None:
-        plan = fourier(robot, np.arange(round(duration * rate)) / rate, motion)
-    plant = Plant(robot if reality is None else reality, duration=float(plan.time[-1]))
-    for effect in effects:
-        effect.install(plant)
-    track = _moved(robot, plant, plan, progress)
-    recording = _reported(robot, plant, plan, track, Noise() if noise is None else noise, sensing)
-    return Simulated(recording, plan, *track, tuple(effects), plant.robot)
 
 
 def _moved(
@@ -156,5 +171,12 @@ def _reported(
     velocity = sensors.measured_velocity(track[3], position, plant.velocity_cutoff, period, noise, rng)
     effort = sensors.measured_effort(track[4], period, noise, rng)
     return Recording(
-        plan.time, nominal.joints, position, velocity, effort, name="simulation", urdf=nominal.urdf
+        plan.time,
+        nominal.joints,
+        position,
+        velocity,
+        effort,
+        name="simulation",
+        urdf=nominal.urdf,
+        epoch=EPOCH,
     )

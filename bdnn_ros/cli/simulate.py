@@ -1,0 +1,105 @@
+"""`bdnn simulate`: a recording of a simulated robot, with the truth beside it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import yaml
+
+from bdnn_ros import bags
+from bdnn_ros.cli import options
+from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.errors import UsageError
+from bdnn_ros.robot import BUNDLED, Robot
+from bdnn_ros.simulation.scenario import Scenario
+
+HELP = "record a simulated robot with chosen or hidden effects"
+BAG, TRUTH = "bag", "truth.yaml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bdnn simulate`."""
+    parser.add_argument("--urdf", metavar="FILE", type=Path, help="the robot to simulate")
+    parser.add_argument("--robot", metavar="NAME", help=f"or a bundled one: {', '.join(BUNDLED)}")
+    parser.add_argument(
+        "--effect",
+        metavar="SPEC",
+        action="append",
+        default=[],
+        help="effect[@joint or link][:key=value,...], repeatable; effects: " + ", ".join(EFFECTS),
+    )
+    parser.add_argument("--hide", metavar="N", type=int, default=0, help="N random effects more, not printed")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of motion, noise and hidden effects (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--duration", metavar="S", type=float, default=30.0, help="seconds (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--rate", metavar="HZ", type=float, default=500.0, help="samples a second (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--noise",
+        metavar="SHARE",
+        type=float,
+        default=Scenario.noise,
+        help="effort noise per range of each joint's effort, with position noise in proportion (default: "
+        "%(default)s, and 5e-5 rad)",
+    )
+    parser.add_argument("--coloured", action="store_true", help="effort noise correlated over 50 ms")
+    parser.add_argument(
+        "--wrong", metavar="SHARE", type=float, default=0.0, help="real links off by this share (default: 0)"
+    )
+    parser.add_argument("--worn", action="store_true", help="friction and rotor inertia on every joint")
+    parser.add_argument("--poor", action="store_true", help="move one joint slowly and a little")
+    parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help=f"directory for {BAG}/ (rosbag2) and {TRUTH}"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, write the bag and the truth, say where."""
+    scenario = Scenario(
+        _robot(args),
+        effects=args.effect,
+        hide=args.hide,
+        seed=args.seed,
+        duration=args.duration,
+        rate=args.rate,
+        noise=args.noise,
+        coloured=args.coloured,
+        wrong=args.wrong,
+        worn=args.worn,
+        poor=args.poor,
+        name=args.robot or args.urdf.stem,
+    )
+    if args.seed < 0:
+        raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
+    bag, truth = args.out / BAG, args.out / TRUTH
+    if bag.exists() and not args.overwrite:
+        raise UsageError(f"{bag} is there already.", "Choose another --out, or pass --overwrite.")
+    with options.progress("simulating") as show:
+        simulated, content = scenario.run(show)
+    bags.write(simulated.recording, bag, overwrite=args.overwrite)
+    with options.written_whole(truth) as file:
+        yaml.safe_dump(content, file, sort_keys=False)
+    for one in simulated.effects[: len(args.effect)]:
+        print(one.effect.sentence(one.place(scenario.robot), one.values))
+    if args.hide:
+        print(f"{args.hide} hidden: see {truth}, after a guess.")
+    print(f"{bag}: {len(simulated.recording)} samples of {scenario.robot.width} joints.")
+    return 0
+
+
+def _robot(args: argparse.Namespace) -> Robot:
+    if args.urdf and args.robot:
+        raise UsageError("Both --urdf and --robot are given.", "Give one of them.")
+    if args.urdf:
+        return Robot.from_file(args.urdf)
+    if args.robot:
+        return Robot.bundled(args.robot)
+    raise UsageError(
+        "There is no robot to simulate.", f"Give --urdf FILE, or --robot with one of {', '.join(BUNDLED)}."
+    )

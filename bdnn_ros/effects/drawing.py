@@ -1,0 +1,168 @@
+"""Random effects of a size that matters, for blind tests and for `simulate --hide`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Motion
+from bdnn_ros.effects.registry import EFFECTS, Installed, completed, variants
+from bdnn_ros.errors import DataError
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+EFFECTS_TRIED, SIZES_TRIED = 60, 40
+BEYOND_PLAUSIBLE = 1.5
+"""A parameter may be scaled so far beyond its plausible range to reach the share asked for."""
+SOFTEST_LINK = 25.0
+"""Lowest frequency of a link on its elastic gear that a position loop can live with [rad/s]."""
+EFFORT_SHARE = 0.95
+"""Largest effort per limit with the effect."""
+
+
+def draw(
+    rng: np.random.Generator,
+    motion: Motion,
+    names: Sequence[str] = (),
+    least: float = 0.05,
+    most: float = 0.4,
+    beside: Sequence[Installed] = (),
+) -> Installed:
+    """A random effect at a random place.
+
+    Args:
+        motion: what the robot will do; see `planned`.
+        names: effects to choose from; empty for all.
+        least, most: its contribution (root mean square) per spread of the effort, at the joint where it is
+            largest.
+        beside: effects that are there already; the same effect is not drawn at the same place again.
+
+    Raises:
+        UsageError: a name is unknown.
+        DataError: none of them reaches the share on this motion.
+    """
+    taken = {(one.effect.name, one.target, one.link) for one in beside}
+    for _ in range(EFFECTS_TRIED):
+        choices = variants(str(rng.choice(list(names or EFFECTS))))
+        effect = choices[int(rng.integers(len(choices)))]
+        places = [place for place in effect.places(motion.robot) if (effect.name, *place) not in taken]
+        for _ in range(SIZES_TRIED if places else 0):
+            target, link = places[int(rng.integers(len(places)))]
+            share = float(np.exp(rng.uniform(np.log(least), np.log(most))))
+            found = _sized(effect, target, link, _values(effect, target, motion, link, rng), motion, share)
+            if found is not None:
+                return found
+    raise DataError(
+        f"No effect reaches {100 * least:.0f} % of the effort on this motion.", "Ask for a smaller share."
+    )
+
+
+def planned(
+    robot: Robot, time: np.ndarray, motion: Sequence[np.ndarray], effort: np.ndarray | None = None
+) -> Motion:
+    """A planned motion as effects see it.
+
+    Args:
+        time: evenly spaced stamps, (N,) [s].
+        motion: position, velocity, acceleration, (N, n) each.
+        effort: along it, (N, n) [N·m]; None computes the robot's.
+    """
+    position, velocity, acceleration = motion
+    load = robot.inverse_dynamics(position, velocity, acceleration) if effort is None else effort
+    rate = 1.0 / float(time[1] - time[0])
+    signals = Signals(
+        time=time,
+        joints=robot.joints,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        effort=load,
+        reported_velocity=velocity,
+        rate=rate,
+        cutoff=min(10.0, rate / 6.0),
+        segments=(slice(0, len(time)),),
+        position_noise=np.full(robot.width, 1e-6),
+        raw_rate=rate,
+    )
+    return Motion(signals, robot, load)
+
+
+def contribution(one: Installed, motion: Motion) -> np.ndarray:
+    """What an effect adds to the measured effort along a motion, (N, n) [N·m]."""
+    coefficients, shape = one.effect.coefficients(one.values)
+    columns = one.effect.columns(motion, one.target, shape, one.link)
+    return np.asarray(columns @ coefficients)
+
+
+def _values(
+    effect: Effect, target: int, motion: Motion, link: str | None, rng: np.random.Generator
+) -> dict[str, float]:
+    """Parameters from their plausible ranges; sizes come later."""
+    typical = float(np.std(motion.load[:, target])) if target >= 0 else 1.0
+    values: dict[str, float] = {}
+    for parameter in effect.parameters:
+        low, high = parameter.plausible
+        value = float(np.exp(rng.uniform(np.log(low), np.log(high))) if low > 0.0 else rng.uniform(low, high))
+        values[parameter.name] = value * (typical if parameter.of_effort else 1.0)
+    start, span = float(motion.time[0]), float(motion.time[-1] - motion.time[0])
+    if effect.name == "external_wrench":
+        begin = rng.uniform(0.1, 0.5)
+        values |= {"start": start + begin * span, "end": start + (begin + rng.uniform(0.15, 0.4)) * span}
+    if effect.name == "drift":
+        values |= {"start": start, "end": start + span}
+        if rng.random() < 0.5:
+            values |= {"start_value": values["end_value"], "end_value": values["start_value"]}
+    if effect.name == "stribeck_friction":
+        values["static"] = values["coulomb"] * rng.uniform(1.5, 3.0)
+    if effect.name == "cogging":
+        values["periods_per_rev"] = float(round(values["periods_per_rev"]))
+    if effect.name == "backlash":
+        values["transit"] = 0.03
+    values.pop("mass", None) if effect.name == "link_inertia" else None
+    return completed(effect, values, motion.robot, link)
+
+
+def _sized(
+    effect: Effect, target: int, link: str | None, values: dict[str, float], motion: Motion, share: float
+) -> Installed | None:
+    """The effect scaled to a share of the effort, or None where it cannot be or makes no sense."""
+    if effect.kinematic:
+        return Installed(effect, target, link, values)
+    coefficients, shape = effect.coefficients(values)
+    added = effect.columns(motion, target, shape, link) @ coefficients
+    spread = np.maximum(np.std(motion.load, axis=0), 1e-9)
+    reached = float((np.sqrt(np.mean(added**2, axis=0)) / spread).max())
+    if reached < 1e-6:
+        return None
+    scaled = effect.values(coefficients * (share / reached), shape)
+    peak = np.abs(motion.load + added * (share / reached)).max(axis=0)
+    if (peak > EFFORT_SHARE * motion.robot.limits.effort).any() or not _sensible(
+        effect, scaled, target, motion
+    ):
+        return None
+    return Installed(effect, target, link, completed(effect, scaled, motion.robot, link))
+
+
+def _sensible(effect: Effect, values: dict[str, float], target: int, motion: Motion) -> bool:
+    for parameter in effect.parameters:
+        value, (low, high) = values[parameter.name], parameter.plausible
+        if not parameter.lower <= value <= parameter.upper:
+            return False
+        fixed = parameter.of_effort or parameter.name in ("start", "end", "mass", "nominal_mass", "transit")
+        edge = BEYOND_PLAUSIBLE * max(abs(low), abs(high))
+        if effect.name != "payload" and not fixed and abs(value) > edge:
+            return False
+    if effect.name == "drift":
+        change = abs(values["end_value"] - values["start_value"])
+        return change > 0.5 * max(abs(values["end_value"]), abs(values["start_value"]))
+    if effect.name == "joint_elasticity":
+        inertia = np.diagonal(motion.robot.mass_matrix(motion.position[::50]), axis1=1, axis2=2)[
+            :, target
+        ].max()
+        return bool(np.sqrt(values["stiffness"] / inertia) >= SOFTEST_LINK)
+    if effect.name == "link_inertia":
+        return 0.4 <= values["scale"] <= 2.5
+    if effect.name == "effort_scale":
+        return 0.5 <= values["scale"] <= 2.0
+    return True
