@@ -140,8 +140,8 @@ class Cogging(Effect):
     confused_with = ("joint_spring", "link_inertia")
     shown_by = "slow motion over a wide range of positions"
     source = (
-        "Thomas, Mendes, Torque ripple of gear drives; Gandhi et al., Modeling of harmonic drive "
-        "ripple, ICRA 2002"
+        "Holtz, Springob, Identification and compensation of torque ripple in high-precision permanent "
+        "magnet motor drives, IEEE TIE 43(2), 1996"
     )
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
     shape_bounds = MappingProxyType({"periods_per_rev": (1.0, 80.0)})
@@ -186,10 +186,7 @@ class JointSpring(Effect):
     equation = "stiffness * (q - rest)"
     confused_with = ("effort_offset", "link_inertia", "cogging")
     shown_by = "the whole range of positions of the joint, in poses of different gravity"
-    source = (
-        "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 9.6 "
-        "(gravity-compensating springs)"
-    )
+    source = "Herder, Energy-free systems: statically balanced spring mechanisms, PhD thesis, TU Delft, 2001"
     coefficient_bounds = ((0.0, np.inf), (-np.inf, np.inf))
     contains = ("effort_offset",)
 

@@ -13,8 +13,8 @@ from bdnn_ros.effects.rigid import needed_link
 
 COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 WINDOW = (
-    Parameter("start", "s", plausible=(0.1, 0.6)),
-    Parameter("end", "s", plausible=(0.3, 0.9)),
+    Parameter("start", "s"),
+    Parameter("end", "s"),
 )
 HADDADIN = "Haddadin, De Luca, Albu-Schäffer, Robot collisions: a survey, IEEE T-RO 33(6), 2017"
 
@@ -113,7 +113,8 @@ class Drift(Effect):
     on = "joint"
     shown_by = "the same motion early and late in a long recording"
     source = (
-        "Carvalho Bittencourt, Axelsson, Modeling and experiment design of static friction, DX 2014 (warm-up)"
+        "Carvalho Bittencourt, Axelsson, Modeling and experiment design for identification of wear in a "
+        "robot joint under load and temperature uncertainties, IEEE/ASME TMech 19(5), 2014"
     )
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:

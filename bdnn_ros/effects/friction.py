@@ -10,7 +10,10 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
 from bdnn_ros.effects.plant import Plant
 
-ARMSTRONG = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+ARMSTRONG = (
+    "Armstrong-Hélouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and compensation methods "
+    "for the control of machines with friction, Automatica 30(7), 1994"
+)
 BONA = "Bona, Indri, Friction compensation in robotics: an overview, CDC 2005"
 
 
@@ -164,7 +167,7 @@ class LoadDependentFriction(Effect):
     shown_by = "both directions under small and under large load"
     source = (
         "Hamon, Gautier, Garrec, Dynamic identification of robots with a dry friction model "
-        "depending on load, IROS 2010"
+        "depending on load and velocity, IROS 2010"
     )
     coefficient_bounds = ((0.0, 0.9),)
     of_load = True

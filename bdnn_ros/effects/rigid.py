@@ -29,7 +29,7 @@ class Armature(Effect):
     equation = "armature * qdd"
     confused_with = ("link_inertia", "effort_delay", "effort_scale")
     shown_by = "high accelerations in poses of different gravity and inertia"
-    source = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 9.2"
+    source = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 9"
     coefficient_bounds = ((0.0, np.inf),)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:

@@ -67,7 +67,9 @@ class VelocityFilter(Effect):
     equation = "reported velocity = qd - 1 / (2 * pi * cutoff) * d(reported velocity)/dt"
     confused_with = ("effort_delay",)
     shown_by = "fast changes of velocity"
-    source = "Franklin, Powell, Workman, Digital Control of Dynamic Systems, ch. 11 (velocity estimation)"
+    source = (
+        "Bélanger, Estimation of angular velocity and acceleration from shaft encoder measurements, ICRA 1992"
+    )
     coefficient_bounds = ((0.0, 1.0),)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
