@@ -125,8 +125,8 @@ def inertia_of(parameters: np.ndarray) -> pin.Inertia:
 
 def link_inertia(urdf: str, link: str) -> pin.Inertia:
     """The <inertial> of a link, in its frame; zero where it has none."""
-    path = f"./link[@name='{link}']/inertial"
-    element = ElementTree.fromstring(urdf).find(path)
+    body = _named(urdf, "link", link)
+    element = None if body is None else body.find("inertial")
     if element is None:
         return pin.Inertia.Zero()
 
@@ -145,8 +145,15 @@ def link_inertia(urdf: str, link: str) -> pin.Inertia:
 
 def child_link(urdf: str, joint: str) -> str | None:
     """The link that a joint moves; None where there is no such joint."""
-    child = ElementTree.fromstring(urdf).find(f"./joint[@name='{joint}']/child")
+    element = _named(urdf, "joint", joint)
+    child = None if element is None else element.find("child")
     return None if child is None else child.get("link")
+
+
+def _named(urdf: str, tag: str, name: str) -> ElementTree.Element | None:
+    """A child of the robot by tag and name, whatever characters the name holds."""
+    elements = ElementTree.fromstring(urdf).findall(tag)
+    return next((element for element in elements if element.get("name") == name), None)
 
 
 def joint_tags(urdf: str) -> dict[str, dict[str, float]]:

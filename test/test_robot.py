@@ -352,3 +352,13 @@ def test_joints_and_files_that_are_not_there(tmp_path: Path) -> None:
         Robot.bundled("arm9")
     (tmp_path / "arm.urdf").write_text(two_link())
     assert Robot.from_file(tmp_path / "arm.urdf").joints == ("one", "two")
+
+
+@pytest.mark.parametrize("name", ["it's", 'a "b"', "x]/y['z"])
+def test_names_may_hold_quotes_and_brackets(name: str) -> None:
+    quoted = name.replace("'", "&apos;").replace('"', "&quot;")
+    robot = Robot.from_urdf(two_link().replace('<joint name="one"', f'<joint name="{quoted}"'))
+    assert robot.moving_link(name) == Robot.from_urdf(two_link()).moving_link("one")
+    link = robot.moving_link("two")
+    renamed = Robot.from_urdf(two_link().replace(f'"{link}"', f'"{quoted}"'))
+    assert renamed.link_inertial(name)[1] == pytest.approx(robot.link_inertial(link)[1])
