@@ -145,7 +145,7 @@ def number(value: float, digits: int = 3) -> str:
         return "0"
     decimals = digits - 1 - math.floor(math.log10(abs(value)))
     if -3 <= decimals <= 6:
-        return fixed(round(value, decimals), max(decimals, 0))
+        return fixed(value, max(decimals, 0))
     return f"{value:.{digits - 1}e}".replace("-", "−")
 
 

@@ -1,0 +1,387 @@
+"""The report of a diagnosis: complete, self-contained, escaped, readable on any screen."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import time
+from collections import Counter
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import numpy as np
+import pytest
+from report_cases import examined, fourier_motion, worn
+
+from bdnn_ros.diagnosis.diagnose import Examination
+from bdnn_ros.diagnosis.result import Rival
+from bdnn_ros.report import panels, report
+from bdnn_ros.report.plots import effort_figure, identification_png
+from bdnn_ros.report.report import render, write_report
+from bdnn_ros.report.view import view
+from bdnn_ros.robot import Robot
+
+VOID = {"meta", "link", "br", "hr", "img", "input"}
+HOSTILE = "</pre><img src=x onerror=alert(1)>\"' {{7*7}} <script>alert(2)</script>"
+THREE = (
+    "coulomb_friction@arm7_joint4:coulomb=1.3",
+    "payload@arm7_joint7:mass=1.2,com_z=0.08,com_x=0.02",
+    "viscous_friction@arm7_joint1:viscous=2",
+)
+BROWSER = next((b for b in ("chromium", "chromium-browser", "google-chrome") if shutil.which(b)), None)
+
+
+class Page(HTMLParser):
+    """A page's elements, with what is wrong about them."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.problems: list[str] = []
+        self.tags: Counter[str] = Counter()
+        self.attributes: list[tuple[str, str, str]] = []
+        self.headings: list[int] = []
+        self.text: list[str] = []
+        self.pre: list[str] = []
+        self.feed(text)
+        self.close()
+        if self.open:
+            self.problems.append(f"never closed: {self.open}")
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_startendtag(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] += 1
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        if re.fullmatch(r"h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            self.problems.append(f"</{tag}> at {self.getpos()} closes nothing")
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            (self.pre if self.open[-1] == "pre" else self.text).append(data)
+
+    def values(self, name: str) -> list[str]:
+        """Values of one attribute."""
+        return [value for _, attribute, value in self.attributes if attribute == name]
+
+    @property
+    def words(self) -> str:
+        """Text without the machine-readable part, spaces made plain."""
+        return re.sub(r"\s+", " ", " ".join(self.text))
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return Robot.bundled("arm7")
+
+
+@pytest.fixture(scope="module")
+def three(arm: Robot) -> Examination:
+    recording = worn(arm, THREE, fourier_motion(arm))
+    rivals = [
+        Rival("stribeck_friction", "arm7_joint4", None, 0.31),
+        Rival("hysteresis", "arm7_joint4", None, 0.05),
+    ]
+    advice = ["Record slow reversals; `bdnn excite --for diagnosis.json` makes such a motion."]
+    return examined(arm, recording, THREE, rivals=rivals, advice=advice, notes=["3 samples left out."])
+
+
+@pytest.fixture(scope="module")
+def hostile() -> Examination:
+    """Two joints, one of them, the bag, and all sentences with names that want to be markup."""
+    plain = Robot.bundled("arm2")
+    name = escape(HOSTILE, {'"': "&quot;", "'": "&apos;"})
+    robot = Robot.from_urdf(plain.urdf.replace('name="arm2_joint1"', f'name="{name}"'))
+    assert robot.joints[0] == HOSTILE
+    specs = ["coulomb_friction@arm2_joint2:coulomb=0.1"]
+    recording = worn(robot, specs, fourier_motion(robot, 15.0))
+    rivals = [Rival("stribeck_friction", HOSTILE, None, 0.3), Rival(HOSTILE, None, HOSTILE, 0.1)]
+    return examined(
+        robot, recording, specs, rivals=rivals, advice=[HOSTILE], notes=[HOSTILE], depends_on=HOSTILE
+    )
+
+
+@pytest.fixture(scope="module")
+def page(three: Examination) -> Page:
+    return Page(render(three, ["No gap."]))
+
+
+def nothing_found(robot: Robot, verdict: str) -> Examination:
+    return examined(robot, worn(robot, [], fourier_motion(robot, 15.0)), [], verdict=verdict)
+
+
+# -- form ---------------------------------------------------------------------------------------------------
+
+
+def test_the_page_is_well_formed(page: Page) -> None:
+    assert page.problems == []
+    assert max(Counter(page.values("id")).values()) == 1
+    assert {h[1:] for h in page.values("href") if h.startswith("#")} <= set(page.values("id"))
+
+
+def test_headings_are_in_order(page: Page) -> None:
+    assert page.headings[0] == 1 and page.headings.count(1) == 1
+    assert (np.diff(page.headings) <= 1).all()
+
+
+def test_every_chart_says_in_words_what_it_shows(page: Page, three: Examination) -> None:
+    charts = 7 * 6 + 3 * 2
+    labels = [value for value in page.values("aria-label") if value.startswith(("Residual of", "Effort of"))]
+    assert len(labels) == page.values("role").count("img") == page.tags["svg"] == charts
+    assert all(len(label) > 20 for label in labels)
+
+
+@pytest.mark.parametrize("case", ["three", "hostile"])
+def test_nothing_is_fetched_and_nothing_runs(case: str, request: pytest.FixtureRequest) -> None:
+    text = render(request.getfixturevalue(case))
+    found = Page(text)
+    assert not {"script", "img", "iframe", "object", "embed", "form", "base"} & set(found.tags)
+    assert not re.search(r"https?:|@import|url\(|srcset|<!--", text)
+    assert all(value.startswith(("#", "data:,")) for value in found.values("href"))
+    assert not found.values("src") and not [name for _, name, _ in found.attributes if name.startswith("on")]
+    assert "default-src 'none'" in text
+
+
+def test_names_from_outside_stay_text(hostile: Examination) -> None:
+    found = Page(render(hostile, [HOSTILE]))
+    assert found.problems == []
+    assert re.sub(r"\s+", " ", HOSTILE) in found.words
+    assert "49" not in re.findall(r"alert\(1\)>\"' (\S+)", found.words)
+    assert json.loads("".join(found.pre)) == hostile.diagnosis.as_json()
+
+
+def test_the_machine_readable_part_is_the_diagnosis(page: Page, three: Examination) -> None:
+    assert json.loads("".join(page.pre)) == three.diagnosis.as_json()
+
+
+def test_a_report_of_seven_joints_is_small_and_quick(arm: Robot, tmp_path: Path) -> None:
+    specs = [
+        f"{effect}@{joint}:{parameter}={value * scale}"
+        for joint, value in zip(arm.joints, (3.0, 4.0, 2.0, 2.0, 0.5, 0.4, 0.3), strict=True)
+        for effect, parameter, scale in (
+            ("coulomb_friction", "coulomb", 1.0),
+            ("viscous_friction", "viscous", 0.5),
+            ("armature", "armature", 0.1),
+        )
+    ]
+    examination = examined(arm, worn(arm, specs, fourier_motion(arm, 40.0)), specs)
+    begin = time.process_time()
+    write_report(examination, tmp_path / "report.html")
+    assert time.process_time() - begin < 4.0
+    assert (tmp_path / "report.html").stat().st_size < 3e6
+    found = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert found.problems == []
+    assert "21 root causes" in found.words and "15 more" in found.words
+    assert "Coulomb friction at 7 places" in found.words
+
+
+# -- content ------------------------------------------------------------------------------------------------
+
+
+def test_the_top_lists_the_causes_with_numbers_gain_and_doubt(page: Page, three: Examination) -> None:
+    words = page.words
+    assert "3 root causes found" in words
+    assert re.search(r"Coulomb friction at arm7_joint4 1\.\d+ ± 0\.\d+ N·m", words)
+    assert re.search(r"Payload at arm7_link7 1\.\d+ ± 0\.\d+ kg", words)
+    assert "This data cannot tell it from: Stribeck friction at arm7_joint4 (31 %)" in words
+    assert "bdnn excite --for diagnosis.json" in words and "`" not in words
+    gain = f"{100.0 * three.diagnosis.gain:.0f} %"
+    assert words.index(gain) < words.index("Root causes identified")
+    for finding in three.diagnosis.findings:
+        assert finding.sentence in words
+
+
+def test_everything_promised_is_there(page: Page) -> None:
+    for heading in (
+        "What cannot be told",
+        "Evidence for each cause",
+        "Error by joint",
+        "Joint by joint",
+        "Parameters",
+        "Corrections of the links",
+        "Unexplained rest",
+        "Data check",
+        "How it was computed",
+    ):
+        assert heading in page.words
+    assert "No gap." in page.words and "3 samples left out." in page.words
+    assert "Low-pass" in page.words and "bdnn_ros 0" in page.words
+
+
+@pytest.mark.parametrize(
+    ("verdict", "says"),
+    [("nothing_wrong", "Nothing wrong found"), ("cannot_tell", "no cause stands out")],
+)
+def test_a_report_without_findings_says_so(verdict: str, says: str) -> None:
+    found = Page(render(nothing_found(Robot.bundled("arm2"), verdict)))
+    assert found.problems == []
+    assert says in found.words and "Evidence for each cause" not in found.words
+
+
+def test_the_rest_is_drawn_against_what_it_depends_on(arm: Robot) -> None:
+    hidden = ["joint_spring@arm7_joint6:stiffness=3,rest=1"]
+    recording = worn(arm, hidden, fourier_motion(arm))
+    examination = examined(arm, recording, [], verdict="cannot_tell", depends_on="arm7_joint6")
+    found = panels.rest_panels(view(examination))
+    assert [panel.title for panel in found] == ["Left at arm7_joint6"]
+    assert found[0].x_label == "arm7_joint6 position [rad]"
+    assert "arm7_joint6.position" in Page(render(examination)).words
+
+
+# -- physics ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("spec", "shown_by"),
+    [
+        ("coulomb_friction@arm2_joint1:coulomb=1", "velocity"),
+        ("viscous_friction@arm2_joint1:viscous=1", "velocity"),
+        ("armature@arm2_joint1:armature=1", "acceleration"),
+        ("joint_spring@arm2_joint1:stiffness=4,rest=0", "position"),
+        ("cogging@arm2_joint1:amplitude=1,periods_per_rev=4,phase=0.2", "position"),
+        ("load_dependent_friction@arm2_joint1:ratio=0.3", "load"),
+        ("external_wrench@arm2_joint1:start=4,end=9,torque=2", "time"),
+    ],
+)
+def test_a_cause_is_drawn_against_what_it_is_a_function_of(spec: str, shown_by: str) -> None:
+    robot = Robot.bundled("arm2")
+    examination = examined(robot, worn(robot, [spec], fourier_motion(robot, 15.0)), [spec])
+    shown = view(examination)
+    assert panels.best_input(shown, shown.causes[0]) == shown_by
+    proof = panels.evidence(shown, shown.causes[0])
+    assert proof is not None and proof.after is not None and proof.joint == "arm2_joint1"
+    assert any(layer.kind.endswith(" effect") for layer in proof.before.layers)
+    assert not any(layer.kind.endswith(" effect") for layer in proof.after.layers)
+    assert proof.before.y_ticks == proof.after.y_ticks
+
+
+def test_a_function_of_its_input_is_explained_and_noise_is_not() -> None:
+    generator = np.random.default_rng(3)
+    x = generator.uniform(-1.0, 1.0, 3000)
+    direction = np.where(generator.uniform(size=3000) < 0.5, -1.0, 1.0)
+    assert panels.explained(x, np.sin(4.0 * x), direction) > 0.98
+    assert panels.explained(x, direction * (1.0 + x), direction) > 0.98
+    assert panels.explained(x, np.full(3000, 2.0), direction) == 1.0
+    assert panels.explained(x, generator.normal(size=3000), direction) < 0.1
+
+
+def test_a_curve_follows_its_function() -> None:
+    x = np.linspace(-2.0, 2.0, 2000)
+    centres, means = panels.curve(x, x**2)
+    np.testing.assert_allclose(means, centres**2, atol=0.02)
+    assert (np.diff(centres) > 0).all()
+
+
+def test_the_parts_add_up_to_what_the_simulation_leaves(three: Examination) -> None:
+    shown = view(three)
+    shift = three.equations.shift_column[..., 0] * three.fit.coefficients[three.equations.rigid.shape[2]]
+    np.testing.assert_allclose(shown.residual + shown.named + shown.links + shift, shown.before, atol=1e-9)
+    np.testing.assert_allclose(shown.simulated + shown.before, shown.measured)
+    assert [cause.finding for cause in shown.causes] == list(three.diagnosis.findings)
+
+
+def test_a_long_recording_is_drawn_where_the_simulation_errs_most() -> None:
+    robot = Robot.bundled("arm2")
+    spec = "external_wrench@arm2_joint1:start=80,end=95,torque=3"
+    examination = examined(robot, worn(robot, [spec], fourier_motion(robot, 120.0, 100.0)), [])
+    shown = view(examination)
+    begin, end = shown.time[shown.excerpt][[0, -1]]
+    assert end - begin <= 40.1 and begin <= 80.1 and end >= 94.9
+    assert "where the simulation errs most" in Page(render(examination)).words
+
+
+# -- files --------------------------------------------------------------------------------------------------
+
+
+def test_a_report_is_written_whole_or_not_at_all(
+    three: Examination, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("before")
+
+    def fail(*_: object) -> None:
+        raise OSError("no space")
+
+    monkeypatch.setattr(report.os, "replace", fail)
+    with pytest.raises(OSError, match="no space"):
+        write_report(three, path)
+    assert path.read_text() == "before" and os.listdir(tmp_path) == ["report.html"]
+
+
+def test_figures_are_png_files(hostile: Examination, tmp_path: Path) -> None:
+    effort_figure(hostile, tmp_path / "effort.png")
+    shown = view(hostile)
+    names = ["$\\frac{", HOSTILE]
+    for nominal in (None, shown.simulated):
+        identification_png(
+            tmp_path / "identified.png", names, shown.time, shown.measured, shown.extended, nominal
+        )
+    for name in ("effort.png", "identified.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG\r\n")
+    assert sorted(os.listdir(tmp_path)) == ["effort.png", "identified.png"]
+
+
+# -- in a browser -------------------------------------------------------------------------------------------
+
+
+def browse(page: Path, profile: Path, width: int, *options: str) -> subprocess.CompletedProcess[str]:
+    assert BROWSER is not None
+    quiet = [
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+    ]
+    return subprocess.run(
+        [
+            BROWSER,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-quic",
+            *quiet,
+            f"--user-data-dir={profile}",
+            f"--window-size={width},900",
+            *options,
+            page.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+def test_a_browser_shows_it_without_complaint(three: Examination, tmp_path: Path) -> None:
+    write_report(three, tmp_path / "report.html")
+    done = browse(
+        tmp_path / "report.html", tmp_path / "profile", 1280, "--enable-logging=stderr", "--dump-dom"
+    )
+    assert "3 root causes found" in done.stdout
+    assert "CONSOLE" not in done.stderr
+
+
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+@pytest.mark.parametrize("case", ["three", "hostile"])
+def test_a_phone_scrolls_no_page_sideways(case: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    text = render(request.getfixturevalue(case), ["a" * 300])
+    text = re.sub(r"<meta http-equiv.*?>", "", text)
+    measure = "document.title = [innerWidth, document.documentElement.scrollWidth].join('/')"
+    (tmp_path / "report.html").write_text(
+        text.replace("</body>", f"<script>{measure}</script></body>"), encoding="utf-8"
+    )
+    done = browse(tmp_path / "report.html", tmp_path / "profile", 390, "--dump-dom")
+    found = re.search(r"<title>(\d+)/(\d+)</title>", done.stdout)
+    assert found is not None
+    assert int(found[1]) <= 500 and int(found[2]) <= int(found[1])

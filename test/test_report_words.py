@@ -1,0 +1,94 @@
+"""Numbers, units and names of the report."""
+
+from __future__ import annotations
+
+import pytest
+
+from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
+from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.report import words
+
+
+def finding(effect: str, joint: str | None = "j1", link: str | None = None, **values: float) -> Finding:
+    units = {p.name: p.unit for p in EFFECTS[effect].parameters}
+    quantities = {name: Quantity(value, 0.01, units[name]) for name, value in values.items()}
+    return Finding(effect, joint, link, quantities, 0.5, 0.9, (), "A sentence.")
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (1.29345, 0.03, "1.29 ± 0.06 N·m"),
+        (1.29345, 0.01, "1.293 ± 0.020 N·m"),
+        (-0.5, 0.0051, "−0.500 ± 0.010 N·m"),
+        (1234.5, 51.0, "1234 ± 100 N·m"),
+        (1.29345, 0.0, "1.29 N·m"),
+        (2.0, float("inf"), "2.00 N·m"),
+    ],
+)
+def test_a_value_has_as_many_digits_as_its_uncertainty_supports(value: float, std: float, text: str) -> None:
+    assert words.with_spread(Quantity(value, std, "N*m")) == text
+
+
+@pytest.mark.parametrize(
+    ("unit", "text"), [("N*m*s^2/rad^2", "N·m·s²/rad²"), ("kg*m^2", "kg·m²"), ("-", ""), ("deg", "°")]
+)
+def test_units_are_printed_as_they_are_written_by_hand(unit: str, text: str) -> None:
+    assert words.unit(unit) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (3.14159, "3.14"),
+        (12345.6, "12346"),
+        (0.00123, "0.00123"),
+        (-2.5, "−2.50"),
+        (1e-9, "1.00e−09"),
+    ],
+)
+def test_numbers(value: float, text: str) -> None:
+    assert words.number(value) == text
+
+
+def test_no_probability_is_a_certainty() -> None:
+    assert "99" in words.probability(1.0) and ">" in words.probability(1.0)
+    assert "<" in words.probability(0.0)
+    assert words.probability(0.5).split("\N{NO-BREAK SPACE}") == ["50", "%"]
+
+
+def test_every_effect_has_a_title_that_can_start_a_line() -> None:
+    for name in EFFECTS:
+        title = words.title(name)
+        assert title[0].isupper() and not title.lower().startswith(("a ", "an ")) and "_" not in title
+
+
+def test_a_name_with_variants_stands_for_all_of_them() -> None:
+    assert words.title("drift") == "Drift"
+
+
+def test_an_unknown_effect_goes_by_its_name() -> None:
+    assert words.title("magnetic_pull") == "Magnetic pull"
+
+
+def test_places() -> None:
+    assert words.named(finding("payload", None, "hand")) == "Payload at hand"
+    assert words.named(finding("base_tilt", None)) == "Tilted base"
+    assert words.named(finding("effort_delay", None)) == "Effort delay at all joints"
+    assert words.named(Rival("coulomb_friction", "j2", None, 0.1)) == "Coulomb friction at j2"
+
+
+def test_amounts_name_the_parameter_where_there_are_several_or_no_unit() -> None:
+    assert words.amounts(finding("coulomb_friction", coulomb=1.3)) == ["1.300 ± 0.020 N·m"]
+    assert words.amounts(finding("load_dependent_friction", ratio=0.1)) == ["ratio 0.100 ± 0.020"]
+    assert len(words.amounts(finding("stribeck_friction", coulomb=1.0, static=2.0, velocity=0.1))) == 3
+    payload = finding("payload", None, "hand", mass=1.0, com_x=0.0, com_y=0.0, com_z=0.1)
+    assert words.amounts(payload) == ["1.000 ± 0.020 kg"]
+
+
+def test_an_interval_stays_within_what_is_possible() -> None:
+    effect = EFFECTS["coulomb_friction"]
+    low, high = words.interval(Quantity(0.01, 0.05, "N*m"), effect, "coulomb")
+    assert float(low) == 0.0 and float(high) == pytest.approx(0.108, abs=0.01)
+    assert float(words.interval(Quantity(0.01, 0.05, "N*m"), None, "coulomb")[0].replace("−", "-")) < 0.0
