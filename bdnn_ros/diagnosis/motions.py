@@ -1,0 +1,270 @@
+"""Pieces of motion that start and end at rest, drawn at random, inside a robot's limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.errors import UsageError
+from bdnn_ros.robot import Robot
+
+OPEN_VELOCITY = 2.0
+"""Velocity limit of a joint whose URDF names none [rad/s]."""
+ACCELERATION_PER_VELOCITY = 3.0
+"""Acceleration limit per velocity limit [1/s] where none is given: URDFs have none."""
+BLEND = 0.8
+"""A swing swells from rest, and dies away, over so many seconds."""
+COARSE = 0.01
+"""Spacing at which limits are checked [s]."""
+RESERVE = 0.98
+"""Share of the room that a piece is fitted to: between the samples looked at it may reach further."""
+ATTEMPTS = 10
+"""A piece that asks too much effort is drawn smaller so often before it is given up."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a motion must keep, (n,) each: position [rad], and magnitudes of velocity, acceleration, effort."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    effort: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        *,
+        margin: float = 0.05,
+        velocity: float = 0.8,
+        acceleration: float | None = None,
+        effort: float = 0.8,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Bounds:
+        """The robot's limits, less what is kept in reserve.
+
+        Args:
+            margin: share of each joint's range kept free at both ends.
+            velocity, effort: share of the limits that may be used.
+            acceleration: [rad/s²] of every joint; None takes a multiple of its velocity.
+            ranges: narrower position ranges by joint [rad].
+
+        Raises:
+            UsageError: a share makes no sense, or a range is empty or of no joint.
+        """
+        for name, share, most in (("margin", margin, 0.49), ("velocity", velocity, 1), ("effort", effort, 1)):
+            if not (0.0 <= share <= most and (share > 0.0 or name == "margin")):
+                raise UsageError(f"A {name} of {share:g} makes no sense.", f"Use a share up to {most}.")
+        if acceleration is not None and not acceleration > 0.0:
+            raise UsageError(f"An acceleration of {acceleration:g} makes no sense.", "Use rad/s² above zero.")
+        low, high = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
+        for joint, (least, most_) in (ranges or {}).items():
+            if joint not in robot.joints:
+                raise UsageError(f"There is no joint {joint!r} to narrow.", f"There are {robot.joints}.")
+            k = robot.joints.index(joint)
+            low[k], high[k] = max(low[k], least), min(high[k], most_)
+        reserve = margin * (high - low)
+        low, high = low + reserve, high - reserve
+        if (low >= high).any():
+            joint = robot.joints[int(np.argmax(low >= high))]
+            raise UsageError(f"{joint} has no room to move.", "Widen its range or the margin.")
+        speed = velocity * np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, OPEN_VELOCITY)
+        most = (
+            ACCELERATION_PER_VELOCITY * speed if acceleration is None else np.full_like(speed, acceleration)
+        )
+        return cls(low, high, speed, most, effort * robot.limits.effort)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion: position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s²], at `time` (N,) [s]."""
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+    def keeps(self, bounds: Bounds, robot: Robot, slack: float = 1e-6) -> bool:
+        """Whether it stays inside the limits."""
+        inside = (self.position >= bounds.lower - slack) & (self.position <= bounds.upper + slack)
+        slow = np.abs(self.velocity) <= bounds.velocity * (1.0 + slack)
+        gentle = np.abs(self.acceleration) <= bounds.acceleration * (1.0 + slack)
+        if not (inside & slow & gentle).all():
+            return False
+        effort = robot.inverse_dynamics(self.position, self.velocity, self.acceleration)
+        return bool((np.abs(effort) <= bounds.effort * (1.0 + slack)).all())
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A motion of `duration` [s] about a pose, from rest to rest: sines under an envelope, plus ramps.
+
+    Attributes:
+        centre: the pose, (n,) [rad].
+        amplitude, frequency, phase: of K sines of each joint, (n, K) [rad, Hz, rad].
+        when, speed: at each time `when` (S,) [s] the ramps change their speed to `speed` (S, n) [rad/s].
+        blend: how long a change of speed takes [s].
+    """
+
+    duration: float
+    centre: np.ndarray
+    amplitude: np.ndarray
+    frequency: np.ndarray
+    phase: np.ndarray
+    when: np.ndarray
+    speed: np.ndarray
+    blend: float
+
+    def at(self, time: np.ndarray) -> Trajectory:
+        """The motion at times (N,) from its start [s]."""
+        position, velocity, acceleration = self._swing(time)
+        change = np.diff(self.speed, axis=0, prepend=np.zeros((1, len(self.centre))))
+        x = (time[:, None] - self.when) / self.blend
+        step, slope = smooth_step(x)
+        position = position + self.blend * _step_integral(x) @ change
+        return Trajectory(
+            time, self.centre + position, velocity + step @ change, acceleration + slope / self.blend @ change
+        )
+
+    def _swing(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        rate = 2.0 * np.pi * self.frequency
+        angle = rate * time[:, None, None] + self.phase
+        sine, cosine = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
+        wave = sine.sum(axis=2), (rate * cosine).sum(axis=2), -(rate**2 * sine).sum(axis=2)
+        rising, falling = smooth_step(time / BLEND), smooth_step((self.duration - time) / BLEND)
+        bend = step_curvature(time / BLEND), step_curvature((self.duration - time) / BLEND)
+        w = (rising[0] * falling[0])[:, None]
+        dw = ((rising[1] * falling[0] - rising[0] * falling[1]) / BLEND)[:, None]
+        ddw = bend[0] * falling[0] - 2.0 * rising[1] * falling[1] + rising[0] * bend[1]
+        return (
+            w * wave[0],
+            w * wave[1] + dw * wave[0],
+            w * wave[2] + 2.0 * dw * wave[1] + ddw[:, None] / BLEND**2 * wave[0],
+        )
+
+    def resized(self, factor: np.ndarray | float) -> Piece:
+        """The same piece with each joint's motion times a factor, (n,) or one for all."""
+        size = np.broadcast_to(np.asarray(factor, float), self.centre.shape)
+        return replace(self, amplitude=self.amplitude * size[:, None], speed=self.speed * size)
+
+    @property
+    def coarse(self) -> Trajectory:
+        """The motion at the spacing at which limits are checked."""
+        return self.at(np.arange(0.0, self.duration + 0.5 * COARSE, COARSE))
+
+
+def drawn(
+    robot: Robot, bounds: Bounds, duration: float, focus: np.ndarray, rng: np.random.Generator
+) -> Piece | None:
+    """A random piece inside the limits: a swing, slow ramps, small reversals, or ramps of one joint in a swing.
+
+    Args:
+        focus: how much each joint matters, (n,), at least one above zero.
+
+    Returns:
+        None where the pose or the motion asks for more effort than there is.
+    """
+    width = robot.width
+    centre = bounds.lower + rng.beta(1.5, 1.5, width) * (bounds.upper - bounds.lower)
+    kind = rng.choice(["swing", "swing", "ramp", "small", "mixed"])
+    active = (rng.random(width) < 0.6) | (rng.random(width) < focus / focus.max())
+    leader = int(rng.choice(width, p=focus / focus.sum()))
+    ramping = np.zeros(width, bool)
+    if kind == "ramp":
+        ramping = active & (rng.random(width) < 0.5)
+        ramping[leader] = True
+        active = ramping
+    elif kind == "mixed":
+        ramping[leader] = True
+    reversals = int(rng.integers(1, 6))
+    speeds = np.exp(rng.uniform(np.log(0.004), 0.0, width)) * bounds.velocity
+    speeds = speeds * np.exp(rng.uniform(-0.7, 0.0, (reversals + 1, width)))
+    when = np.linspace(0.0, duration, reversals + 2)
+    blend = 0.25 * when[1]
+    piece = Piece(
+        duration,
+        centre,
+        *_sines(kind == "small", width, duration, rng),
+        when=np.append(when[:-1], duration - blend),
+        speed=np.vstack([speeds * (-1.0) ** np.arange(reversals + 1)[:, None], np.zeros(width)]),
+        blend=blend,
+    )
+    swinging = active & ~ramping if kind != "ramp" else np.zeros(width, bool)
+    piece = replace(piece, amplitude=piece.amplitude * swinging[:, None], speed=piece.speed * ramping)
+    share = rng.uniform(0.3, 1.0) if kind != "small" else 0.0
+    return fitted(robot, bounds, piece, share)
+
+
+def _sines(
+    small: bool, width: int, duration: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Amplitudes, frequencies and phases of a swing, or of small oscillations, (n, K) each."""
+    count = 1 if small else int(rng.integers(2, 6))
+    shape = (width, count)
+    if small:
+        amplitude = np.exp(rng.uniform(np.log(0.003), np.log(0.1), shape))
+        frequency = rng.uniform(0.2, 1.5, shape)
+    else:
+        frequency = rng.uniform(1.0 / duration, np.exp(rng.uniform(np.log(0.3), np.log(2.0))), shape)
+        amplitude = rng.uniform(0.2, 1.0, shape) / frequency**1.5
+    return amplitude, frequency, rng.uniform(0.0, 2.0 * np.pi, shape)
+
+
+def changed(robot: Robot, bounds: Bounds, piece: Piece, rng: np.random.Generator) -> Piece | None:
+    """A piece not far from another one: pose, sizes and tempo moved a little."""
+    width = robot.width
+    moved = piece.centre + 0.15 * (bounds.upper - bounds.lower) * rng.standard_normal(width)
+    other = replace(
+        piece,
+        centre=np.clip(moved, bounds.lower, bounds.upper),
+        frequency=piece.frequency * np.exp(0.2 * rng.standard_normal(piece.frequency.shape)),
+        phase=piece.phase + 0.5 * rng.standard_normal(piece.phase.shape),
+    ).resized(np.exp(0.4 * rng.standard_normal(width)))
+    return fitted(robot, bounds, other, 0.0)
+
+
+def fitted(robot: Robot, bounds: Bounds, piece: Piece, share: float = 0.0) -> Piece | None:
+    """The piece made so small that it keeps all limits, None where it cannot.
+
+    Args:
+        share: how much of the room a swing is enlarged to first; 0 never enlarges.
+    """
+    motion = piece.coarse
+    away = motion.position - piece.centre
+    with np.errstate(divide="ignore", invalid="ignore"):
+        room = np.minimum(
+            (bounds.upper - piece.centre) / np.maximum(away.max(axis=0), 1e-12),
+            (bounds.lower - piece.centre) / np.minimum(away.min(axis=0), -1e-12),
+        )
+        room = np.minimum(room, bounds.velocity / np.abs(motion.velocity).max(axis=0))
+        room = np.minimum(room, bounds.acceleration / np.abs(motion.acceleration).max(axis=0))
+    room = np.where(np.isfinite(room), room, 1.0) * RESERVE
+    swings = np.abs(piece.amplitude).max(axis=1) > 0.0
+    piece = piece.resized(np.where(swings & (share > 0.0), share * room, np.minimum(room, 1.0)))
+    for _ in range(ATTEMPTS):
+        if piece.coarse.keeps(bounds, robot, 1e-3):
+            return piece
+        piece = piece.resized(0.8)
+    return None
+
+
+def smooth_step(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A step from 0 to 1 over [0, 1] whose first two derivatives are continuous, and its slope."""
+    x = np.clip(x, 0.0, 1.0)
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2
+
+
+def step_curvature(x: np.ndarray) -> np.ndarray:
+    """Second derivative of the step."""
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(60.0 * x * (1.0 - x) * (1.0 - 2.0 * x))
+
+
+def _step_integral(x: np.ndarray) -> np.ndarray:
+    """Integral of the step from 0 to x."""
+    inside = np.clip(x, 0.0, 1.0)
+    return np.asarray(inside**6 - 3.0 * inside**5 + 2.5 * inside**4 + np.maximum(x - 1.0, 0.0))

@@ -1,0 +1,65 @@
+"""Trajectories: pieces of motion one after the other, with straight ways between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bdnn_ros.diagnosis.motions import ATTEMPTS, Bounds, Piece, Trajectory, smooth_step, step_curvature
+from bdnn_ros.robot import Robot
+
+
+def way(robot: Robot, bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool]:
+    """Time [s] of a straight way between two poses (n,) from rest to rest, and whether the effort suffices."""
+    distance = np.abs(end - start)
+    time = max(
+        float((1.875 * distance / bounds.velocity).max()),
+        float(np.sqrt((5.7736 * distance / bounds.acceleration).max())),
+        0.3,
+    )
+    for _ in range(ATTEMPTS):
+        if _along(start, end, time, np.linspace(0.0, time, 25)).keeps(bounds, robot, 1e-3):
+            return time, True
+        time *= 1.3
+    return time, False
+
+
+def _along(start: np.ndarray, end: np.ndarray, duration: float, time: np.ndarray) -> Trajectory:
+    x = time / duration
+    step, slope = smooth_step(x)
+    distance = end - start
+    return Trajectory(
+        time,
+        start + step[:, None] * distance,
+        slope[:, None] / duration * distance,
+        step_curvature(x)[:, None] / duration**2 * distance,
+    )
+
+
+def joined(robot: Robot, bounds: Bounds, pieces: Sequence[Piece], rate: float) -> Trajectory | None:
+    """Pieces one after the other, with straight ways between them, at `rate` [Hz]; None where no way is found."""
+    parts: list[Trajectory] = []
+    begin, here = 0.0, pieces[0].centre
+    spans: list[tuple[float, Piece | tuple[np.ndarray, np.ndarray], float]] = []
+    for piece in pieces:
+        time, possible = way(robot, bounds, here, piece.centre)
+        if not possible:
+            return None
+        if (here != piece.centre).any():
+            spans.append((begin, (here, piece.centre), time))
+            begin += time
+        spans.append((begin, piece, piece.duration))
+        begin += piece.duration
+        here = piece.coarse.position[-1]
+    stamps = np.arange(int(np.ceil(begin * rate)) + 1) / rate  # the last one is at rest, past the end
+    for k, (start, what, length) in enumerate(spans):
+        last = k == len(spans) - 1
+        mine = stamps[(stamps >= start) & ((stamps < start + length) | last)]
+        local = np.minimum(mine - start, length)
+        part = what.at(local) if isinstance(what, Piece) else _along(*what, length, local)
+        parts.append(replace(part, time=mine))
+    return Trajectory(
+        *(np.concatenate([getattr(p, key) for p in parts]) for key in Trajectory.__dataclass_fields__)
+    )

@@ -1,0 +1,102 @@
+"""Pieces of motion and trajectories: smooth, at rest at their ends, inside every limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.motions import Bounds, Trajectory, changed, drawn
+from bdnn_ros.diagnosis.routes import joined
+from bdnn_ros.errors import UsageError
+from bdnn_ros.robot import Robot
+
+
+@pytest.fixture(scope="module", params=["arm2", "arm7"])
+def robot(request) -> Robot:
+    return Robot.bundled(request.param)
+
+
+def pieces(robot: Robot, bounds: Bounds, count: int, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        piece = drawn(robot, bounds, 4.0, np.ones(robot.width), rng)
+        if piece is not None:
+            found += [piece, changed(robot, bounds, piece, rng)]
+    return [piece for piece in found if piece is not None]
+
+
+def consistent(motion: Trajectory) -> None:
+    """Velocity and acceleration are the derivatives of the position."""
+    step = motion.time[1] - motion.time[0]
+    scale = np.abs(motion.acceleration).max() + 1e-9
+    for value, rate in ((motion.position, motion.velocity), (motion.velocity, motion.acceleration)):
+        slope = (value[2:] - value[:-2]) / (2.0 * step)
+        assert np.abs(slope - rate[1:-1]).max() < 20.0 * step * scale
+
+
+def test_pieces_keep_all_limits_and_rest_at_their_ends(robot: Robot) -> None:
+    bounds = Bounds.of(robot)
+    found = pieces(robot, bounds, 12)
+    assert len(found) >= 12
+    moving = np.zeros(robot.width, bool)
+    for piece in found:
+        motion = piece.at(np.linspace(0.0, piece.duration, 2001))
+        assert motion.keeps(bounds, robot, 1e-2)
+        consistent(motion)
+        np.testing.assert_allclose(motion.velocity[[0, -1]], 0.0, atol=1e-9)
+        np.testing.assert_allclose(motion.acceleration[[0, -1]], 0.0, atol=1e-6)
+        moving |= np.ptp(motion.position, axis=0) > 0.01
+    assert moving.all()
+
+
+def test_pieces_are_of_many_tempos(robot: Robot) -> None:
+    """Friction needs slow stretches and fast ones, small reversals and wide ones."""
+    found = pieces(robot, Bounds.of(robot), 40)
+    peaks = np.concatenate([np.abs(p.coarse.velocity).max(axis=0) for p in found])
+    widths = np.concatenate([np.ptp(p.coarse.position, axis=0) for p in found])
+    peaks, widths = peaks[peaks > 1e-9], widths[peaks > 1e-9]
+    assert np.quantile(peaks, 0.9) > 20.0 * np.quantile(peaks, 0.1)
+    assert np.quantile(widths, 0.1) < 0.1 and widths.max() > 1.0
+
+
+def test_joined_pieces_are_one_smooth_motion(robot: Robot) -> None:
+    bounds = Bounds.of(robot, velocity=0.5, acceleration=4.0)
+    trajectory = joined(robot, bounds, pieces(robot, bounds, 6)[:4], 200.0)
+    assert trajectory is not None
+    np.testing.assert_allclose(np.diff(trajectory.time), 0.005, atol=1e-9)
+    consistent(trajectory)
+    assert trajectory.keeps(bounds, robot, 2e-2)
+    np.testing.assert_allclose(trajectory.velocity[[0, -1]], 0.0, atol=1e-6)
+    assert np.abs(trajectory.velocity).max() <= 0.5 * robot.limits.velocity.max()
+
+
+def test_a_narrow_range_is_kept(robot: Robot) -> None:
+    joint = robot.joints[1]
+    bounds = Bounds.of(robot, margin=0.0, ranges={joint: (0.1, 0.3)})
+    for piece in pieces(robot, bounds, 6):
+        assert 0.1 - 1e-6 <= piece.coarse.position[:, 1].min()
+        assert piece.coarse.position[:, 1].max() <= 0.3 + 1e-6
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"margin": 0.6},
+        {"velocity": 0.0},
+        {"effort": 1.5},
+        {"acceleration": -1.0},
+        {"ranges": {"elbow": (0, 1)}},
+        {"ranges": {"arm2_joint1": (1, 1)}},
+    ],
+)
+def test_limits_that_make_no_sense_are_refused(options: dict) -> None:
+    with pytest.raises(UsageError):
+        Bounds.of(Robot.bundled("arm2"), **options)
+
+
+def test_a_robot_too_weak_to_hold_itself_gets_no_piece() -> None:
+    robot = Robot.bundled("arm7")
+    bounds = Bounds.of(robot, effort=0.01)
+    rng = np.random.default_rng(0)
+    assert all(drawn(robot, bounds, 4.0, np.ones(7), rng) is None for _ in range(5))
