@@ -109,7 +109,7 @@ class EffortDelay(Effect):
         return change[..., None] if target < 0 else motion.joint_column(target, change[:, target])
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"at": 0.0}]
+        return [{"at": delay} for delay in (0.0, 0.004, 0.008, 0.012, 0.016, 0.02, 0.025, 0.03, 0.04)]
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"at": float(np.clip(coefficients[0], 0.0, 0.2))}
