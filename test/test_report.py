@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import time
 from collections import Counter
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.sax.saxutils import escape
@@ -24,6 +25,7 @@ from bdnn_ros.report.plots import effort_figure, identification_png
 from bdnn_ros.report.report import render, write_report
 from bdnn_ros.report.view import view
 from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 HOSTILE = "</pre><img src=x onerror=alert(1)>\"' {{7*7}} <script>alert(2)</script>"
@@ -227,6 +229,18 @@ def test_a_report_without_findings_says_so(verdict: str, says: str) -> None:
     found = Page(render(nothing_found(Robot.bundled("arm2"), verdict)))
     assert found.problems == []
     assert says in found.words and "Evidence for each cause" not in found.words
+
+
+def test_against_an_earlier_model_it_speaks_of_changes(three: Examination) -> None:
+    class Earlier:
+        def predict(self, signals: Signals) -> np.ndarray:
+            raise AssertionError("the examination has its prediction already")
+
+    words = Page(render(replace(three, model=Earlier()))).words
+    assert "3 changes found" in words and "earlier model → extended model" in words
+    assert "imulat" not in words
+    nothing = replace(nothing_found(Robot.bundled("arm2"), "nothing_wrong"), model=Earlier())
+    assert "Nothing has changed" in Page(render(nothing)).words
 
 
 def test_the_rest_is_drawn_against_what_it_depends_on(arm: Robot) -> None:

@@ -207,7 +207,7 @@ def method(shown: View) -> list[tuple[str, str]]:
     """How it was computed: a term and its explanation each."""
     examination = shown.examination
     equations, pool = examination.equations, examination.pool
-    signals = equations.motion.signals
+    signals, compared = equations.motion.signals, words.reference(shown.since)
     held = len(np.unique(equations.block[shown.held]))
     seconds = float(np.median([b - a for a, b in shown.held_spans()])) if shown.held.any() else 0.0
     return [
@@ -224,18 +224,18 @@ def method(shown: View) -> list[tuple[str, str]]:
         ),
         (
             "Gain",
-            "1 − RMS error of the extended model / RMS error of the simulation, over all joints; interval of "
-            "95 % from a bootstrap of the held-out blocks.",
+            f"1 − RMS error of the extended model / RMS error of the {compared}, over all joints; interval "
+            "of 95 % from a bootstrap of the held-out blocks.",
         ),
         (
             "Share",
-            "Part of the simulation's squared error that returns when the cause is taken out of the extended "
-            "model. Causes overlap, so shares need not add up to 100 %.",
+            f"Part of the {compared}'s squared error that returns when the cause is taken out of the "
+            "extended model. Causes overlap, so shares need not add up to 100 %.",
         ),
         (
             "Probability",
             "Bayesian evidence of the cause against its rivals and against no effect at its place, errors "
-            f"of all links left free around the description (± {100.0 * pool.link_error:.0f} % at first).",
+            f"of all links left free around their values (± {100.0 * pool.link_error:.0f} % at first).",
         ),
         (
             "Intervals",

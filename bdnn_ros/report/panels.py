@@ -9,6 +9,7 @@ import numpy as np
 from bdnn_ros.report.chart import ROBUST, Axes, Panel, Range, span
 from bdnn_ros.report.view import Cause, View
 from bdnn_ros.report.words import named as name_of
+from bdnn_ros.report.words import reference
 
 BINS = 36
 """Most bins along an input; half as many of even width, half with as many points each."""
@@ -57,7 +58,7 @@ def effort_panel(shown: View, joint: int) -> Panel:
     return axes.panel(
         "time [s]",
         ("effort", unit),
-        f"Effort of {name} against time: measured, simulated and by the extended model.",
+        f"Effort of {name} against time: measured, by the {reference(shown.since)}, by the extended model.",
         x_most=8,
     )
 
@@ -76,7 +77,7 @@ def residual_panel(shown: View, joint: int) -> Panel:
     return axes.panel(
         "time [s]",
         ("residual", unit),
-        f"Residual of {name} against time: RMS {rms[0]:.3g} {unit} with the simulation, "
+        f"Residual of {name} against time: RMS {rms[0]:.3g} {unit} with the {reference(shown.since)}, "
         f"{rms[1]:.3g} {unit} with the extended model.",
         x_most=8,
     )

@@ -52,11 +52,11 @@ def effort_figure(examination: Examination, path: Path) -> None:
     rows = shown.excerpt
     series = [
         Series("measured", "measured", shown.measured[rows]),
-        Series("simulated", "nominal", shown.simulated[rows]),
+        Series("earlier model" if shown.since else "simulated", "nominal", shown.simulated[rows]),
         Series("extended model", "model", shown.extended[rows]),
     ]
     units = [unit for unit, _ in shown.units]
-    _write(path, shown.joints, units, shown.time[rows], series, headline(examination.diagnosis))
+    _write(path, shown.joints, units, shown.time[rows], series, headline(examination.diagnosis, shown.since))
 
 
 def identification_png(

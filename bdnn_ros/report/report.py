@@ -60,6 +60,8 @@ def render(examination: Examination, data_check: Sequence[str] = ()) -> str:
         .get_template("report.html.j2")
         .render(
             diagnosis=diagnosis,
+            since=shown.since,
+            reference=words.reference(shown.since),
             version=bdnn_ros.__version__,
             recorded=contents.recorded(examination),
             roots=contents.roots(diagnosis),

@@ -74,6 +74,11 @@ class View:
         return self.examination.robot.joints
 
     @property
+    def since(self) -> bool:
+        """Whether an earlier model takes the simulation's place: the findings are what changed since."""
+        return self.examination.model is not None
+
+    @property
     def simulated(self) -> np.ndarray:
         """Effort by the simulation, (R, n) [N·m]."""
         return self.measured - self.before

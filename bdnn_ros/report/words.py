@@ -16,10 +16,10 @@ MOST_IN_LINE = 3
 """So many parameters go into one line of the verdict; an effect with more has them in the table."""
 
 CLAIMS = {
-    "nothing_wrong": "The simulation predicts the measured effort as well as this data can tell.",
+    "nothing_wrong": "The {reference} predicts the measured effort as well as this data can tell.",
     "explained": "With {these} the model predicts every joint's effort down to its noise.",
     "partly_explained": "{These} {explain} part of the error; a part larger than the noise remains.",
-    "cannot_tell": "Its error is larger than the noise, but the data supports no single cause.",
+    "cannot_tell": "The {reference} errs by more than the noise, but the data supports no single cause.",
 }
 
 
@@ -52,23 +52,30 @@ def named(cause: Finding | Rival) -> str:
     return f"{title(cause.effect)} {at(cause.joint, cause.link, cause.effect)}".rstrip()
 
 
-def headline(diagnosis: Diagnosis) -> str:
-    """The verdict in one line."""
+def headline(diagnosis: Diagnosis, since: bool = False) -> str:
+    """The verdict in one line; `since` where an earlier model takes the simulation's place."""
     findings = diagnosis.findings
     if diagnosis.verdict == "nothing_wrong":
-        return "Nothing wrong found"
+        return "Nothing has changed" if since else "Nothing wrong found"
     if not findings:
-        return "The simulation is off, and no cause stands out"
+        return f"{'Something has changed' if since else 'The simulation is off'}, and no cause stands out"
     if len(findings) == 1:
-        return f"One root cause: {decapitalised(named(findings[0]))}"
-    return f"{len(findings)} root causes found"
+        return f"One {'change' if since else 'root cause'}: {decapitalised(named(findings[0]))}"
+    return f"{len(findings)} {'changes' if since else 'root causes'} found"
 
 
-def claim(diagnosis: Diagnosis) -> str:
-    """What the verdict means for the model, one sentence."""
+def claim(diagnosis: Diagnosis, since: bool = False) -> str:
+    """What the verdict means for the model, one sentence; `since` as for `headline`."""
     count = len(diagnosis.findings)
     these, explain = ("this cause", "explains") if count == 1 else (f"these {count} causes", "explain")
-    return CLAIMS[diagnosis.verdict].format(these=these, These=these.capitalize(), explain=explain)
+    return CLAIMS[diagnosis.verdict].format(
+        these=these, These=these.capitalize(), explain=explain, reference=reference(since)
+    )
+
+
+def reference(since: bool) -> str:
+    """What the recording is compared with."""
+    return "earlier model" if since else "simulation"
 
 
 def kinds(findings: Sequence[Finding]) -> str:
