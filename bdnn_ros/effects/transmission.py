@@ -61,7 +61,7 @@ class Backlash(Effect):
     on = "joint"
     parameters = (
         Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),
-        Parameter("transit", "s", 1e-3, 0.2, default=TRANSIT),
+        Parameter("transit", "s", 1e-3, 0.2, plausible=(0.01, 0.06), default=TRANSIT),
     )
     equation = "rigid effort of (q - gap / 2 * side(link load)) minus rigid effort of q, side from -1 to 1"
     confused_with = ("joint_elasticity", "position_offset", "coulomb_friction", "hysteresis")

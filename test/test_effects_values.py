@@ -1,0 +1,149 @@
+"""Parameters and linear coefficients are two forms of the same thing, and columns are exact where they say so."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from effect_cases import SPECS, linear, motion, robot
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bdnn_ros.effects.friction import bristle
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.effects.registry import parse_spec
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return robot()
+
+
+@pytest.fixture(scope="module")
+def path(arm):
+    return motion(arm)
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_values_and_coefficients_are_inverse(spec, arm):
+    one = parse_spec(spec, arm).within(8.0)
+    coefficients, shape = linear(one)
+    assert one.effect.values(coefficients, shape) == pytest.approx(one.values, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_coefficients_respect_their_bounds(spec, arm):
+    one = parse_spec(spec, arm).within(8.0)
+    coefficients, shape = linear(one)
+    bounds = one.effect.coefficient_bounds
+    assert len(coefficients) == len(bounds)
+    assert all(low <= c <= high for c, (low, high) in zip(coefficients, bounds, strict=True))
+    assert one.effect.shape_allowed(shape)
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_columns_have_the_shapes_of_coefficients_and_grid(spec, arm, path):
+    one = parse_spec(spec, arm).within(8.0)
+    coefficients, shape = linear(one)
+    columns = one.effect.columns(path, one.target, shape, one.link)
+    assert columns.shape == (len(path.time), arm.width, len(coefficients))
+    assert np.isfinite(columns).all()
+    for tried in one.effect.shapes(path, one.target, one.link):
+        assert set(tried) == set(shape)
+        assert one.effect.shape_allowed(tried)
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_relinearised_at_its_coefficients_the_shape_is_its_own(spec, arm):
+    one = parse_spec(spec, arm).within(8.0)
+    coefficients, shape = linear(one)
+    assert one.effect.relinearised(coefficients, shape) == pytest.approx(shape)
+
+
+@pytest.mark.parametrize("name", ["payload", "link_inertia", "base_tilt"])
+def test_rigid_effects_add_what_the_changed_bodies_do(name, arm, path):
+    one = parse_spec(next(spec for spec in SPECS if spec.startswith(name)), arm)
+    coefficients, shape = linear(one)
+    plant = Plant(arm)
+    one.install(plant)
+    changed = plant.robot.rigid_effort(path.position, path.velocity, path.acceleration) - path.link_load
+    added = one.effect.columns(path, one.target, shape, one.link) @ coefficients
+    assert added == pytest.approx(changed, abs=1e-10)
+
+
+def test_a_tilted_base_turns_gravity_as_the_contract_says(arm):
+    plant = Plant(arm)
+    parse_spec("base_tilt:roll_deg=5,pitch_deg=-3", arm).install(plant)
+    roll, pitch = math.radians(5.0), math.radians(-3.0)
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    tilt = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]) @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    assert plant.robot.gravity_vector == pytest.approx(tilt.T @ [0.0, 0.0, -9.81])
+
+
+def test_a_payload_weighs_what_it_weighs(arm):
+    """Lifted without rotation the base joints feel m·g times the lever: power balance of a slow rise."""
+    one = parse_spec("payload@arm7_hand:mass=2,com_z=0.1", arm)
+    plant = Plant(arm)
+    one.install(plant)
+    position = np.array([[0.3, 0.4, -0.2, -1.5, 0.3, 1.2, 0.5]])
+    extra = plant.robot.gravity(position) - arm.gravity(position)
+    jacobian = arm.link_jacobian(position, "arm7_hand")[0]
+    rotation = _rotation(arm, position[0], "arm7_hand")
+    offset = rotation @ np.array([0.0, 0.0, 0.1])
+    lever = jacobian[:3] - np.cross(offset, jacobian[3:].T).T
+    assert extra[0] == pytest.approx(2.0 * 9.81 * lever[2], abs=1e-9)
+
+
+def _rotation(arm, position, link):
+    import pinocchio as pin
+
+    model, _ = arm.pinocchio_model()
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, position)
+    return data.oMf[model.getFrameId(link)].rotation
+
+
+def test_a_position_offset_is_exact_at_its_own_shape(arm, path):
+    one = parse_spec("position_offset@arm7_joint2:offset=0.3", arm)
+    coefficients, shape = linear(one)
+    added = one.effect.columns(path, one.target, shape, None) @ coefficients
+    true = path.position.copy()
+    true[:, 1] -= 0.3
+    expected = arm.rigid_effort(true, path.velocity, path.acceleration) - path.link_load
+    assert added == pytest.approx(expected, abs=1e-10)
+
+
+def test_a_delay_is_exact_at_its_own_shape(arm, path):
+    one = parse_spec("effort_delay:delay=0.05", arm)
+    coefficients, shape = linear(one)
+    added = one.effect.columns(path, one.target, shape, None) @ coefficients
+    steps = round(0.05 * path.signals.rate)
+    assert added[:-steps] == pytest.approx(path.load[steps:] - path.load[:-steps], abs=1e-6)
+
+
+def test_a_wrench_asks_of_the_joints_what_it_does_at_the_link(arm, path):
+    """By virtual work: minus the Jacobian's transpose times the wrench, low-passed as the effort."""
+    one = parse_spec("external_wrench@arm7_hand:start=0,end=100,force_x=3,force_z=-5,torque_y=2", arm)
+    coefficients, shape = linear(one)
+    added = one.effect.columns(path, one.target, shape, one.link) @ coefficients
+    wrench = np.array([3.0, 0.0, -5.0, 0.0, 2.0, 0.0])
+    expected = path.signals.smooth(
+        -np.einsum("nij,i->nj", arm.link_jacobian(path.position, "arm7_hand"), wrench)
+    )
+    assert added == pytest.approx(expected, abs=1e-9)
+
+
+@given(st.lists(st.floats(-0.2, 0.2), min_size=2, max_size=60), st.floats(1e-3, 0.2))
+@settings(max_examples=60, deadline=None)
+def test_the_bristle_stays_bounded_and_follows_dahl(steps, breakaway):
+    position = np.cumsum([0.0, *steps])
+    fine = np.interp(np.linspace(0, len(steps), 40 * len(steps) + 1), np.arange(len(steps) + 1), position)
+    bend = bristle(position, breakaway)
+    assert np.abs(bend).max() <= 1.0
+    assert bristle(fine, breakaway)[::40] == pytest.approx(bend, abs=1e-9)
+
+
+def test_the_bristle_slides_after_its_breakaway():
+    bend = bristle(np.array([0.0, 0.02, 0.5]), 0.02)
+    assert bend[1:] == pytest.approx([1.0 - math.exp(-1.0), 1.0])
