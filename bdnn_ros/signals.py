@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -162,13 +163,7 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
             "Record at least some seconds of motion.",
         )
     recording = without_repeats(recording)
-    highest = recording.rate * CUTOFF_PER_RATE
-    chosen = usual_cutoff(recording.rate) if cutoff is None else cutoff
-    if not 0.0 < chosen <= recording.rate / 2.0:
-        raise UsageError(
-            f"A cut-off of {chosen:g} Hz does not fit a recording of {recording.rate:g} Hz.",
-            f"Choose up to {highest:g} Hz.",
-        )
+    chosen = suitable_cutoff(recording.rate, cutoff)
     step, every = _grid(recording.rate, chosen)
     pieces = [_segment(recording, rows, chosen, step, every) for rows in recording.segments()]
     pieces = [piece for piece in pieces if len(piece["time"]) >= MINIMUM_SAMPLES]
@@ -214,34 +209,43 @@ def concatenated(parts: list[Signals]) -> Signals:
                 f"Recordings of {parts[0].raw_rate:.4g} Hz and {part.raw_rate:.4g} Hz do not go together.",
                 "Use bags of one rate, or give a --cutoff that suits the slowest.",
             )
-    shift, offset = 0.0, 0
-    times: list[np.ndarray] = []
-    segments: list[slice] = []
-    for part in parts:
-        times.append(part.time - part.time[0] + shift)
-        segments += [slice(s.start + offset, s.stop + offset) for s in part.segments]
-        shift, offset = float(times[-1][-1]) + 1.0, offset + len(part)
+    rows = np.cumsum([0, *map(len, parts[:-1])]).tolist()
+    shifts = np.cumsum([0.0, *(part.time[-1] - part.time[0] + 1.0 for part in parts[:-1])])
 
-    def joined(key: str) -> np.ndarray | None:
+    def joined(key: str) -> Any:
         values = [getattr(part, key) for part in parts]
         return None if any(v is None for v in values) else np.concatenate(values)
 
+    keys = ("position", "velocity", "acceleration", "effort", "reported_velocity")
     return replace(
         parts[0],
-        time=np.concatenate(times),
-        position=np.concatenate([p.position for p in parts]),
-        velocity=np.concatenate([p.velocity for p in parts]),
-        acceleration=np.concatenate([p.acceleration for p in parts]),
-        effort=joined("effort"),
-        reported_velocity=joined("reported_velocity"),
-        segments=tuple(segments),
+        time=np.concatenate([p.time - p.time[0] + shift for p, shift in zip(parts, shifts, strict=True)]),
+        segments=tuple(
+            slice(s.start + k, s.stop + k) for p, k in zip(parts, rows, strict=True) for s in p.segments
+        ),
         position_noise=np.max([p.position_noise for p in parts], axis=0),
+        **{key: joined(key) for key in keys},
     )
 
 
 def usual_cutoff(rate: float) -> float:
     """The cut-off [Hz] that suits a recording's rate [Hz]."""
     return min(DEFAULT_CUTOFF, rate * CUTOFF_PER_RATE)
+
+
+def suitable_cutoff(rate: float, cutoff: float | None = None) -> float:
+    """The cut-off [Hz] asked for, else the usual one, for a recording's rate [Hz].
+
+    Raises:
+        UsageError: the rate does not allow it.
+    """
+    chosen = usual_cutoff(rate) if cutoff is None else cutoff
+    if not 0.0 < chosen <= rate / 2.0:
+        raise UsageError(
+            f"A cut-off of {chosen:g} Hz does not fit a recording of {rate:g} Hz.",
+            f"Choose up to {rate * CUTOFF_PER_RATE:g} Hz.",
+        )
+    return chosen
 
 
 def gaussian_std(cutoff: float) -> float:

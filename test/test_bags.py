@@ -383,6 +383,16 @@ def test_a_directory_without_metadata_or_with_other_profiles_reads(tmp_path: Pat
         assert_equal(bags.read(path), recording)
 
 
+def test_the_directory_around_a_bag_will_do(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    write_bag(tmp_path / "out" / "bag", states(recording))
+    (tmp_path / "out" / "truth.yaml").write_text("effects: []")
+    assert_equal(bags.read(tmp_path / "out"), recording)
+    write_bag(tmp_path / "out" / "other", states(recording))
+    with pytest.raises(BagError, match="directory without a bag"):
+        bags.read(tmp_path / "out")
+
+
 def test_a_bag_in_several_files_is_one(tmp_path: Path) -> None:
     recording = motion(joints=ARM)
     messages = states(recording)

@@ -33,7 +33,7 @@ class Topic:
 
 
 class Storage:
-    """An open bag: an `.mcap` file, a `.db3` file, or a rosbag2 directory of either.
+    """An open bag: an `.mcap` file, a `.db3` file, a rosbag2 directory of either, or a directory around one.
 
     Raises:
         UsageError: there is nothing at the path.
@@ -155,8 +155,15 @@ def _parts(path: Path) -> list[Path]:
             f"{path}: the file {missing[0]} that metadata.yaml names is missing.", "Copy the whole directory."
         )
     if not named and not found:
+        inner = [child for child in path.iterdir() if child.is_dir() and _holds_bag(child)]
+        if len(inner) == 1:
+            return _parts(inner[0])
         raise BagError(f"{path} is a directory without a bag.", "Pass one that holds .mcap or .db3 files.")
     return named or found
+
+
+def _holds_bag(path: Path) -> bool:
+    return any(part.suffix in SUFFIXES for part in path.iterdir())
 
 
 def _information(path: Path) -> dict[str, Any]:

@@ -75,20 +75,22 @@ def load(
     """The recordings that the arguments ask for, all with the same joints, and their robot.
 
     The robot is that of --urdf, else of the (first) bag's description, else of --robot; None without any.
-    Its joints and the recordings' are --joints, else `joints`, else those of the robot that every bag has.
+    Its joints and the recordings' are `joints`, else --joints, else those of the robot that every bag has.
     What is left out or repaired is said on stderr.
 
     Args:
-        joints: joints that must be there, unless --joints says others (a model's).
+        joints: joints that must be there, in this order (a model's).
         moves: refuse recordings in which no joint moves.
-        needs_robot: an unusable description in a bag is an error; otherwise it is as if there were none.
+        needs_robot: a description in a bag that does not fit is an error; otherwise it counts as none.
 
     Raises:
         BdnnError: as `bags.read` and `Robot.from_urdf`; or the robot and the bag share no joint.
     """
-    required = tuple(args.joints or joints)
+    required = tuple(joints) or args.joints
     given = Robot.from_file(args.urdf) if args.urdf else None
-    recordings = [_read(path, args, required, given.joints if given else ()) for path in args.bags]
+    recordings = [
+        _read(path, args, args.joints or required, given.joints if given else ()) for path in args.bags
+    ]
     robot = given or _own_robot(args, recordings, needs_robot)
     chosen = required or _common_joints(recordings, robot)
     recordings = [recording.select(chosen) for recording in recordings]
@@ -102,7 +104,12 @@ def load(
     unused = [joint for joint in robot.joints if joint not in chosen]
     if unused and not required:
         say(f"Joints {listed(unused)} of the URDF are not in the bag; they are held where they are.")
-    return recordings, Robot.from_urdf(robot.urdf, chosen)
+    try:
+        return recordings, Robot.from_urdf(robot.urdf, chosen)
+    except RobotError:
+        if given or needs_robot:
+            raise
+        return recordings, None
 
 
 def require_motion(recording: Recording) -> None:

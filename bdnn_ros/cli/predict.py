@@ -24,11 +24,14 @@ from bdnn_ros.signals import (
     SAMPLES_PER_CUTOFF,
     gaussian_std,
     prepare,
-    usual_cutoff,
+    suitable_cutoff,
 )
 
 HELP = "predict the effort along a recording, as CSV"
 ROWS_AT_ONCE = 4096
+PARABOLA_WIDTHS = 8.0
+"""Length of the parabola at an end, in standard deviations of the low-pass: as long as its kernel."""
+LEAST_FOR_PARABOLA = 8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,13 +68,16 @@ def effort_along(
 
     The model sees the low-passed motion at the working rate; between its samples the effort is interpolated
     monotonely (PCHIP). The low-pass needs samples on both sides, so every gap-free piece is continued at its
-    ends by its point reflection, which keeps position and velocity continuous. A piece too short even so has
-    the effort of its positions at the reported velocity (or none), without acceleration.
+    ends by its point reflection and a parabola, which keep position, velocity and acceleration continuous. A
+    piece too short even so has the effort of its positions at the reported velocity (or none), unaccelerated.
 
     Args:
         cutoff: of the low-pass [Hz]; None takes the usual one.
+
+    Raises:
+        UsageError: the cut-off does not fit the rate.
     """
-    cutoff = usual_cutoff(recording.rate) if cutoff is None else cutoff
+    cutoff = suitable_cutoff(recording.rate, cutoff)
     result = np.empty_like(recording.position)
     for rows in recording.segments():
         result[rows] = _piece(model, recording.part(rows), cutoff)
@@ -91,26 +97,38 @@ def _piece(model: Model, piece: Recording, cutoff: float) -> np.ndarray:
 
 
 def _continued(piece: Recording, cutoff: float) -> Recording:
-    """A piece with its point reflection at both ends, as long as the low-pass reaches."""
-    reach = KERNEL_WIDTHS * gaussian_std(cutoff) + MINIMUM_SAMPLES / (SAMPLES_PER_CUTOFF * cutoff)
-    count = int(np.ceil(reach * piece.rate)) + 2
+    """A piece continued at both ends as far as the low-pass reaches.
+
+    Beyond the end e: q(e + s) = 2 q(e) - q(e - s) + a s², with the acceleration a of a parabola through the
+    last samples.
+    """
     if len(piece) < 2:
         return piece
+    std = gaussian_std(cutoff)
+    reach = KERNEL_WIDTHS * std + MINIMUM_SAMPLES / (SAMPLES_PER_CUTOFF * cutoff)
+    count = int(np.ceil(reach * piece.rate)) + 2
     ends = ((count, count), (0, 0))
-
-    def odd(values: np.ndarray) -> np.ndarray:
-        return np.pad(values, ends, mode="reflect", reflect_type="odd")
 
     def even(values: np.ndarray | None) -> np.ndarray | None:
         return None if values is None else np.pad(values, ends, mode="reflect")
 
+    time = np.pad(piece.time, count, mode="reflect", reflect_type="odd")
+    position = np.pad(piece.position, ends, mode="reflect", reflect_type="odd")
+    for beyond, end in ((slice(0, count), 0), (slice(-count, None), -1)):
+        since = time[beyond] - piece.time[end]
+        position[beyond] += since[:, None] ** 2 * _acceleration_at(piece, end, PARABOLA_WIDTHS * std)
     return replace(
-        piece,
-        time=odd(piece.time[:, None])[:, 0],
-        position=odd(piece.position),
-        velocity=even(piece.velocity),
-        effort=even(piece.effort),
+        piece, time=time, position=position, velocity=even(piece.velocity), effort=even(piece.effort)
     )
+
+
+def _acceleration_at(piece: Recording, end: int, window: float) -> np.ndarray:
+    """Acceleration of a parabola through the samples within `window` [s] of an end, (n,) [rad/s²]."""
+    since = piece.time - piece.time[end]
+    near = np.abs(since) <= window
+    if np.count_nonzero(near) < LEAST_FOR_PARABOLA:
+        return np.zeros(piece.width)
+    return np.asarray(2.0 * np.polyfit(since[near], piece.position[near], 2)[0])
 
 
 def _lines(recording: Recording, effort: np.ndarray) -> Iterator[str]:

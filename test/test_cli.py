@@ -1,0 +1,304 @@
+"""The command: quick help, honest exit statuses, and what info, predict and evaluate print."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_cases import EPOCH, PENDULUM, bag_of, motion
+
+from bdnn_ros import bags, cli
+from bdnn_ros.cli import info, options
+from bdnn_ros.cli.main import VERBS, main
+from bdnn_ros.cli.predict import effort_along
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.scores import score
+from bdnn_ros.signals import Signals, prepare
+
+MODULES = sorted(
+    p.stem for p in Path(cli.__file__).parent.glob("*.py") if p.stem not in ("__init__", "main", "options")
+)
+
+
+class Pendulum(Robot):
+    """A model that knows the truth."""
+
+    kind = "pendulum"
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """Effort along a motion, (N, 1) [N·m]."""
+        return self.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+
+
+@pytest.fixture
+def pendulum(monkeypatch: pytest.MonkeyPatch) -> Robot:
+    """The true pendulum, which every verb finds where it looks for a model."""
+    model = Pendulum.from_urdf(PENDULUM)
+    for verb in ("evaluate", "predict"):
+        monkeypatch.setattr(f"bdnn_ros.cli.{verb}.load_model", lambda path: model)
+    return model
+
+
+def swing(model: Robot, duration: float = 8.0, rate: float = 200.0) -> Recording:
+    """The pendulum along a sinusoid."""
+    time = np.round(np.arange(0.0, duration, 1.0 / rate), 9)
+    q, v = 0.8 * np.sin(2.0 * time)[:, None], 1.6 * np.cos(2.0 * time)[:, None]
+    effort = model.inverse_dynamics(q, v, -4.0 * q)
+    return Recording(time, model.joints, q, v, effort, name="swing", urdf=PENDULUM, epoch=EPOCH)
+
+
+def rows_of(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of a CSV file."""
+    with path.open(newline="") as file:
+        header, *rows = csv.reader(file)
+    return header, rows
+
+
+def test_help_is_quick_and_lists_every_verb() -> None:
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "bdnn_ros.cli.main", "--help"], capture_output=True, text=True
+    )
+    assert time.perf_counter() - start < 3.0
+    assert (done.returncode, done.stderr) == (0, "")
+    for verb, text in VERBS.items():
+        assert f"{verb} " in done.stdout
+        assert text in done.stdout
+
+
+def test_the_table_of_verbs_is_what_is_there() -> None:
+    assert sorted(VERBS) == MODULES
+
+
+@pytest.mark.parametrize("verb", MODULES)
+def test_every_verb_helps(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([verb, "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert f"usage: bdnn {verb}" in printed
+    assert VERBS[verb] == import_module(f"bdnn_ros.cli.{verb}").HELP
+
+
+def test_interruptions_and_full_pipes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def interrupt(args: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(info, "run", interrupt)
+    assert main(["info", "bag"]) == 130
+    path = bags.write(motion(samples=20000, urdf=PENDULUM), tmp_path / "bag")
+    command = f"{sys.executable} -m bdnn_ros.cli.main info {path} --json"
+    done = subprocess.run(
+        ["bash", "-c", f"{command} | head -c 1 >/dev/null; echo ${{PIPESTATUS[0]}}"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.stderr == ""
+    assert int(done.stdout) in (0, 141)
+
+
+def test_files_that_cannot_be_written_are_the_users(
+    pendulum: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bag_of(tmp_path / "bag", swing(pendulum))
+    (tmp_path / "file").touch()
+    assert main(["predict", "model", str(path), "--out", str(tmp_path / "file" / "effort.csv")]) == 2
+    assert capsys.readouterr().err.startswith("bdnn: error: ")
+
+
+def test_info_tells_what_is_there(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    original = swing(pendulum, 20.0)
+    gap = np.where(original.time > 10.0, 0.5, 0.0)
+    late = replace(original, time=original.time + gap, velocity=None)
+    path = bag_of(tmp_path / "bag", late)
+    assert main(["info", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["usable"] is True
+    assert told["problem"] is None
+    assert {t["name"]: t["count"] for t in told["topics"]} == {"/joint_states": 4000, "/robot_description": 1}
+    assert told["rate"] == pytest.approx(200.0)
+    assert told["duration"] == pytest.approx(20.495)
+    assert told["gaps"] == {"count": 1, "longest": pytest.approx(0.505), "total": pytest.approx(0.505)}
+    assert told["jitter"] < 1e-6
+    assert told["missing"] == ["velocity"]
+    (joint,) = told["excitation"]
+    assert joint["joint"] == "pivot"
+    assert (joint["lower"], joint["upper"]) == (pytest.approx(-0.8, abs=1e-3), pytest.approx(0.8, abs=1e-3))
+    assert joint["velocity"] == pytest.approx(1.6, rel=0.02)
+    assert joint["acceleration"] == pytest.approx(3.2, rel=0.02)
+    assert joint["reversals"] == 13
+    assert joint["standstill"] < 0.02
+    assert joint["saturated"] == 0.0
+    assert told["concerns"] == []
+    assert main(["info", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert "Fit for identification." in printed
+    assert "1 gaps, longest 0.505 s" in printed
+
+
+def test_info_sees_limits_and_plateaus(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    original = swing(pendulum, 20.0)
+    assert original.effort is not None
+    clipped = np.clip(original.effort, -3.0, 3.0)
+    share = np.mean(np.abs(clipped) == 3.0)
+    for name, urdf in (("plain", None), ("described", PENDULUM), ("weak", PENDULUM.replace('"50"', '"3.0"'))):
+        path = bag_of(tmp_path / name, replace(original, effort=clipped, urdf=urdf))
+        assert main(["info", str(path), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["excitation"][0]["saturated"] == pytest.approx(share, abs=0.02)
+        assert any("at its effort limit" in concern for concern in told["concerns"])
+    slow = bag_of(
+        tmp_path / "slow", replace(original, urdf=PENDULUM.replace('velocity="10"', 'velocity="1.5"'))
+    )
+    main(["info", str(slow), "--json"])
+    assert any("velocity limit" in concern for concern in json.loads(capsys.readouterr().out)["concerns"])
+
+
+def test_info_says_why_not_and_still_what_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = replace(motion(urdf=PENDULUM), effort=None)
+    assert main(["info", str(bag_of(tmp_path / "bag", recording)), "--json"]) == 1
+    captured = capsys.readouterr()
+    told = json.loads(captured.out)
+    assert told["usable"] is False
+    assert told["missing"] == ["effort"]
+    assert told["excitation"][0]["effort"] is None
+    assert captured.err == f"bdnn: error: {told['problem']}\n"
+
+
+def test_predict_writes_a_row_for_every_joint_state(tmp_path: Path, pendulum: Robot) -> None:
+    recording = swing(pendulum)
+    path = bag_of(tmp_path / "bag", recording)
+    assert main(["predict", "model", str(path), "--out", str(tmp_path / "out" / "effort.csv")]) == 0
+    header, rows = rows_of(tmp_path / "out" / "effort.csv")
+    assert header == ["time", "pivot.effort", "pivot.measured"]
+    assert len(rows) == len(recording)
+    stamps = [int(seconds) * 10**9 + int(rest) for seconds, rest in (row[0].split(".") for row in rows)]
+    np.testing.assert_array_equal(stamps, EPOCH + np.round(recording.time * 1e9).astype(np.int64))
+    values = np.array([row[1:] for row in rows], float)
+    np.testing.assert_allclose(values[:, 1], recording.require_effort()[:, 0], rtol=1e-8)
+    np.testing.assert_allclose(values[20:-20, 0], values[20:-20, 1], atol=0.02)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["effort.csv"]
+
+
+def test_predict_prints_without_a_file(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = replace(swing(pendulum), effort=None)
+    assert main(["predict", "model", str(bag_of(tmp_path / "bag", recording))]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == len(recording) + 1
+    assert lines[1].startswith("1700000000.000000123,")
+    assert lines[1].endswith(",")
+
+
+def test_effort_along_reaches_every_sample(pendulum: Pendulum) -> None:
+    whole = swing(pendulum, 10.0)
+    truth = whole.require_effort()
+    along = effort_along(pendulum, whole)
+    np.testing.assert_allclose(along[30:-30], truth[30:-30], atol=0.02)
+    assert np.abs(along - truth).max() < 0.05 * np.ptp(truth)
+
+
+def test_effort_along_pieces_of_any_length(pendulum: Pendulum) -> None:
+    whole = swing(pendulum, 10.0)
+    truth = whole.require_effort()
+    keep = np.ones(len(whole), bool)
+    for start, stop in ((300, 340), (341, 400), (402, 450), (500, 600), (640, 700)):
+        keep[start:stop] = False
+    pieces = whole.part(keep)
+    assert min(rows.stop - rows.start for rows in pieces.segments()) < 3
+    told: list[tuple[int, int]] = []
+    along = effort_along(pendulum, pieces, progress=lambda done, total: told.append((done, total)))
+    assert np.isfinite(along).all()
+    inside = np.concatenate([np.arange(30, 270), np.arange(1000, 1500)])
+    np.testing.assert_allclose(along[inside], truth[keep][inside], atol=0.02)
+    assert np.abs(along - truth[keep]).max() < 0.35 * np.ptp(truth)
+    assert told[-1] == (len(pieces), len(pieces))
+
+
+def test_evaluate_prints_and_counts(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = swing(pendulum, 20.0)
+    path = bag_of(tmp_path / "bag", recording)
+    assert main(["evaluate", "model", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert set(told) == {"held_out", "simulation", "rollout", "cutoff"}
+    assert set(told["held_out"]) == {"joints", "rmse", "nrmse", "nmse", "nrmse_mean"}
+    assert told["held_out"]["joints"] == ["pivot"]
+    assert told["held_out"]["nrmse"][0] < 2e-3
+    assert told["rollout"]["position"][0] < 1e-3
+    heavy = tmp_path / "heavy.urdf"
+    heavy.write_text(PENDULUM.replace('<mass value="2"/>', '<mass value="3"/>'))
+    assert main(["evaluate", "model", str(path), "--json", "--urdf", str(heavy), "--holdout", "0.5"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    signals = prepare(recording.split(0.5)[1])
+    assert signals.effort is not None
+    nominal = Robot.from_file(heavy).inverse_dynamics(
+        signals.position, signals.velocity, signals.acceleration
+    )
+    inside = signals.interior
+    expected = score(signals.smooth(signals.effort)[inside], signals.smooth(nominal)[inside], ("pivot",))
+    assert told["simulation"] == expected.as_json()
+    assert told["simulation"]["nrmse"][0] > 0.4
+    assert main(["evaluate", "model", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert "URDF's NRMSE" in printed
+    assert "pivot" in printed
+
+
+def test_a_description_that_does_not_fit_the_model_is_not_needed(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, urdf in (("other", PENDULUM.replace('"pivot"', '"shoulder"')), ("broken", "<robot")):
+        path = bag_of(tmp_path / name, swing(pendulum), urdf=urdf)
+        assert main(["evaluate", "model", str(path), "--json"]) == 0
+        assert "simulation" not in json.loads(capsys.readouterr().out)
+
+
+def test_load_takes_the_joints_that_bag_and_robot_share(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = bag_of(tmp_path / "first", motion(joints=("wheel", "arm7_joint2", "arm7_joint1")))
+    second = bag_of(tmp_path / "second", motion(joints=("arm7_joint3", "arm7_joint2", "arm7_joint1")))
+    recordings, robot = _load([str(first), str(second), "--robot", "arm7"])
+    assert robot is not None
+    assert robot.joints == ("arm7_joint1", "arm7_joint2")
+    assert [recording.joints for recording in recordings] == [robot.joints] * 2
+    assert "arm7_joint3" in capsys.readouterr().err
+    recordings, robot = _load([str(first), str(second), "--joints", "arm7_joint2"])
+    assert robot is None
+    assert recordings[1].joints == ("arm7_joint2",)
+    renamed, robot = _load([str(first), "--rename", "s/arm7_joint/pivot/", "--rename", "pivot1=pivot"])
+    assert renamed[0].joints == ("wheel", "pivot2", "pivot")
+
+
+def _load(words: list[str]) -> tuple[list[Recording], Robot | None]:
+    from argparse import ArgumentParser
+
+    parser = ArgumentParser()
+    options.add_recording_arguments(parser, bags="many")
+    return options.load(parser.parse_args(words))
+
+
+def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), options.written_whole(tmp_path / "a.csv") as file:
+        file.write("half")
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+    with options.written_whole(tmp_path / "a.csv") as file:
+        file.write("whole")
+    assert (tmp_path / "a.csv").read_text() == "whole"

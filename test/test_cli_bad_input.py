@@ -1,0 +1,225 @@
+"""Bad input to the real command: one sentence with its remedy, the right status, never a traceback."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_cases import (
+    EPOCH,
+    JOINT_STATE,
+    PENDULUM,
+    STRING,
+    bag_of,
+    joint_state,
+    motion,
+    states,
+    text,
+    write_bag,
+)
+
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
+
+Case = Callable[[Path], list[str]]
+ARM2 = PENDULUM.replace('"pivot"', '"shoulder"')
+
+
+def empty_file(path: Path) -> list[str]:
+    (path / "a.mcap").touch()
+    return [str(path / "a.mcap")]
+
+
+def no_messages(path: Path) -> list[str]:
+    return [str(write_bag(path / "bag", [], topics=[("/joint_states", JOINT_STATE)]))]
+
+
+def truncated(path: Path) -> list[str]:
+    plain = bags.write(motion(urdf=PENDULUM), path / "a.mcap")
+    plain.write_bytes(plain.read_bytes()[: plain.stat().st_size // 2])
+    return [str(plain)]
+
+
+def not_a_bag(path: Path) -> list[str]:
+    (path / "a.db3").write_text("position,velocity\n1,2\n" * 99)
+    return [str(path / "a.db3")]
+
+
+def no_joint_state(path: Path) -> list[str]:
+    return [str(write_bag(path / "bag", [("/chatter", STRING, EPOCH, text("hello"))]))]
+
+
+def other_topic(path: Path) -> list[str]:
+    return [str(write_bag(path / "bag", states(motion(), topic="/arm/joint_states")))]
+
+
+def no_effort(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", replace(motion(urdf=PENDULUM), effort=None)))]
+
+
+def unknown_joint(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--joints", "pivot,elbow"]
+
+
+def wrong_urdf(path: Path) -> list[str]:
+    (path / "other.urdf").write_text(ARM2)
+    return [str(bag_of(path / "bag", motion())), "--urdf", str(path / "other.urdf")]
+
+
+def no_urdf(path: Path) -> list[str]:
+    (path / "other.urdf").write_text("<launch><node/></launch>")
+    return [str(bag_of(path / "bag", motion())), "--urdf", str(path / "other.urdf")]
+
+
+def nan_samples(path: Path) -> list[str]:
+    messages = states(motion(urdf=PENDULUM))
+    spoilt = joint_state(("pivot",), (np.nan,), (0.0,), (0.0,), messages[50][2])
+    messages[50] = (*messages[50][:3], spoilt)
+    return [str(write_bag(path / "bag", messages))]
+
+
+def backwards(path: Path) -> list[str]:
+    messages = states(motion())
+    turned = [(t, k, EPOCH + n, data) for n, (t, k, _, data) in enumerate([*messages[300:], *messages[:300]])]
+    return [str(write_bag(path / "bag", turned))]
+
+
+def two_samples(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(samples=2, urdf=PENDULUM)))]
+
+
+def constant_position(path: Path) -> list[str]:
+    still = np.full((600, 1), 0.3)
+    return [str(bag_of(path / "bag", replace(motion(urdf=PENDULUM), position=still, velocity=0.0 * still)))]
+
+
+def nothing_there(path: Path) -> list[str]:
+    return [str(path / "nothing.mcap")]
+
+
+def bad_rename(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--rename", "s/fer_/panda_/"]
+
+
+def bad_cutoff(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--cutoff", "9000"]
+
+
+def no_commands(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--effort", "command"]
+
+
+CASES: list[tuple[Case, int, str]] = [
+    (empty_file, 1, "is empty"),
+    (no_messages, 1, "without messages"),
+    (truncated, 1, "truncated or damaged"),
+    (not_a_bag, 1, "not a bag"),
+    (no_joint_state, 1, "holds no sensor_msgs/JointState; its topics are /chatter"),
+    (other_topic, 1, "on /arm/joint_states. Choose it with --joint-states /arm/joint_states"),
+    (no_effort, 1, "carry no effort"),
+    (nan_samples, 1, "position of pivot is not finite at 0.500 s"),
+    (backwards, 1, "do not increase"),
+    (two_samples, 1, "2 samples are too few"),
+    (constant_position, 1, "no joint moves"),
+    (unknown_joint, 2, "joint elbow is not in the recording, which has pivot"),
+    (wrong_urdf, 2, "joints (pivot) are none of the URDF's (shoulder). Map the names with --rename"),
+    (no_urdf, 2, "the root element is <launch>"),
+    (nothing_there, 2, "There is no bag"),
+    (bad_rename, 2, "matches none of pivot"),
+    (bad_cutoff, 2, "cut-off of 9000 Hz does not fit"),
+    (no_commands, 2, "no effort commands"),
+]
+IDS = [case.__name__ for case, _, _ in CASES]
+
+
+def assert_one_sentence(stderr: str, sentence: str) -> None:
+    """One line is the error, and it says this; the others are notes."""
+    lines = stderr.splitlines()
+    errors = [line for line in lines if line.startswith("bdnn: error: ")]
+    assert len(errors) == 1, stderr
+    assert all(line.startswith("bdnn: note: ") for line in lines if line not in errors), stderr
+    assert sentence in errors[0]
+    assert errors[0].endswith((".", "`")), errors[0]
+
+
+@pytest.mark.parametrize(("case", "status", "sentence"), CASES, ids=IDS)
+def test_info_as_a_process(tmp_path: Path, case: Case, status: int, sentence: str) -> None:
+    command = [sys.executable, "-m", "bdnn_ros.cli.main", "info", *case(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert_one_sentence(done.stderr, sentence)
+    assert done.returncode == status
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(("case", "status", "sentence"), CASES, ids=IDS)
+def test_identify(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], case: Case, status: int, sentence: str
+) -> None:
+    assert main(["identify", *case(tmp_path), "--out", str(tmp_path / "model")]) == status
+    assert_one_sentence(capfd.readouterr().err, sentence)
+    assert not (tmp_path / "model").exists()
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model of the pendulum."""
+    path = tmp_path_factory.mktemp("pendulum")
+    bag_of(path / "bag", motion(urdf=PENDULUM))
+    assert main(["identify", str(path / "bag"), "--out", str(path / "model")]) == 0
+    return path / "model"
+
+
+PREDICTED_ALL_THE_SAME = {"no_effort", "two_samples", "constant_position"}
+
+
+@pytest.mark.parametrize(("case", "status", "sentence"), CASES, ids=IDS)
+def test_evaluate_and_predict(
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    model: Path,
+    case: Case,
+    status: int,
+    sentence: str,
+) -> None:
+    arguments = case(tmp_path)
+    capfd.readouterr()
+    assert main(["evaluate", str(model), *arguments]) == status
+    assert capfd.readouterr().err.count("bdnn: error: ") == 1
+    out = tmp_path / "effort.csv"
+    predicted = main(["predict", str(model), *arguments, "--out", str(out)])
+    if case.__name__ in PREDICTED_ALL_THE_SAME:
+        assert predicted == 0
+        assert out.exists()
+    else:
+        assert predicted == status
+        assert not out.exists()
+        assert capfd.readouterr().err.count("bdnn: error: ") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ([], None),
+        (["paint"], "There is no verb 'paint'; there are simulate, info"),
+        (["info"], "The following arguments are required: BAG. See bdnn info --help."),
+        (["info", "a", "b"], "Unrecognized arguments: b"),
+        (["info", "a", "--colour"], "Unrecognized arguments: --colour"),
+        (["info", "a", "--cutoff", "slow"], "invalid float value: 'slow'"),
+        (["info", "a", "--effort", "felt"], "invalid choice: 'felt'"),
+        (["evaluate", "no_model", "a"], "no_model"),
+        (["identify", "a.mcap"], "required: --out"),
+    ],
+)
+def test_wrong_words(words: list[str], sentence: str | None, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    captured = capfd.readouterr()
+    if sentence is None:
+        assert "usage: bdnn VERB" in captured.out
+    else:
+        assert_one_sentence(captured.err, sentence)
+        assert captured.out == ""
