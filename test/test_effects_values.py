@@ -1,4 +1,4 @@
-"""Parameters and linear coefficients are two forms of the same thing, and columns are exact where they say so."""
+"""Parameters and linear coefficients are two forms of one thing; columns are exact where they say so."""
 
 from __future__ import annotations
 

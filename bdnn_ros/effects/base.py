@@ -165,17 +165,15 @@ class Motion:
             position_change: direction of the change of position, (N, n); velocity and acceleration follow as
                 its time derivatives.
         """
+        ahead, back = self.moved(step * position_change), self.moved(-step * position_change)
+        return (ahead - back) / (2.0 * step)
+
+    def moved(self, position_change: np.ndarray) -> np.ndarray:
+        """Rigid effort of the motion with another position (N, n), rates and all, (N, n) [N·m]."""
         rate = self.derivative(position_change)
-        curvature = self.derivative(rate)
-
-        def effort(side: float) -> np.ndarray:
-            return self.robot.rigid_effort(
-                self.position + side * position_change,
-                self.velocity + side * rate,
-                self.acceleration + side * curvature,
-            )
-
-        return (effort(step) - effort(-step)) / (2.0 * step)
+        return self.robot.rigid_effort(
+            self.position + position_change, self.velocity + rate, self.acceleration + self.derivative(rate)
+        )
 
     def changed(self, position_change: np.ndarray) -> np.ndarray:
         """Change of the rigid effort when every position is changed by constants (n,) [rad], (N, n) [N·m]."""

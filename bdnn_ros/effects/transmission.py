@@ -19,7 +19,11 @@ SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987
 
 
 class JointElasticity(Effect):
-    """A spring between motor and link: link position = measured position - link load / stiffness."""
+    """A spring between motor and link: link position = measured position - link load / stiffness.
+
+    The load is the measured effort's: the motor's oscillation on its spring is in the measured position, and a
+    load computed from that would hold it twice.
+    """
 
     name = "joint_elasticity"
     title = "joint elasticity"
@@ -36,7 +40,7 @@ class JointElasticity(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         deflection = np.zeros(motion.position.shape)
-        deflection[:, target] = motion.signals.smooth(motion.link_load[:, target])
+        deflection[:, target] = motion.signals.smooth(motion.gear_load[:, target])
         return -motion.shifted(deflection)[..., None]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
