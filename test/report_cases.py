@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.equations import Equations, Noise, Term, build
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.posterior import estimates
+from bdnn_ros.diagnosis.equations import Equations, Term, build
+from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.effects.base import Motion
@@ -57,6 +56,49 @@ def worn(robot: Robot, specs: Sequence[str], recording: Recording, seed: int = 1
     )
 
 
+@dataclass(frozen=True)
+class LeastSquares:
+    """Stands for the pool and the fit of a search: links and given terms by least squares."""
+
+    equations: Equations
+    terms: tuple[Term, ...]
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    link_error: float = 0.03
+
+    @classmethod
+    def of(cls, equations: Equations, terms: Sequence[Term]) -> LeastSquares:
+        columns = [equations.rigid, *(equations.columns(term) for term in terms)]
+        whole = np.concatenate(columns, axis=2) / equations.effort_scale[:, None]
+        tall = whole[equations.usable]
+        target = (equations.target / equations.effort_scale)[equations.usable]
+        links = equations.rigid.shape[2]
+        prior = np.concatenate([np.full(links, cls.link_error), np.full(tall.shape[1] - links, 1e3)])
+        covariance = np.linalg.inv(tall.T @ tall / 0.02**2 + np.diag(prior**-2.0))
+        return cls(equations, tuple(terms), covariance @ tall.T @ target / 0.02**2, covariance)
+
+    def residual(self, fit: object, blur: bool = True) -> np.ndarray:
+        equations = self.equations
+        left = equations.target - equations.rigid @ self.coefficients[: equations.rigid.shape[2]]
+        for estimate in self.estimates():
+            left = left - equations.columns(estimate.term) @ estimate.coefficients
+        return np.asarray(left)
+
+    def estimates(self) -> list[Estimate]:
+        """The terms, with shapes taken as known to a part in a thousand."""
+        found, at = [], self.equations.rigid.shape[2]
+        for term in self.terms:
+            size = self.equations.columns(term).shape[2]
+            rows = slice(at, at + size)
+            spread = [1e-6 * max(value**2, 1e-6) for _, value in term.shape]
+            covariance = np.zeros((size + len(spread),) * 2)
+            covariance[:size, :size] = self.covariance[rows, rows]
+            covariance[size:, size:] = np.diag(spread)
+            found.append(Estimate(term, self.coefficients[rows], covariance))
+            at += size
+        return found
+
+
 def terms_of(robot: Robot, specs: Sequence[str]) -> list[Term]:
     """The terms that stand for some effects."""
     terms = []
@@ -82,11 +124,8 @@ def examined(
     signals: Signals = prepare(recording)
     equations = build(signals, robot)
     test = equations.block % 5 == 2
-    noise = Noise(np.zeros((robot.width, 1)), 0.02 * equations.effort_scale)
-    pool = Pool(equations, noise, terms_of(robot, specs), 0.03, 1.0 / recording.rate)
-    fit = pool.fit(range(len(specs)))
-    found = estimates(pool, fit)
-    residual = pool.residual(fit)
+    fit = LeastSquares.of(equations, terms_of(robot, specs))
+    found, residual = fit.estimates(), fit.residual(None)
     remainder = _remainder(equations, residual, depends_on)
     held = equations.usable & test[:, None]
     before = float(np.sum(equations.target[held] ** 2))
@@ -141,7 +180,7 @@ def examined(
         notes=tuple(notes),
     )
     return Examination(
-        diagnosis, (recording,), robot, equations, pool, fit, tuple(found), test, residual, remainder
+        diagnosis, (recording,), robot, equations, fit, fit, tuple(found), test, residual, remainder
     )
 
 

@@ -148,7 +148,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[ParameterRow]:
         finding = cause.finding
         for k, (name, quantity) in enumerate(finding.parameters.items()):
             low, high = words.interval(quantity, cause.effect, name)
-            known = quantity.std > 0.0
+            known = words.estimated(name, quantity)
             decimals = words.decimals_of(words.INTERVAL * quantity.std)
             rows.append(
                 ParameterRow(

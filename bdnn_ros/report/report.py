@@ -111,6 +111,7 @@ def _environment() -> Environment:
         unit=words.unit,
         amounts=words.amounts,
         named=words.named,
+        basename=os.path.basename,
         prose=prose,
     )
     environment.globals.update(

@@ -149,7 +149,7 @@ def view(examination: Examination) -> View:
         measured=measured,
         before=equations.target,
         after=examination.extended,
-        residual=pool.residual(fit),
+        residual=pool.residual(fit, blur=False),
         links=equations.rigid @ fit.coefficients[: equations.rigid.shape[2]],
         direction=np.where(inputs["velocity"] >= 0.0, 1.0, -1.0),
         usable=equations.usable,

@@ -15,6 +15,9 @@ INTERVAL = 1.96
 MOST_IN_LINE = 3
 """So many parameters go into one line of the verdict; an effect with more has them in the table."""
 
+TELLING = ("mass", "torque", "start_value", "end_value")
+"""The parameters that stand for an effect of many."""
+
 CLAIMS = {
     "nothing_wrong": "The {reference} predicts the measured effort as well as this data can tell.",
     "explained": "With {these} the model predicts every joint's effort down to its noise.",
@@ -82,7 +85,8 @@ def kinds(findings: Sequence[Finding]) -> str:
     """The kinds of many findings in one line: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
     counts = Counter(title(finding.effect) for finding in findings)
     parts = [f"{decapitalised(name)} at {n} place{'s' if n > 1 else ''}" for name, n in counts.most_common()]
-    return ", ".join(parts)
+    text = ", ".join(parts)
+    return text[:1].upper() + text[1:]
 
 
 def decapitalised(text: str) -> str:
@@ -97,11 +101,16 @@ def unit(text: str) -> str:
 
 def amounts(finding: Finding) -> list[str]:
     """The parameters with their 95 % uncertainty, one text each; of many the most telling."""
-    shown = {name: q for name, q in finding.parameters.items() if q.std > 0.0} or finding.parameters
+    shown = {name: q for name, q in finding.parameters.items() if estimated(name, q)} or finding.parameters
     if len(shown) > MOST_IN_LINE:
-        shown = {name: q for name, q in shown.items() if name in ("mass", "torque")}
+        shown = {name: q for name, q in shown.items() if name in TELLING}
     several = len(shown) > 1 or any(q.unit == "-" for q in shown.values())
     return [(f"{label(name)} " if several else "") + with_spread(q) for name, q in shown.items()]
+
+
+def estimated(name: str, quantity: Quantity) -> bool:
+    """Whether a parameter comes from the data, not from the description or the recording's length."""
+    return quantity.std > 0.0 and not name.startswith("nominal_")
 
 
 def label(name: str) -> str:
@@ -160,9 +169,11 @@ def percent(share: float, digits: int = 0) -> str:
     """A share in per cent."""
     if not math.isfinite(share):
         return "–"
+    if abs(share) < 0.5 * 10.0 ** (-2 - digits) and share <= 0.0:
+        share = 0.0
     if 0.0 < share < 0.005 and digits == 0:
         return "<\N{NO-BREAK SPACE}1\N{NO-BREAK SPACE}%"
-    return f"{fixed(100.0 * share + 0.0, digits)}\N{NO-BREAK SPACE}%"
+    return f"{fixed(100.0 * share, digits)}\N{NO-BREAK SPACE}%"
 
 
 def probability(p: float) -> str:
