@@ -21,8 +21,8 @@ SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987
 class JointElasticity(Effect):
     """A spring between motor and link: link position = measured position - link load / stiffness.
 
-    The load is the measured effort's: the motor's oscillation on its spring is in the measured position, and a
-    load computed from that would hold it twice.
+    The load is the measured effort's: the motor's oscillation on its spring is in the measured position, and
+    a load computed from that would hold it twice.
     """
 
     name = "joint_elasticity"

@@ -17,6 +17,7 @@ from bdnn_ros.simulation.motors import Motors
 
 LONGEST_STEP = 1e-3
 """Longest step of integration [s]."""
+NONE = np.zeros(0, int)
 
 
 @dataclass
@@ -56,6 +57,7 @@ class Integrator:
         self.efforts = [pair for pair in plant.efforts if pair[0] not in elastic]
         self.dry = [pair for pair in plant.dry if pair[0] not in elastic]
         self.has_dry = bool(self.dry) or bool(self.coulomb.any())
+        self.stuck = NONE
         self.state = State(position.astype(float).copy(), np.zeros(n), np.zeros(n))
 
     def advance(self, time: float, acting: list[np.ndarray]) -> None:
@@ -66,8 +68,10 @@ class Integrator:
             state.position += 0.5 * h * state.velocity
             middle = time + (k + 0.5) * h
             drive = self._drive(middle, load)
+            self.stuck = NONE
             state.acceleration = self._acceleration(middle, drive, load)
             state.velocity = state.velocity + h * state.acceleration
+            state.velocity[self.stuck] = 0.0
             state.position += 0.5 * h * state.velocity
 
     def _drive(self, time: float, load: np.ndarray) -> np.ndarray:
@@ -120,26 +124,14 @@ class Integrator:
         """Acceleration where joints stop, stick or turn: friction takes what it needs within its limits."""
         h, velocity, rest = self.step, self.state.velocity, np.zeros(len(acceleration))
         ones = np.ones(len(acceleration))
-        upper = self._dry(time, rest, load, ones)
-        lower = -self._dry(time, rest, load, -ones)
+        upper = self._dry(time, rest, load, ones)[stopping]
+        lower = -self._dry(time, rest, load, -ones)[stopping]
         inverse = self._inverse_mass()
-        friction = applied.copy()
+        coupling = inverse[np.ix_(stopping, stopping)]
         free = acceleration + inverse[:, stopping] @ applied[stopping]
-        friction[stopping] = 0.0
-        sticking = list(stopping)
-        while sticking:
-            goal = velocity[sticking] / h + free[sticking]
-            held = np.linalg.solve(inverse[np.ix_(sticking, sticking)], goal)
-            slipping = [(k, j) for k, j in enumerate(sticking) if not lower[j] <= held[k] <= upper[j]]
-            if not slipping:
-                friction[sticking] = held
-                free = free - inverse[:, sticking] @ held
-                break
-            for k, joint in slipping:
-                friction[joint] = upper[joint] if held[k] > upper[joint] else lower[joint]
-                free = free - inverse[:, joint] * friction[joint]
-                sticking.remove(joint)
-        return free
+        friction, held = held_friction(coupling, free[stopping] + velocity[stopping] / h, lower, upper)
+        self.stuck = stopping[held]
+        return free - inverse[:, stopping] @ friction
 
     def _bodies(self, drive: np.ndarray) -> np.ndarray:
         """Acceleration of the bodies under an effort, (n,)."""
@@ -155,3 +147,38 @@ class Integrator:
         upper = np.triu(pin.crba(self.model, self.data, self.state.position[self.back]))
         full = (upper + np.triu(upper, 1).T)[np.ix_(self.order, self.order)]
         return np.linalg.inv(full)
+
+
+def held_friction(
+    coupling: np.ndarray, wanted: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Friction of joints that may stick: what stops them, unless it takes more than there is.
+
+    The linear complementarity problem `rate = wanted - coupling · friction`, where rate = 0 inside the
+    limits, rate >= 0 at the upper and <= 0 at the lower one, by changing the worst joint's state until none is wrong.
+
+    Args:
+        coupling: inverse mass matrix of these joints, (k, k).
+        wanted: rate of change over the step without their friction, from rest, (k,) [rad/s²].
+        lower, upper: limits of the friction, (k,) [N·m].
+
+    Returns:
+        Friction (k,) [N·m], and which joints stick, (k,) bool.
+    """
+    sliding = np.zeros(len(wanted), int)
+    friction = np.zeros(len(wanted))
+    for _ in range(8 * len(wanted)):
+        friction = np.where(sliding > 0, upper, lower) * (sliding != 0)
+        stick = np.flatnonzero(sliding == 0)
+        if len(stick):
+            rest = wanted[stick] - coupling[stick] @ friction
+            friction[stick] = np.linalg.solve(coupling[np.ix_(stick, stick)], rest)
+        rate = wanted - coupling @ friction
+        wrong_way = -sliding * rate / np.diag(coupling)
+        excess = np.maximum(friction - upper, lower - friction)
+        error = np.where(sliding == 0, excess, wrong_way)
+        worst = int(np.argmax(error))
+        if error[worst] <= 1e-12 * (1.0 + abs(friction[worst])):
+            break
+        sliding[worst] = 0 if sliding[worst] else (1 if friction[worst] > upper[worst] else -1)
+    return friction, sliding == 0

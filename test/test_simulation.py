@@ -1,0 +1,221 @@
+"""Simulated recordings: what is recorded is what happened, and the same seed gives the same recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from effect_cases import motion as planned_motion
+
+from bdnn_ros import bags
+from bdnn_ros.effects.drawing import contribution, draw
+from bdnn_ros.effects.registry import EFFECTS, parse_spec
+from bdnn_ros.errors import DataError, UsageError
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation import Scenario, simulate
+from bdnn_ros.simulation.perturbation import worn_robot, wrong_robot
+from bdnn_ros.simulation.sensors import Noise
+
+QUIET = Noise.of(0.0)
+
+
+@pytest.mark.parametrize("name", ["arm2", "arm6", "arm7"])
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_inverse_dynamics_of_the_recorded_motion_is_the_recorded_effort(name, rate):
+    robot = Robot.bundled(name)
+    simulated = simulate(robot, seed=2, duration=8.0, rate=rate, noise=QUIET)
+    signals = prepare(simulated.recording)
+    rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+    lead = np.gradient(rigid, 1.0 / signals.rate, axis=0) * 0.5 / rate
+    left = signals.smooth(signals.effort - rigid - lead)[signals.interior]
+    assert (np.sqrt(np.mean(left**2, axis=0)) < 4e-3 * np.std(simulated.effort, axis=0)).all()
+
+
+def test_the_robot_follows_its_plan_within_its_limits():
+    robot = Robot.bundled("arm7")
+    effects = [
+        parse_spec("coulomb_friction@arm7_joint2:coulomb=3", robot),
+        parse_spec("base_tilt:roll_deg=4", robot),
+    ]
+    simulated = simulate(robot, effects, seed=3, duration=10.0, rate=500.0)
+    assert np.abs(simulated.position - simulated.plan.position).max() < 0.02
+    assert (simulated.position > robot.limits.lower).all()
+    assert (simulated.position < robot.limits.upper).all()
+    assert (np.abs(simulated.velocity) < robot.limits.velocity).all()
+    assert (np.abs(simulated.effort) <= robot.limits.effort).all()
+
+
+def test_a_command_stays_within_the_effort_limits():
+    robot = Robot.bundled("arm2")
+    limits = replace(robot.limits, effort=np.array([1.02, 1.0]) * 11.9)
+    weak = replace(robot, limits=limits)
+    simulated = simulate(weak, seed=0, duration=4.0, rate=200.0, noise=QUIET)
+    loaded = [parse_spec("payload@arm2_tool:mass=0.5", weak)]
+    heavy = simulate(weak, loaded, duration=4.0, noise=QUIET, plan=simulated.plan)
+    assert (np.abs(heavy.effort) <= limits.effort).all()
+
+
+def test_the_motion_does_not_depend_on_the_noise():
+    robot = Robot.bundled("arm2")
+    quiet = simulate(robot, seed=4, duration=3.0, rate=200.0, noise=QUIET)
+    noisy = simulate(robot, seed=4, duration=3.0, rate=200.0)
+    assert (quiet.position == noisy.position).all()
+    noise = noisy.recording.effort - quiet.recording.effort
+    assert np.std(noise, axis=0) == pytest.approx(0.005 * np.ptp(quiet.effort, axis=0), rel=0.15)
+
+
+def test_the_same_seed_writes_the_same_bytes(tmp_path):
+    for name in ("one", "two"):
+        scenario = Scenario(
+            Robot.bundled("arm2"), hide=2, seed=7, duration=3.0, rate=100.0, worn=True, wrong=0.05
+        )
+        bags.write(scenario.run()[0].recording, tmp_path / name / "bag")
+    first, second = ((tmp_path / name / "bag" / "bag.mcap").read_bytes() for name in ("one", "two"))
+    assert first == second
+
+
+def test_other_seeds_hide_other_effects():
+    robot = Robot.bundled("arm7")
+    found = {
+        str(Scenario(robot, hide=1, seed=seed, duration=2.0, rate=100.0).run()[1]["effects"])
+        for seed in range(5)
+    }
+    assert len(found) == 5
+
+
+def test_a_delay_holds_the_effort_back_to_the_step():
+    robot = Robot.bundled("arm2")
+    late = parse_spec("effort_delay@arm2_joint1:delay=0.013", robot)
+    simulated = simulate(robot, [late], seed=1, duration=10.0, rate=500.0, noise=QUIET)
+    signals = prepare(simulated.recording)
+    rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+    rows, rate = signals.interior, np.gradient(rigid, 1.0 / signals.rate, axis=0)
+    lead = [
+        np.sum((signals.effort - rigid)[rows, j] * rate[rows, j]) / np.sum(rate[rows, j] ** 2)
+        for j in range(2)
+    ]
+    assert lead == pytest.approx([0.013 + 0.001, 0.001], abs=3e-4)
+
+
+def test_scale_and_offset_are_the_contracts():
+    """At rest: gravity = scale · measured + offset."""
+    robot = Robot.bundled("arm2")
+    effects = [
+        parse_spec("effort_scale@arm2_joint1:scale=0.8", robot),
+        parse_spec("effort_offset@arm2_joint1:offset=0.7", robot),
+    ]
+    still = np.tile([0.9, 0.3], (400, 1))
+    plan = replace(
+        simulate(robot, duration=2.0, rate=200.0).plan,
+        position=still,
+        velocity=0 * still,
+        acceleration=0 * still,
+    )
+    simulated = simulate(robot, effects, noise=QUIET, plan=plan)
+    acting = robot.gravity(simulated.position[-1])
+    assert 0.8 * simulated.effort[-1, 0] + 0.7 == pytest.approx(acting[0], rel=1e-6)
+    assert simulated.effort[-1, 1] == pytest.approx(acting[1], rel=1e-4)
+
+
+def test_effects_too_strong_for_the_drives_are_said_to_be():
+    robot = Robot.bundled("arm2")
+    heavy = parse_spec("payload@arm2_tool:mass=30", robot)
+    with pytest.raises(DataError, match="too strong"):
+        simulate(robot, [heavy], duration=4.0, rate=200.0)
+
+
+@pytest.mark.parametrize(
+    ("duration", "rate"), [(0.5, 100.0), (10.0, 10.0), (10.0, 5000.0), (float("nan"), 100.0)]
+)
+def test_durations_and_rates_out_of_range_are_refused(duration, rate):
+    with pytest.raises(UsageError, match="cannot be simulated"):
+        simulate(Robot.bundled("arm2"), duration=duration, rate=rate)
+
+
+@pytest.mark.parametrize("name", ["arm2", "arm6", "arm7"])
+def test_a_wrong_robot_has_bodies_that_can_be(name):
+    robot = Robot.bundled(name)
+    for seed in range(20):
+        wrong = wrong_robot(robot, 0.1, np.random.default_rng(seed))
+        for parameters in wrong.inertials:
+            inertia = pin.Inertia.FromDynamicParameters(parameters)
+            moments = np.linalg.eigvalsh(inertia.inertia)
+            assert inertia.mass > 0.0
+            assert moments[0] > 0.0
+            assert moments[0] + moments[1] > moments[2]
+
+
+def test_a_wrong_robot_is_off_by_its_share():
+    robot = Robot.bundled("arm7")
+    ratios = [wrong_robot(robot, 0.05, np.random.default_rng(s)).inertials[:, 0] for s in range(60)]
+    assert np.std(ratios / robot.inertials[:, 0]) == pytest.approx(0.05, rel=0.2)
+    assert (wrong_robot(robot, 0.0, np.random.default_rng(0)).inertials == robot.inertials).all()
+
+
+def test_a_worn_robot_has_friction_and_rotors_everywhere():
+    robot = Robot.bundled("arm6")
+    worn = worn_robot(robot, np.ones(6), np.random.default_rng(0))
+    assert (worn.coulomb > 0.004 * robot.limits.effort).all()
+    assert (worn.coulomb < 0.021 * robot.limits.effort).all()
+    assert (worn.armature > 0.0).all()
+    assert (worn.viscous > 0.0).all()
+    endless = replace(robot, limits=replace(robot.limits, effort=np.full(6, np.inf)))
+    assert np.isfinite(worn_robot(endless, np.ones(6), np.random.default_rng(0)).coulomb).all()
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_a_drawn_effect_matters_and_is_possible(name):
+    motion = planned_motion(Robot.bundled("arm7"))
+    one = draw(np.random.default_rng(11), motion, [name], least=0.05, most=0.3)
+    assert one.effect.name == name
+    for parameter in one.effect.parameters:
+        assert parameter.lower <= one.values[parameter.name] <= parameter.upper
+    if not one.effect.kinematic:
+        added = np.sqrt(np.mean(contribution(one, motion) ** 2, axis=0)) / np.std(motion.load, axis=0)
+        assert 0.04 < added.max() < 0.35
+        assert (np.abs(motion.load + contribution(one, motion)) < motion.robot.limits.effort).all()
+
+
+def test_the_same_effect_is_not_drawn_twice_at_one_place():
+    motion = planned_motion(Robot.bundled("arm2"))
+    rng, found = np.random.default_rng(0), []
+    for _ in range(2):
+        found.append(draw(rng, motion, ["coulomb_friction"], beside=found))
+    assert {one.target for one in found} == {0, 1}
+    with pytest.raises(DataError, match="No effect reaches"):
+        draw(rng, motion, ["coulomb_friction"], beside=found)
+
+
+def test_a_scenarios_truth_says_everything():
+    scenario = Scenario(
+        Robot.bundled("arm2"),
+        effects=["coulomb_friction@arm2_joint1:coulomb=0.5"],
+        hide=1,
+        hidden_names=["payload"],
+        seed=1,
+        duration=2.0,
+        rate=100.0,
+        worn=True,
+        wrong=0.05,
+        name="arm2",
+    )
+    simulated, truth = scenario.run()
+    assert [entry["effect"] for entry in truth["effects"]] == ["coulomb_friction", "payload"]
+    assert truth["effects"][0]["joint"] == "arm2_joint1"
+    assert truth["effects"][1]["link"] in ("arm2_link1", "arm2_link2")
+    assert truth["worn"]["arm2_joint2"]["coulomb"] > 0.0
+    assert simulated.real.coulomb[1] == truth["worn"]["arm2_joint2"]["coulomb"]
+    assert set(truth["links"]) == {"arm2_joint1", "arm2_joint2"}
+    assert simulated.recording.urdf == scenario.robot.urdf
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [({"wrong": 0.9}, "off by"), ({"hide": 99}, "cannot be hidden"), ({"hide": -1}, "cannot be hidden")],
+)
+def test_scenarios_that_make_no_sense_are_refused(option, says):
+    with pytest.raises(UsageError, match=says):
+        Scenario(Robot.bundled("arm2"), **option).run()
