@@ -18,6 +18,8 @@ VERBS = {
     "diagnose": "name what the simulation gets wrong, with the gain of mending it",
     "predict": "predict the effort along a recording, as CSV",
     "evaluate": "score a model on a recording",
+    "export": "write a model as URDF, MuJoCo model, YAML and ONNX",
+    "excite": "make the motion that tells the rivals of a diagnosis apart",
     "replay": "run the online identifier over a bag and show its error against time",
 }
 """What `bdnn --help` says of each verb, as `HELP` of its module, which is imported only when called."""
