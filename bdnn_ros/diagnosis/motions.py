@@ -26,7 +26,7 @@ ATTEMPTS = 10
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a motion must keep, (n,) each: position [rad], and magnitudes of velocity, acceleration, effort."""
+    """What a motion must keep, (n,) each: positions, and magnitudes of velocity, acceleration, effort."""
 
     lower: np.ndarray
     upper: np.ndarray
@@ -73,10 +73,10 @@ class Bounds:
             joint = robot.joints[int(np.argmax(low >= high))]
             raise UsageError(f"{joint} has no room to move.", "Widen its range or the margin.")
         speed = velocity * np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, OPEN_VELOCITY)
-        most = (
-            ACCELERATION_PER_VELOCITY * speed if acceleration is None else np.full_like(speed, acceleration)
-        )
-        return cls(low, high, speed, most, effort * robot.limits.effort)
+        quick = ACCELERATION_PER_VELOCITY * speed
+        if acceleration is not None:
+            quick = np.full_like(speed, acceleration)
+        return cls(low, high, speed, quick, effort * robot.limits.effort)
 
 
 @dataclass(frozen=True)
@@ -146,6 +146,11 @@ class Piece:
             w * wave[2] + 2.0 * dw * wave[1] + ddw[:, None] / BLEND**2 * wave[0],
         )
 
+    @property
+    def end(self) -> np.ndarray:
+        """The pose it ends in, (n,) [rad]."""
+        return np.asarray(self.at(np.array([self.duration])).position[0])
+
     def resized(self, factor: np.ndarray | float) -> Piece:
         """The same piece with each joint's motion times a factor, (n,) or one for all."""
         size = np.broadcast_to(np.asarray(factor, float), self.centre.shape)
@@ -160,7 +165,7 @@ class Piece:
 def drawn(
     robot: Robot, bounds: Bounds, duration: float, focus: np.ndarray, rng: np.random.Generator
 ) -> Piece | None:
-    """A random piece inside the limits: a swing, slow ramps, small reversals, or ramps of one joint in a swing.
+    """A random piece inside the limits: a swing, ramps, small reversals, or one joint's ramps in a swing.
 
     Args:
         focus: how much each joint matters, (n,), at least one above zero.
@@ -209,7 +214,9 @@ def _sines(
         amplitude = np.exp(rng.uniform(np.log(0.003), np.log(0.1), shape))
         frequency = rng.uniform(0.2, 1.5, shape)
     else:
-        frequency = rng.uniform(1.0 / duration, np.exp(rng.uniform(np.log(0.3), np.log(2.0))), shape)
+        slowest = 1.0 / duration
+        fastest = np.exp(rng.uniform(np.log(1.2 * slowest), np.log(max(2.0, 2.0 * slowest))))
+        frequency = rng.uniform(slowest, fastest, shape)
         amplitude = rng.uniform(0.2, 1.0, shape) / frequency**1.5
     return amplitude, frequency, rng.uniform(0.0, 2.0 * np.pi, shape)
 

@@ -12,7 +12,7 @@ from bdnn_ros.robot import Robot
 
 
 def way(robot: Robot, bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool]:
-    """Time [s] of a straight way between two poses (n,) from rest to rest, and whether the effort suffices."""
+    """Time of a straight way between two poses (n,) from rest to rest [s], and whether effort suffices."""
     distance = np.abs(end - start)
     time = max(
         float((1.875 * distance / bounds.velocity).max()),
@@ -39,7 +39,7 @@ def _along(start: np.ndarray, end: np.ndarray, duration: float, time: np.ndarray
 
 
 def joined(robot: Robot, bounds: Bounds, pieces: Sequence[Piece], rate: float) -> Trajectory | None:
-    """Pieces one after the other, with straight ways between them, at `rate` [Hz]; None where no way is found."""
+    """Pieces one after the other with straight ways between, at `rate` [Hz]; None where no way is found."""
     parts: list[Trajectory] = []
     begin, here = 0.0, pieces[0].centre
     spans: list[tuple[float, Piece | tuple[np.ndarray, np.ndarray], float]] = []
@@ -52,7 +52,7 @@ def joined(robot: Robot, bounds: Bounds, pieces: Sequence[Piece], rate: float) -
             begin += time
         spans.append((begin, piece, piece.duration))
         begin += piece.duration
-        here = piece.coarse.position[-1]
+        here = piece.end
     stamps = np.arange(int(np.ceil(begin * rate)) + 1) / rate  # the last one is at rest, past the end
     for k, (start, what, length) in enumerate(spans):
         last = k == len(spans) - 1

@@ -1,0 +1,181 @@
+"""`bdnn excite`: a motion that tells the rivals of a diagnosis apart."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from bdnn_ros.cli import options
+from bdnn_ros.diagnosis.excitation import DECISIVE, Excitation, Progress, excite
+from bdnn_ros.diagnosis.motions import Bounds, Trajectory
+from bdnn_ros.diagnosis.rivals import Case, joints_of, read_case
+from bdnn_ros.errors import UsageError
+from bdnn_ros.online.models import load_model
+from bdnn_ros.robot import BUNDLED, Robot
+
+HELP = "make the motion that tells the rivals of a diagnosis apart"
+CSV, YAML = "trajectory.csv", "trajectory.yaml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bdnn excite`."""
+    parser.add_argument(
+        "model", metavar="MODEL", nargs="?", type=Path, help="a model of the robot, as a diagnosis writes it"
+    )
+    options.add_robot_arguments(parser)
+    parser.add_argument(
+        "--for",
+        dest="case",
+        metavar="FILE",
+        type=Path,
+        help="diagnosis.json whose rivals are to be told apart (default: show all parameters)",
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("excitation"), help=f"directory for {CSV} and {YAML}"
+    )
+    _numbers(parser)
+    parser.add_argument(
+        "--range",
+        dest="ranges",
+        metavar="JOINT=LOW:HIGH",
+        action="append",
+        default=[],
+        help="narrower range of a joint [rad], repeatable: collisions are not looked at",
+    )
+
+
+def _numbers(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seed", type=int, default=0, help="of the draws (default: %(default)s)")
+    for name, value, text in (
+        ("--duration", 30.0, "at most so many seconds"),
+        ("--rate", 100.0, "points a second"),
+        ("--margin", 0.05, "share of each joint's range kept free at both ends"),
+        ("--velocity", 0.8, "share of the velocity limits to use"),
+        ("--effort", 0.8, "share of the effort limits to use"),
+    ):
+        parser.add_argument(
+            name, metavar="X", type=float, default=value, help=f"{text} (default: %(default)s)"
+        )
+    parser.add_argument(
+        "--acceleration",
+        metavar="X",
+        type=float,
+        help="limit [rad/s²] (default: thrice the velocity per second)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find the motion, write it, say what it is expected to settle."""
+    if args.seed < 0:
+        raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
+    robot = _robot(args)
+    case = read_case(args.case, robot) if args.case else None
+    bounds = Bounds.of(
+        robot,
+        margin=args.margin,
+        velocity=args.velocity,
+        acceleration=args.acceleration,
+        effort=args.effort,
+        ranges=dict(_range(text) for text in args.ranges),
+    )
+    with _progress() as say:
+        found = excite(
+            robot,
+            case,
+            bounds=bounds,
+            duration=args.duration,
+            rate=args.rate,
+            seed=args.seed,
+            progress=say,
+        )
+    with options.written_whole(args.out / CSV) as file:
+        file.writelines(csv_lines(found.trajectory, robot.joints))
+    with options.written_whole(args.out / YAML) as file:
+        file.writelines(yaml_lines(found.trajectory, robot.joints))
+    print("\n".join(_summary(found, robot, case)))
+    print(f"trajectory: {args.out / CSV}, {args.out / YAML}")
+    return 0
+
+
+def csv_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:
+    """A header and one line a point: time [s], then position, velocity, acceleration of each joint."""
+    names = [f"{joint}.{what}" for what in ("position", "velocity", "acceleration") for joint in joints]
+    yield ",".join(["time", *names]) + "\n"
+    for row in np.column_stack([motion.time, motion.position, motion.velocity, motion.acceleration]):
+        yield ",".join(f"{value:.9g}" for value in row) + "\n"
+
+
+def yaml_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:
+    """A trajectory_msgs/JointTrajectory."""
+    yield "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}\njoint_names:\n"
+    for joint in joints:
+        yield f"- '{joint}'\n" if "'" not in joint else f'- "{joint}"\n'
+    yield "points:\n"
+    rows = zip(motion.time.tolist(), motion.position, motion.velocity, motion.acceleration, strict=True)
+    for time, *values in rows:
+        nanoseconds = round(time * 1e9)
+        for start, name, row in zip("-  ", ("positions", "velocities", "accelerations"), values, strict=True):
+            yield f"{start} {name}: [{', '.join(f'{value:.9g}' for value in row)}]\n"
+        yield "  effort: []\n"
+        second, rest = divmod(nanoseconds, 10**9)
+        yield f"  time_from_start: {{sec: {second}, nanosec: {rest}}}\n"
+
+
+def _robot(args: argparse.Namespace) -> Robot:
+    """The robot of MODEL, --urdf or --robot, else the one the diagnosis names."""
+    given = [name for name in ("model", "urdf", "robot") if getattr(args, name)]
+    if len(given) > 1:
+        raise UsageError("More than one robot is given.", "Give MODEL, --urdf or --robot.")
+    joints, source = joints_of(args.case) if args.case else ((), "")
+    if args.model:
+        robot = getattr(load_model(args.model), "robot", None)
+        if not isinstance(robot, Robot):
+            raise UsageError(
+                f"{args.model} is a black box: it does not know the robot's limits.", "Give --urdf instead."
+            )
+        return robot
+    if args.robot or (not given and source in BUNDLED):
+        return Robot.bundled(args.robot or source, joints)
+    if args.urdf or (not given and source and Path(source).is_file() and Path(source).suffix == ".urdf"):
+        return Robot.from_file(args.urdf or source, joints)
+    raise UsageError(
+        "There is no robot.", "Give MODEL (the diagnosis's directory), --urdf FILE or --robot NAME."
+    )
+
+
+def _range(text: str) -> tuple[str, tuple[float, float]]:
+    joint, _, values = text.partition("=")
+    low, _, high = values.partition(":")
+    try:
+        return joint, (float(low), float(high))
+    except ValueError:
+        raise UsageError(
+            f"--range {text} is not JOINT=LOW:HIGH.", "Write for example elbow=-1.5:0.5."
+        ) from None
+
+
+def _summary(found: Excitation, robot: Robot, case: Case | None) -> list[str]:
+    seconds = found.trajectory.time[-1]
+    if not found.separations:
+        what = "no rivals are left: it shows all parameters" if case else "it shows all parameters"
+        return [f"A motion of {seconds:.1f} s; {what}.", *found.notes]
+    lines = [f"A motion of {seconds:.1f} s; expected evidence ({DECISIVE:g} settles a question):"]
+    for one in found.separations:
+        pair = f"{one.finding.words(robot)} or {one.rival.words(robot)}"
+        doubt = "" if one.settled else "  (may stay open: a longer or wider motion may help)"
+        lines.append(f"  {pair}: {one.evidence:.3g}{doubt}")
+    return [*lines, *found.notes]
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """What is being done, on one line of a terminal."""
+    bar = tqdm(total=0, bar_format="{desc} ({elapsed})", disable=not sys.stderr.isatty(), leave=False)
+    with bar:
+        yield bar.set_description_str

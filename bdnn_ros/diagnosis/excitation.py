@@ -1,0 +1,226 @@
+"""The next motion: pieces chosen so that together they tell the rivals of a diagnosis apart.
+
+Pieces are drawn at random inside the limits; their information adds up, so the best set is found by adding
+the piece that helps most, then by exchanging pieces while that helps (Fedorov, Theory of Optimal Experiments,
+1972).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.diagnosis.motions import Bounds, Piece, Trajectory, changed, drawn
+from bdnn_ros.diagnosis.rivals import Case, Suspect
+from bdnn_ros.diagnosis.routes import joined, way
+from bdnn_ros.diagnosis.separation import Design, left_out
+from bdnn_ros.errors import DataError, UsageError
+from bdnn_ros.robot import Robot
+
+DRAWS = 160
+"""Pieces drawn at first, and again near the best ones."""
+CHANGES = 60
+PIECE_SECONDS = 4.0
+"""Length of a piece, shorter for short motions [s]."""
+SHORTEST_WAY = 0.5
+"""What it takes at least from one piece to the next [s]."""
+FEWEST = 3
+"""Pieces that a motion is made of at least."""
+EXCHANGES = 3
+BATCH = 40
+"""Pieces compared at once: more take memory, not time."""
+NOISE_SHARE = 0.01
+"""Effort noise where none was measured, as a share of the effort limit."""
+DECISIVE = 10.0
+"""Expected evidence above which a question counts as settled [nats]."""
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What a motion is expected to say about a finding and its rival."""
+
+    finding: Suspect
+    rival: Suspect
+    evidence: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether the expected evidence decides."""
+        return self.evidence >= DECISIVE
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """The motion, what it is expected to settle, and what no motion of its kind can."""
+
+    trajectory: Trajectory
+    separations: tuple[Separation, ...]
+    notes: tuple[str, ...]
+
+
+def excite(
+    robot: Robot,
+    case: Case | None = None,
+    *,
+    bounds: Bounds | None = None,
+    duration: float = 30.0,
+    rate: float = 100.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Excitation:
+    """A motion inside the limits that tells the rivals of a diagnosis apart, or shows all parameters.
+
+    Args:
+        robot: bodies, armature and friction as known best; limits.
+        case: what a diagnosis left open; None asks for all base parameters alike.
+        bounds: limits to keep; None takes the robot's, with a reserve.
+        duration: how long it may take [s].
+        rate: points a second [Hz].
+
+    Raises:
+        UsageError: duration or rate make no sense.
+        DataError: no motion was found that keeps the limits.
+    """
+    if not 4.0 <= duration <= 600.0:
+        raise UsageError(f"A motion of {duration:g} s makes no sense.", "Use 4 to 600 s.")
+    if not 10.0 <= rate <= 1000.0:
+        raise UsageError(f"A rate of {rate:g} Hz makes no sense.", "Use 10 to 1000 Hz.")
+    say = progress or (lambda text: None)
+    bounds = bounds or Bounds.of(robot)
+    design = Design(robot, _noise(robot, case), case)
+    search = _Search(robot, bounds, design, duration, np.random.default_rng(seed), say)
+    pieces = search.run()
+    say("joining")
+    trajectory = joined(robot, bounds, pieces, rate)
+    if trajectory is None:
+        raise DataError("No way between the motion's parts keeps the effort limits.", "Widen the limits.")
+    gram = sum(design.gram(piece) for piece in pieces)
+    evidence = design.evidence(np.asarray(gram))
+    separations = [
+        Separation(pair.finding, pair.rival, float(value))
+        for pair, value in zip(design.pairs, evidence, strict=True)
+    ]
+    return Excitation(trajectory, tuple(separations), tuple(left_out(case, robot) if case else ()))
+
+
+def _noise(robot: Robot, case: Case | None) -> np.ndarray:
+    """Noise of each joint's effort, (n,) [N·m]."""
+    limits = np.where(np.isfinite(robot.limits.effort), robot.limits.effort, 100.0)
+    noise = NOISE_SHARE * limits
+    if case is not None:
+        for joint, value in zip(case.joints, case.noise, strict=True):
+            if value > 0.0:
+                noise[robot.joints.index(joint)] = value
+    return np.asarray(noise)
+
+
+class _Search:
+    """One search for the pieces of a motion."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        bounds: Bounds,
+        design: Design,
+        duration: float,
+        rng: np.random.Generator,
+        say: Progress,
+    ) -> None:
+        self.robot, self.bounds, self.design, self.rng, self.say = robot, bounds, design, rng, say
+        self.duration = duration
+        self.length = min(PIECE_SECONDS, duration / (FEWEST + 1))
+        self.pieces: list[Piece] = []
+        self.grams: list[np.ndarray] = []
+
+    def run(self) -> list[Piece]:
+        """The best set of pieces, in an order of short ways."""
+        focus = self._focus()
+        for k in range(DRAWS):
+            if k % 20 == 0:
+                self.say(f"drawing motions {k}/{DRAWS}")
+            self._take(drawn(self.robot, self.bounds, self.length, focus, self.rng))
+        if not self.pieces:
+            raise DataError(
+                "No motion was found that keeps the limits.",
+                "Check the effort limits: they should at least hold the arm against gravity.",
+            )
+        count = int(np.ceil(self.duration / (self.length + SHORTEST_WAY)))
+        chosen = self._exchanged(self._grown(count))
+        self.say("refining")
+        for k in range(CHANGES):
+            self._take(changed(self.robot, self.bounds, self.pieces[chosen[k % len(chosen)]], self.rng))
+        chosen = self._exchanged(chosen)
+        return self._short_enough(chosen)
+
+    def _take(self, piece: Piece | None) -> None:
+        if piece is not None:
+            self.pieces.append(piece)
+            self.grams.append(self.design.gram(piece))
+
+    def _focus(self) -> np.ndarray:
+        """How much each joint matters, (n,): those of the questions most, their neighbours some."""
+        focus = np.full(self.robot.width, 0.05)
+        for suspect in self.design.suspects if self.design.asked else ():
+            if suspect.target < 0 or suspect.link is not None:
+                focus[: suspect.target + 1 if suspect.link else None] += 0.5
+            else:
+                focus[suspect.target] += 1.0
+        return focus
+
+    def _total(self, chosen: list[int]) -> np.ndarray:
+        return np.asarray(np.sum([self.grams[k] for k in chosen], axis=0)) + np.zeros_like(self.grams[0])
+
+    def _best(self, chosen: list[int]) -> int:
+        """The piece that helps most beside the chosen."""
+        total, values = self._total(chosen), []
+        for first in range(0, len(self.grams), BATCH):
+            values.append(self.design.value(total + np.array(self.grams[first : first + BATCH])))
+        return int(np.argmax(np.concatenate(values)))
+
+    def _grown(self, count: int) -> list[int]:
+        chosen: list[int] = []
+        for k in range(count):
+            self.say(f"choosing {k + 1}/{count}")
+            chosen.append(self._best(chosen))
+        return chosen
+
+    def _exchanged(self, chosen: list[int]) -> list[int]:
+        """Give each piece's place to a better one, until none is."""
+        for _ in range(EXCHANGES):
+            before = list(chosen)
+            for k in range(len(chosen)):
+                self.say(f"exchanging {k + 1}/{len(chosen)}")
+                rest = chosen[:k] + chosen[k + 1 :]
+                chosen = [*rest[:k], self._best(rest), *rest[k:]]
+            if chosen == before:
+                break
+        return chosen
+
+    def _short_enough(self, chosen: list[int]) -> list[Piece]:
+        """The pieces in an order of short ways; the least useful ones go until the time suffices."""
+        while True:
+            pieces, time = self._ordered([self.pieces[k] for k in chosen])
+            if time <= self.duration or len(chosen) == 1:
+                return pieces
+            total = self._total(chosen)
+            values = [float(self.design.value(total - self.grams[k])) for k in chosen]
+            chosen = [c for k, c in enumerate(chosen) if k != int(np.argmax(values))]
+
+    def _ordered(self, pieces: list[Piece]) -> tuple[list[Piece], float]:
+        """The pieces, each followed by the nearest one left, from the best start, and their time [s]."""
+        ways = [[way(self.robot, self.bounds, a.end, b.centre)[0] for b in pieces] for a in pieces]
+        best, shortest = pieces, np.inf
+        for start in range(len(pieces)):
+            order, left, time = [start], set(range(len(pieces))) - {start}, 0.0
+            while left:
+                nearest = min(left, key=lambda k: ways[order[-1]][k])
+                time += ways[order[-1]][nearest]
+                order.append(nearest)
+                left.remove(nearest)
+            if time < shortest:
+                best, shortest = [pieces[k] for k in order], time
+        return best, shortest + sum(piece.duration for piece in pieces)

@@ -1,0 +1,238 @@
+"""How well a motion would tell causes apart, before it is made.
+
+The expected evidence of a finding against its rival is half the squared norm of what is left of its effort
+after the rival, the other findings and the links' errors have explained what they can: the criterion of
+T-optimal design (Atkinson, Fedorov, The design of experiments for discriminating between two rival models,
+Biometrika 62(1), 1975). It follows from Gram matrices, which add up over pieces of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.diagnosis.equations import relative_inertials
+from bdnn_ros.diagnosis.motions import Piece
+from bdnn_ros.diagnosis.rivals import Case, Suspect
+from bdnn_ros.effects.base import Effect, Motion
+from bdnn_ros.effects.registry import get
+from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.signals import Signals
+
+RATE = 50.0
+"""Samples a second at which motions are looked at [Hz]."""
+CUTOFF = 10.0
+"""Low-pass that a recording of the motion will pass [Hz]."""
+THINNING = 2
+"""One sample in so many carries independent noise."""
+LINK_ERROR = 0.06
+"""How far the links may be off: what an error of theirs can explain tells nothing."""
+STAMP_ERROR = 1e-3
+"""How far the effort's stamps may be off [s]."""
+MOST_SHAPES = 4
+"""A rival whose shape is not known is granted so many of them at once."""
+COMMON = ("viscous_friction", "coulomb_friction", "armature", "effort_offset")
+TIMED = frozenset({"external_wrench", "drift"})
+"""What is there only for a time is told by repeating a motion, not by another one."""
+SMALL = 1e-3
+"""Evidence that counts as none [nats]."""
+LEAST_WEIGHT = 0.05
+"""Weight of a rival that is hardly probable."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A finding and one rival, as columns of the design: what effort is to be left after which explanation.
+
+    Where the rival is the finding and more (Stribeck beside Coulomb friction), it would explain all of it;
+    then the rival's own columns are to be left after the finding's, each with the finding's peak.
+
+    Attributes:
+        finding, rival: what is to be told apart.
+        own: columns whose effort is to be left.
+        as_large_as: column that gives the peak of each of them, or None where they have it.
+        others: columns that may explain it, and the precision of their prior.
+        weight: how much it matters.
+    """
+
+    finding: Suspect
+    rival: Suspect
+    own: np.ndarray
+    as_large_as: int | None
+    others: np.ndarray
+    precision: np.ndarray
+    weight: float
+
+
+class Design:
+    """The columns that questions need, and what a motion's Gram matrix says about them.
+
+    Args:
+        robot: bodies, armature and friction as known best.
+        noise: of each joint's low-passed effort, (n,) [N·m].
+        case: the questions; None, or one without rivals, asks for all base parameters alike.
+
+    Attributes:
+        asked: there are rivals to be told apart.
+        suspects: whose columns are in the design: the findings first.
+        pairs: what is to be told apart; known once a piece was seen.
+        peaks: largest value of each column in all pieces seen, (P,).
+    """
+
+    def __init__(self, robot: Robot, noise: np.ndarray, case: Case | None = None) -> None:
+        self.robot, self.noise = robot, noise
+        self.relative = relative_inertials(robot)
+        questions = case.questions if case else ()
+        self.questions = [
+            q for q in questions if not (q.finding.effect.kinematic or q.finding.effect.name in TIMED)
+        ]
+        self.suspects = [q.finding for q in self.questions]
+        self.suspects += [r for q in self.questions for r in q.rivals if _tellable(r)]
+        self.asked = any(_tellable(r) for q in self.questions for r in q.rivals)
+        if not self.asked:
+            self.suspects += [s for s in _common(robot) if not _listed(s, self.suspects)]
+        self._slots: list[np.ndarray] = []
+        self._own: list[int] = []
+        self.pairs: list[Pair] = []
+        self.peaks = np.zeros(0)
+
+    def gram(self, piece: Piece) -> np.ndarray:
+        """Information of a piece about all columns, (P, P), in units of the noise."""
+        columns = self._columns(piece)
+        rows = columns[::THINNING] / self.noise[:, None]
+        tall = rows.reshape(-1, columns.shape[2])
+        return np.asarray(tall.T @ tall)
+
+    def _columns(self, piece: Piece) -> np.ndarray:
+        motion = motion_of(self.robot, piece)
+        smooth = motion.signals.smooth
+        parts = [smooth(motion.regressor @ self.relative), smooth(motion.load_rate)[..., None]]
+        slots, own, at = [], [], parts[0].shape[2] + 1
+        for suspect in self.suspects:
+            raw, combined = _suspect_columns(suspect, motion)
+            slots.append(np.arange(at, at + raw.shape[2]))
+            own.append(at + raw.shape[2])
+            at += raw.shape[2] + 1
+            parts += [smooth(raw), smooth(combined)[..., None]]
+        if not self._slots:
+            self._slots, self._own, self.peaks = slots, own, np.full(at, 1e-9)
+            self._pair()
+        columns = np.concatenate(parts, axis=2)
+        self.peaks = np.maximum(self.peaks, np.abs(columns).max(axis=(0, 1)))
+        return columns
+
+    def _pair(self) -> None:
+        links = self.robot.width * PER_LINK
+        base = np.arange(links + 1)
+        known = np.concatenate([np.full(links, LINK_ERROR), [STAMP_ERROR]]) ** -2.0
+        for k, question in enumerate(self.questions):
+            rest = [self._slots[i] for i in range(len(self.questions)) if i != k]
+            for rival in filter(_tellable, question.rivals):
+                slot = self._slots[self.suspects.index(rival)]
+                own, size, beside = np.array([self._own[k]]), None, slot
+                if question.finding.effect.name in rival.effect.contains:
+                    own, size, beside = slot, self._own[k], self._slots[k]
+                others = np.unique(np.concatenate([beside, *rest])).astype(int)
+                precision = np.concatenate([known, np.zeros(len(others))])
+                weight = max(rival.probability, LEAST_WEIGHT)
+                others = np.append(base, others)
+                self.pairs.append(Pair(question.finding, rival, own, size, others, precision, weight))
+
+    def evidence(self, gram: np.ndarray) -> np.ndarray:
+        """Expected evidence of each pair, (..., pairs) [nats], of Gram matrices (..., P, P)."""
+        values = [_left(gram, pair, self.peaks) for pair in self.pairs]
+        return np.stack(values, axis=-1) if values else np.empty((*gram.shape[:-2], 0))
+
+    def value(self, gram: np.ndarray) -> np.ndarray:
+        """What a choice of pieces maximises, (...): all pairs told apart, or all base parameters known."""
+        if self.asked:
+            weights = np.array([pair.weight for pair in self.pairs])
+            return np.asarray(np.log(SMALL + self.evidence(gram)) @ (weights / weights.sum()))
+        links = self.robot.width * PER_LINK + 1
+        slots = np.concatenate([np.arange(links), *self._slots]).astype(int)
+        prior = np.concatenate([np.full(links, LINK_ERROR**-2.0), np.full(len(slots) - links, 1e-6)])
+        return np.linalg.slogdet(gram[..., slots[:, None], slots] + np.diag(prior))[1]
+
+
+def _left(gram: np.ndarray, pair: Pair, peaks: np.ndarray) -> np.ndarray:
+    """Half the squared norm of a pair's own effort after the others' best explanation, (...)."""
+    inner = gram[..., pair.others[:, None], pair.others]
+    cross = gram[..., pair.others[:, None], pair.own]
+    ridge = pair.precision + 1e-9 * np.maximum(np.diagonal(inner, axis1=-2, axis2=-1), 1e-9)
+    explained = np.sum(
+        cross * np.linalg.solve(inner + ridge[..., None] * np.eye(len(pair.others)), cross), axis=-2
+    )
+    power = gram[..., pair.own, pair.own]
+    left = np.maximum(power - explained, 0.0)
+    if pair.as_large_as is None:
+        return np.asarray(0.5 * left.sum(axis=-1))
+    size = peaks[pair.as_large_as] / peaks[pair.own]
+    return np.asarray(0.5 * np.mean(size**2 * left, axis=-1))
+
+
+def motion_of(robot: Robot, piece: Piece) -> Motion:
+    """A piece as effects see it, free of noise."""
+    time = np.arange(0.0, piece.duration, 1.0 / RATE)
+    path = piece.at(time)
+    signals = Signals(
+        time=time,
+        joints=robot.joints,
+        position=path.position,
+        velocity=path.velocity,
+        acceleration=path.acceleration,
+        effort=None,
+        reported_velocity=None,
+        rate=RATE,
+        cutoff=CUTOFF,
+        segments=(slice(0, len(time)),),
+        position_noise=np.zeros(robot.width),
+        raw_rate=RATE,
+    )
+    load = robot.rigid_effort(path.position, path.velocity, path.acceleration)
+    load = load + robot.armature * path.acceleration + robot.viscous * path.velocity
+    return Motion(signals, robot, load + robot.coulomb * signals.sign)
+
+
+def _suspect_columns(suspect: Suspect, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of a suspect (N, n, k) and the effort of its values (N, n), zero where they are unknown."""
+    effect, target, link = suspect.effect, suspect.target, suspect.link
+    if suspect.values is not None:
+        coefficients, shape = effect.coefficients(suspect.values)
+        columns = effect.columns(motion, target, shape, link)
+        return columns, columns @ coefficients
+    shapes = _spread_out(effect, motion, target, link)
+    columns = np.concatenate([effect.columns(motion, target, shape, link) for shape in shapes], axis=2)
+    return columns, np.zeros(columns.shape[:2])
+
+
+def _spread_out(effect: Effect, motion: Motion, target: int, link: str | None) -> list[Mapping[str, float]]:
+    shapes: Sequence[Mapping[str, float]] = effect.shapes(motion, target, link)
+    chosen = np.unique(np.linspace(0, len(shapes) - 1, MOST_SHAPES).round().astype(int))
+    return [shapes[k] for k in chosen]
+
+
+def _tellable(suspect: Suspect) -> bool:
+    return not suspect.effect.kinematic and suspect.effect.name not in TIMED
+
+
+def _common(robot: Robot) -> list[Suspect]:
+    """What almost every drive has, on every joint."""
+    return [Suspect(get(name), joint, None, None, 0.0) for name in COMMON for joint in range(robot.width)]
+
+
+def _listed(suspect: Suspect, among: Sequence[Suspect]) -> bool:
+    return any((s.effect.name, s.target) == (suspect.effect.name, suspect.target) for s in among)
+
+
+def left_out(case: Case, robot: Robot) -> list[str]:
+    """One sentence for each question that another motion does not settle."""
+    sentences = []
+    for question in case.questions:
+        for one in (question.finding, *question.rivals):
+            if one.effect.name in TIMED:
+                sentences.append(f"{one.words(robot)} acts for a time: repeat the same motion to see it go.")
+            elif one.effect.kinematic:
+                sentences.append(f"{one.words(robot)} shows in the reported velocity of any quick motion.")
+    return list(dict.fromkeys(sentences))

@@ -1,0 +1,124 @@
+"""`bdnn excite`: files that a controller takes, and clear refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from excitation_cases import finding, place, write_diagnosis
+
+from bdnn_ros.cli.main import main
+from bdnn_ros.diagnosis import excitation
+from bdnn_ros.diagnosis.extended import ExtendedModel
+from bdnn_ros.online.models import save_model
+from bdnn_ros.robot import Robot
+
+JOINTS = ("arm2_joint1", "arm2_joint2")
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch) -> None:
+    monkeypatch.setattr(excitation, "DRAWS", 20)
+    monkeypatch.setattr(excitation, "CHANGES", 5)
+
+
+@pytest.fixture
+def diagnosis(tmp_path: Path) -> Path:
+    friction = finding(
+        place("coulomb_friction", JOINTS[0]), {"coulomb": 0.3}, place("viscous_friction", JOINTS[0])
+    )
+    return write_diagnosis(tmp_path / "diagnosis.json", JOINTS, friction, urdf="arm2")
+
+
+def test_files_agree_and_keep_the_limits(diagnosis: Path, tmp_path: Path, capsys) -> None:
+    limits = ["--velocity", "0.5", "--acceleration", "6", "--range", "arm2_joint1=-1:0.5"]
+    out = tmp_path / "next"
+    words = [
+        "excite",
+        "--for",
+        str(diagnosis),
+        "--out",
+        str(out),
+        "--duration",
+        "12",
+        "--rate",
+        "50",
+        *limits,
+    ]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "coulomb_friction@arm2_joint1 or viscous_friction@arm2_joint1" in said
+    header, *lines = (out / "trajectory.csv").read_text().splitlines()
+    assert header.split(",")[:3] == ["time", "arm2_joint1.position", "arm2_joint2.position"]
+    table = np.array([[float(x) for x in line.split(",")] for line in lines])
+    assert table.shape[1] == 7
+    np.testing.assert_allclose(np.diff(table[:, 0]), 0.02, atol=1e-9)
+    robot = Robot.bundled("arm2")
+    assert table[:, 1].min() >= -1.0 and table[:, 1].max() <= 0.5
+    assert (np.abs(table[:, 3:5]) <= 0.501 * robot.limits.velocity).all()
+    assert np.abs(table[:, 5:7]).max() <= 6.01
+
+    message = yaml.safe_load((out / "trajectory.yaml").read_text())
+    assert set(message) == {"header", "joint_names", "points"}
+    assert message["joint_names"] == list(JOINTS)
+    points = message["points"]
+    assert len(points) == len(table)
+    assert set(points[0]) == {"positions", "velocities", "accelerations", "effort", "time_from_start"}
+    np.testing.assert_allclose([p["positions"] for p in points], table[:, 1:3], atol=1e-9)
+    np.testing.assert_allclose([p["accelerations"] for p in points], table[:, 5:7], atol=1e-9)
+    stamps = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
+    np.testing.assert_allclose(stamps, table[:, 0], atol=1e-9)
+
+
+def test_the_same_seed_gives_the_same_files(diagnosis: Path, tmp_path: Path) -> None:
+    texts = []
+    for seed, name in ((1, "a"), (1, "b"), (2, "c")):
+        words = ["excite", "--for", str(diagnosis), "--duration", "8", "--seed", str(seed)]
+        assert main([*words, "--out", str(tmp_path / name)]) == 0
+        texts.append((tmp_path / name / "trajectory.csv").read_text())
+    assert texts[0] == texts[1] != texts[2]
+
+
+def test_a_model_or_a_robot_without_a_diagnosis(tmp_path: Path, capsys) -> None:
+    model = save_model(tmp_path, ExtendedModel(Robot.bundled("arm2"), (), np.zeros(2)))
+    for robot in ([str(model)], ["--robot", "arm2"]):
+        assert main(["excite", *robot, "--duration", "8", "--out", str(tmp_path / "out")]) == 0
+        assert "shows all parameters" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ([], "no robot"),
+        (["--robot", "arm2", "--urdf", "x.urdf"], "More than one"),
+        (["--robot", "arm2", "--duration", "1"], "1 s"),
+        (["--robot", "arm2", "--margin", "0.7"], "margin"),
+        (["--robot", "arm2", "--range", "arm2_joint1=left"], "--range"),
+        (["--robot", "arm2", "--range", "elbow=0:1"], "elbow"),
+        (["--robot", "arm2", "--seed", "-1"], "negative"),
+        (["--robot", "arm2", "--for", "nowhere.json"], "cannot be read"),
+        (["nowhere"], "no model"),
+    ],
+)
+def test_wrong_usage(words: list[str], says: str, capsys) -> None:
+    assert main(["excite", *words]) == 2
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("bdnn_ros/diagnosis", "other"), "not a diagnosis"),
+        (("noise_floor", "nothing"), "incomplete"),
+        (("coulomb_friction", "gremlins"), "gremlins"),
+        (("arm2_joint1", "elbow"), "elbow"),
+        (("{", "["), "cannot be read"),
+    ],
+)
+def test_damaged_diagnoses(diagnosis: Path, change: tuple[str, str], says: str, capsys) -> None:
+    diagnosis.write_text(diagnosis.read_text().replace(*change))
+    assert main(["excite", "--robot", "arm2", "--for", str(diagnosis)]) == 2
+    error = capsys.readouterr().err
+    assert says in error and "Traceback" not in error
