@@ -155,7 +155,8 @@ def held_friction(
     """Friction of joints that may stick: what stops them, unless it takes more than there is.
 
     The linear complementarity problem `rate = wanted - coupling · friction`, where rate = 0 inside the
-    limits, rate >= 0 at the upper and <= 0 at the lower one, by changing the worst joint's state until none is wrong.
+    limits, rate >= 0 at the upper and <= 0 at the lower one, by changing the worst joint's state until none
+    is wrong.
 
     Args:
         coupling: inverse mass matrix of these joints, (k, k).

@@ -1,0 +1,124 @@
+"""`bdnn simulate`: a bag and its truth, nothing told too early, and honest refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
+from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.robot import Robot
+
+SHORT = ("--duration", "2", "--rate", "100")
+
+
+def simulated(tmp_path: Path, *arguments: str, robot: str = "arm2") -> tuple[Path, int]:
+    """Output directory and exit status of a short simulation."""
+    out = tmp_path / "out"
+    return out, main(["simulate", "--robot", robot, *SHORT, *arguments, "--out", str(out)])
+
+
+def test_it_writes_a_bag_with_the_description_and_the_truth_beside_it(tmp_path, capsys):
+    spec = "coulomb_friction@arm2_joint1:coulomb=0.5"
+    out, status = simulated(tmp_path, "--effect", spec, "--effect", "effort_delay:delay=0.01")
+    assert status == 0
+    recording = bags.read(out / "bag")
+    assert (len(recording), recording.joints) == (200, ("arm2_joint1", "arm2_joint2"))
+    assert recording.urdf == Robot.bundled("arm2").urdf
+    assert recording.velocity is not None and recording.effort is not None
+    truth = yaml.safe_load((out / "truth.yaml").read_text())
+    assert (truth["format"], truth["version"], truth["robot"]) == ("bdnn_ros/truth", 1, "arm2")
+    assert truth["effects"] == [
+        {"effect": "coulomb_friction", "joint": "arm2_joint1", "link": None, "parameters": {"coulomb": 0.5}},
+        {"effect": "effort_delay", "joint": None, "link": None, "parameters": {"delay": 0.01}},
+    ]
+    printed = capsys.readouterr().out
+    assert "arm2_joint1 has Coulomb friction" in printed
+    assert "10 ms" in printed
+    assert sorted(path.name for path in out.iterdir()) == ["bag", "truth.yaml"]
+
+
+def test_the_output_directory_reads_like_the_bag_in_it(tmp_path):
+    out, _ = simulated(tmp_path)
+    assert (bags.read(out).position == bags.read(out / "bag").position).all()
+
+
+def test_what_is_hidden_is_not_printed(tmp_path, capsys):
+    out, status = simulated(tmp_path, "--hide", "2", "--seed", "3", "--worn", "--wrong", "0.05", "--coloured")
+    assert status == 0
+    printed = capsys.readouterr()
+    truth = yaml.safe_load((out / "truth.yaml").read_text())
+    assert len(truth["effects"]) == 2
+    assert truth["worn"] and truth["links"] and truth["noise"]["coloured"]
+    for word in (*EFFECTS, *(EFFECTS[entry["effect"]].title for entry in truth["effects"])):
+        assert word not in printed.out + printed.err
+
+
+def test_the_same_seed_gives_the_same_bag_and_truth(tmp_path):
+    first, _ = simulated(tmp_path / "a", "--hide", "1", "--seed", "9")
+    second, _ = simulated(tmp_path / "b", "--hide", "1", "--seed", "9")
+    other, _ = simulated(tmp_path / "c", "--hide", "1", "--seed", "10")
+    assert (first / "bag" / "bag.mcap").read_bytes() == (second / "bag" / "bag.mcap").read_bytes()
+    assert (first / "truth.yaml").read_text() == (second / "truth.yaml").read_text()
+    assert (first / "truth.yaml").read_text() != (other / "truth.yaml").read_text()
+
+
+def test_noise_can_be_left_out(tmp_path):
+    quiet, _ = simulated(tmp_path / "a", "--noise", "0")
+    noisy, _ = simulated(tmp_path / "b", "--noise", "0.02")
+    difference = bags.read(noisy).effort - bags.read(quiet).effort
+    assert np.std(difference, axis=0) == pytest.approx(
+        0.02 * np.ptp(bags.read(quiet).effort, axis=0), rel=0.2
+    )
+
+
+def test_a_robot_of_ones_own_is_simulated_from_its_urdf(tmp_path):
+    urdf = tmp_path / "mine.urdf"
+    urdf.write_text(Robot.bundled("arm2").urdf.replace("arm2", "mine"))
+    out = tmp_path / "out"
+    assert main(["simulate", "--urdf", str(urdf), *SHORT, "--poor", "--out", str(out)]) == 0
+    recording = bags.read(out)
+    assert recording.joints == ("mine_joint1", "mine_joint2")
+    assert np.count_nonzero(np.ptp(recording.position, axis=0) > 0.01) == 1
+    assert yaml.safe_load((out / "truth.yaml").read_text())["robot"] == "mine"
+
+
+def test_a_recording_that_is_there_is_kept_unless_told_otherwise(tmp_path, capsys):
+    out, _ = simulated(tmp_path, "--seed", "1")
+    before = (out / "bag" / "bag.mcap").read_bytes()
+    _, status = simulated(tmp_path, "--seed", "2")
+    assert (status, (out / "bag" / "bag.mcap").read_bytes()) == (2, before)
+    assert "--overwrite" in capsys.readouterr().err
+    _, status = simulated(tmp_path, "--seed", "2", "--overwrite")
+    assert status == 0
+    assert (out / "bag" / "bag.mcap").read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "says"),
+    [
+        (("--robot", "arm9"), 2, "arm2, arm6, arm7"),
+        ((), 2, "no robot to simulate"),
+        (("--robot", "arm2", "--urdf", "x.urdf"), 2, "Give one of them"),
+        (("--urdf", "missing.urdf"), 2, "missing.urdf"),
+        (("--robot", "arm2", "--effect", "rust"), 2, "No effect 'rust'"),
+        (("--robot", "arm2", "--effect", "armature@elbow:armature=1"), 2, "cannot act on 'elbow'"),
+        (("--robot", "arm2", "--rate", "7"), 2, "7 Hz cannot be simulated"),
+        (("--robot", "arm2", "--duration", "1e9"), 2, "cannot be simulated"),
+        (("--robot", "arm2", "--noise", "2"), 2, "makes no sense"),
+        (("--robot", "arm2", "--seed", "-1"), 2, "negative"),
+        (("--robot", "arm2", "--hide", "-1"), 2, "cannot be hidden"),
+        (("--robot", "arm2", "--wrong", "5"), 2, "cannot be off"),
+        (("--robot", "arm2", "--effect", "payload@arm2_tool:mass=50"), 1, "too strong"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_in_one_sentence(arguments, status, says, tmp_path, capsys):
+    assert main(["simulate", *arguments, "--out", str(tmp_path / "out")]) == status
+    complaint = capsys.readouterr().err.strip().splitlines()[-1]
+    assert complaint.startswith("bdnn: error: ")
+    assert says in complaint
+    assert not (tmp_path / "out").exists()
