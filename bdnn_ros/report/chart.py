@@ -109,7 +109,7 @@ class Axes:
             x_label,
             f"{name} [{'m' if small else ''}{unit}]",
             ticks(self.x, x_most),
-            ticks((low, high), 4),
+            ticks((low, high), 5),
             tuple(layer for layer in self.layers if layer.path),
             alt,
             title,
@@ -127,14 +127,15 @@ class Axes:
 
 
 def ticks(of: Range, most: int) -> tuple[Tick, ...]:
-    """At most `most` + 1 round numbers inside a range."""
+    """As many round numbers inside a range as fit, `most` of them or fewer."""
     low, high = of
-    rough = (high - low) / most
-    power = 10.0 ** math.floor(math.log10(rough))
-    digits = next(s for s in (1.0, 2.0, 2.5, 5.0, 10.0) if s * power >= rough * (1.0 - 1e-9))
-    step = digits * power
-    first, last = math.ceil(low / step - 1e-6), math.floor(high / step + 1e-6)
-    decimals = max(0, -math.floor(math.log10(step) + 1e-9) + (digits == 2.5))
+    power = 10.0 ** math.floor(math.log10((high - low) / (most + 1)))
+    for digits in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0, 25.0, 50.0):
+        step = digits * power
+        first, last = math.ceil(low / step - 1e-6), math.floor(high / step + 1e-6)
+        if last - first < most:
+            break
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9) + (digits in (2.5, 25.0)))
     return tuple(
         Tick(round(100.0 * (k * step - low) / (high - low), 2), _label(k * step, decimals))
         for k in range(first, last + 1)

@@ -59,7 +59,7 @@ def effort_panel(shown: View, joint: int) -> Panel:
         "time [s]",
         ("effort", unit),
         f"Effort of {name} against time: measured, by the {reference(shown.since)}, by the extended model.",
-        x_most=8,
+        x_most=9,
     )
 
 
@@ -79,7 +79,7 @@ def residual_panel(shown: View, joint: int) -> Panel:
         ("residual", unit),
         f"Residual of {name} against time: RMS {rms[0]:.3g} {unit} with the {reference(shown.since)}, "
         f"{rms[1]:.3g} {unit} with the extended model.",
-        x_most=8,
+        x_most=9,
     )
 
 
