@@ -114,7 +114,7 @@ class Motion:
 
     def sharp_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
         """As `joint_column` for columns with steps or ripples: low-passed as the effort was."""
-        return self.joint_column(target, *(self.signals.smooth(column) for column in columns))
+        return self.joint_column(target, *(self.signals.soften(column) for column in columns))
 
     @cached_property
     def regressor(self) -> np.ndarray:
@@ -284,7 +284,7 @@ class Effect(ABC):
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
         numbers = ", ".join(
-            f"{p.name} {values[p.name]:.3g} {p.unit}".rstrip(" -")
+            f"{p.name} {values[p.name]:.3g} {p.unit.replace('*', '·').replace('^2', '²')}".rstrip(" -")
             for p in self.parameters
             if p.name in values
         )
