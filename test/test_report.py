@@ -17,8 +17,10 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pytest
 from report_cases import examined, fourier_motion, worn
+from scipy.signal import lfilter
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.result import Rival
 from bdnn_ros.report import panels, report
 from bdnn_ros.report.plots import effort_figure, identification_png
@@ -292,6 +294,36 @@ def test_a_cause_is_drawn_against_what_it_is_a_function_of(spec: str, shown_by: 
     assert any(layer.kind.endswith(" effect") for layer in proof.before.layers)
     assert not any(layer.kind.endswith(" effect") for layer in proof.after.layers)
     assert proof.before.y_ticks == proof.after.y_ticks
+
+
+def test_a_filtered_velocity_is_shown_by_its_lag() -> None:
+    robot = Robot.bundled("arm2")
+    recording = worn(robot, [], fourier_motion(robot, 20.0))
+    assert recording.velocity is not None
+    keep = np.exp(-2.0 * np.pi * 3.0 / recording.rate)
+    slow = recording.velocity.copy()
+    slow[:, 0] = lfilter([1.0 - keep], [1.0, -keep], slow[:, 0])
+    recording = replace(recording, velocity=slow)
+    findings = tuple(reported_velocity([recording]))
+    assert [finding.joint for finding in findings] == ["arm2_joint1"]
+    examination = examined(robot, recording, [])
+    examination = replace(examination, diagnosis=replace(examination.diagnosis, findings=findings))
+    shown = view(examination)
+    assert shown.causes[0].part is None
+    proof = panels.evidence(shown, shown.causes[0])
+    assert proof is not None and proof.after is None and proof.against == "acceleration"
+    found = Page(render(examination))
+    assert found.problems == [] and "of the velocity's error" in found.words
+
+
+def test_sliding_joints_have_their_units() -> None:
+    plain = Robot.bundled("arm2")
+    name = plain.urdf.index('name="arm2_joint2"')
+    urdf = plain.urdf[:name] + plain.urdf[name:].replace('"revolute"', '"prismatic"', 1)
+    robot = Robot.from_urdf(urdf)
+    shown = view(examined(robot, worn(robot, [], fourier_motion(robot, 12.0)), []))
+    assert shown.units == (("N·m", "rad"), ("N", "m"))
+    assert panels.effort_panel(shown, 1).y_label.endswith("N]")
 
 
 def test_a_function_of_its_input_is_explained_and_noise_is_not() -> None:
