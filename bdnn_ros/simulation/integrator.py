@@ -167,7 +167,9 @@ def held_friction(
         Friction (k,) [N·m], and which joints stick, (k,) bool.
     """
     sliding = np.zeros(len(wanted), int)
-    friction = np.zeros(len(wanted))
+    friction = np.linalg.solve(coupling, wanted)
+    if ((friction >= lower) & (friction <= upper)).all():
+        return friction, sliding == 0
     for _ in range(8 * len(wanted)):
         friction = np.where(sliding > 0, upper, lower) * (sliding != 0)
         stick = np.flatnonzero(sliding == 0)
