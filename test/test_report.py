@@ -10,26 +10,23 @@ import subprocess
 import time
 from collections import Counter
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
 from report_cases import examined, fourier_motion, worn
-from scipy.signal import lfilter
+from report_page import Page
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
-from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.result import Rival
-from bdnn_ros.report import panels, report
+from bdnn_ros.report import report
 from bdnn_ros.report.plots import effort_figure, identification_png
 from bdnn_ros.report.report import render, write_report
 from bdnn_ros.report.view import view
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
-VOID = {"meta", "link", "br", "hr", "img", "input"}
 HOSTILE = "</pre><img src=x onerror=alert(1)>\"' {{7*7}} <script>alert(2)</script>"
 THREE = (
     "coulomb_friction@arm7_joint4:coulomb=1.3",
@@ -37,52 +34,6 @@ THREE = (
     "viscous_friction@arm7_joint1:viscous=2",
 )
 BROWSER = next((b for b in ("chromium", "chromium-browser", "google-chrome") if shutil.which(b)), None)
-
-
-class Page(HTMLParser):
-    """A page's elements, with what is wrong about them."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.open: list[str] = []
-        self.problems: list[str] = []
-        self.tags: Counter[str] = Counter()
-        self.attributes: list[tuple[str, str, str]] = []
-        self.headings: list[int] = []
-        self.text: list[str] = []
-        self.pre: list[str] = []
-        self.feed(text)
-        self.close()
-        if self.open:
-            self.problems.append(f"never closed: {self.open}")
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_startendtag(tag, attrs)
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags[tag] += 1
-        self.attributes += [(tag, name, value or "") for name, value in attrs]
-        if re.fullmatch(r"h[1-6]", tag):
-            self.headings.append(int(tag[1]))
-
-    def handle_endtag(self, tag: str) -> None:
-        if not self.open or self.open.pop() != tag:
-            self.problems.append(f"</{tag}> at {self.getpos()} closes nothing")
-
-    def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] != "style":
-            (self.pre if self.open[-1] == "pre" else self.text).append(data)
-
-    def values(self, name: str) -> list[str]:
-        """Values of one attribute."""
-        return [value for _, attribute, value in self.attributes if attribute == name]
-
-    @property
-    def words(self) -> str:
-        """Text without the machine-readable part, spaces made plain."""
-        return re.sub(r"\s+", " ", " ".join(self.text))
 
 
 @pytest.fixture(scope="module")
@@ -257,107 +208,6 @@ def test_a_diagnosis_as_it_is_made_is_reported() -> None:
     held = shown.usable & shown.held[:, None]
     before = np.sqrt(np.mean(np.where(held, shown.before, 0.0) ** 2, axis=0) / held.mean(axis=0))
     np.testing.assert_allclose(before, examination.diagnosis.effort_rmse["simulation"], rtol=1e-6)
-
-
-def test_the_rest_is_drawn_against_what_it_depends_on(arm: Robot) -> None:
-    hidden = ["joint_spring@arm7_joint6:stiffness=3,rest=1"]
-    recording = worn(arm, hidden, fourier_motion(arm))
-    examination = examined(arm, recording, [], verdict="cannot_tell", depends_on="arm7_joint6")
-    found = panels.rest_panels(view(examination))
-    assert [panel.title for panel in found] == ["Left at arm7_joint6"]
-    assert found[0].x_label == "arm7_joint6 position [rad]"
-    assert "arm7_joint6.position" in Page(render(examination)).words
-
-
-# -- physics ------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("spec", "shown_by"),
-    [
-        ("coulomb_friction@arm2_joint1:coulomb=1", "velocity"),
-        ("viscous_friction@arm2_joint1:viscous=1", "velocity"),
-        ("armature@arm2_joint1:armature=1", "acceleration"),
-        ("joint_spring@arm2_joint1:stiffness=4,rest=0", "position"),
-        ("cogging@arm2_joint1:amplitude=1,periods_per_rev=4,phase=0.2", "position"),
-        ("load_dependent_friction@arm2_joint1:ratio=0.3", "load"),
-        ("external_wrench@arm2_joint1:start=4,end=9,torque=2", "time"),
-    ],
-)
-def test_a_cause_is_drawn_against_what_it_is_a_function_of(spec: str, shown_by: str) -> None:
-    robot = Robot.bundled("arm2")
-    examination = examined(robot, worn(robot, [spec], fourier_motion(robot, 15.0)), [spec])
-    shown = view(examination)
-    assert panels.best_input(shown, shown.causes[0]) == shown_by
-    proof = panels.evidence(shown, shown.causes[0])
-    assert proof is not None and proof.after is not None and proof.joint == "arm2_joint1"
-    assert any(layer.kind.endswith(" effect") for layer in proof.before.layers)
-    assert not any(layer.kind.endswith(" effect") for layer in proof.after.layers)
-    assert proof.before.y_ticks == proof.after.y_ticks
-
-
-def test_a_filtered_velocity_is_shown_by_its_lag() -> None:
-    robot = Robot.bundled("arm2")
-    recording = worn(robot, [], fourier_motion(robot, 20.0))
-    assert recording.velocity is not None
-    keep = np.exp(-2.0 * np.pi * 3.0 / recording.rate)
-    slow = recording.velocity.copy()
-    slow[:, 0] = lfilter([1.0 - keep], [1.0, -keep], slow[:, 0])
-    recording = replace(recording, velocity=slow)
-    findings = tuple(reported_velocity([recording]))
-    assert [finding.joint for finding in findings] == ["arm2_joint1"]
-    examination = examined(robot, recording, [])
-    examination = replace(examination, diagnosis=replace(examination.diagnosis, findings=findings))
-    shown = view(examination)
-    assert shown.causes[0].part is None
-    proof = panels.evidence(shown, shown.causes[0])
-    assert proof is not None and proof.after is None and proof.against == "acceleration"
-    found = Page(render(examination))
-    assert found.problems == [] and "of the velocity's error" in found.words
-
-
-def test_sliding_joints_have_their_units() -> None:
-    plain = Robot.bundled("arm2")
-    name = plain.urdf.index('name="arm2_joint2"')
-    urdf = plain.urdf[:name] + plain.urdf[name:].replace('"revolute"', '"prismatic"', 1)
-    robot = Robot.from_urdf(urdf)
-    shown = view(examined(robot, worn(robot, [], fourier_motion(robot, 12.0)), []))
-    assert shown.units == (("N·m", "rad"), ("N", "m"))
-    assert panels.effort_panel(shown, 1).y_label.endswith("N]")
-
-
-def test_a_function_of_its_input_is_explained_and_noise_is_not() -> None:
-    generator = np.random.default_rng(3)
-    x = generator.uniform(-1.0, 1.0, 3000)
-    direction = np.where(generator.uniform(size=3000) < 0.5, -1.0, 1.0)
-    assert panels.explained(x, np.sin(4.0 * x), direction) > 0.98
-    assert panels.explained(x, direction * (1.0 + x), direction) > 0.98
-    assert panels.explained(x, np.full(3000, 2.0), direction) == 1.0
-    assert panels.explained(x, generator.normal(size=3000), direction) < 0.1
-
-
-def test_a_curve_follows_its_function() -> None:
-    x = np.linspace(-2.0, 2.0, 2000)
-    centres, means = panels.curve(x, x**2)
-    np.testing.assert_allclose(means, centres**2, atol=0.02)
-    assert (np.diff(centres) > 0).all()
-
-
-def test_the_parts_add_up_to_what_the_simulation_leaves(three: Examination) -> None:
-    shown = view(three)
-    np.testing.assert_allclose(shown.residual + shown.named + shown.links, shown.before, atol=1e-9)
-    np.testing.assert_allclose(shown.simulated + shown.before, shown.measured)
-    assert [cause.finding for cause in shown.causes] == list(three.diagnosis.findings)
-
-
-def test_a_long_recording_is_drawn_where_the_simulation_errs_most() -> None:
-    robot = Robot.bundled("arm2")
-    spec = "external_wrench@arm2_joint1:start=80,end=95,torque=3"
-    examination = examined(robot, worn(robot, [spec], fourier_motion(robot, 120.0, 100.0)), [])
-    shown = view(examination)
-    begin, end = shown.time[shown.excerpt][[0, -1]]
-    assert end - begin <= 40.1 and begin <= 80.1 and end >= 94.9
-    assert "where the simulation errs most" in Page(render(examination)).words
 
 
 # -- files --------------------------------------------------------------------------------------------------

@@ -1,0 +1,119 @@
+"""What the report draws: the right input, the right parts, the right stretch of time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report_cases import examined, fourier_motion, worn
+from report_page import Page
+from scipy.signal import lfilter
+
+from bdnn_ros.diagnosis.kinematics import reported_velocity
+from bdnn_ros.report import panels
+from bdnn_ros.report.report import render
+from bdnn_ros.report.view import view
+from bdnn_ros.robot import Robot
+
+
+def test_the_rest_is_drawn_against_what_it_depends_on() -> None:
+    arm = Robot.bundled("arm7")
+    hidden = ["joint_spring@arm7_joint6:stiffness=3,rest=1"]
+    recording = worn(arm, hidden, fourier_motion(arm))
+    examination = examined(arm, recording, [], verdict="cannot_tell", depends_on="arm7_joint6")
+    found = panels.rest_panels(view(examination))
+    assert [panel.title for panel in found] == ["Left at arm7_joint6"]
+    assert found[0].x_label == "arm7_joint6 position [rad]"
+    assert "arm7_joint6.position" in Page(render(examination)).words
+
+
+@pytest.mark.parametrize(
+    ("spec", "shown_by"),
+    [
+        ("coulomb_friction@arm2_joint1:coulomb=1", "velocity"),
+        ("viscous_friction@arm2_joint1:viscous=1", "velocity"),
+        ("armature@arm2_joint1:armature=1", "acceleration"),
+        ("joint_spring@arm2_joint1:stiffness=4,rest=0", "position"),
+        ("cogging@arm2_joint1:amplitude=1,periods_per_rev=4,phase=0.2", "position"),
+        ("load_dependent_friction@arm2_joint1:ratio=0.3", "load"),
+        ("external_wrench@arm2_joint1:start=4,end=9,torque=2", "time"),
+    ],
+)
+def test_a_cause_is_drawn_against_what_it_is_a_function_of(spec: str, shown_by: str) -> None:
+    robot = Robot.bundled("arm2")
+    examination = examined(robot, worn(robot, [spec], fourier_motion(robot, 15.0)), [spec])
+    shown = view(examination)
+    assert panels.best_input(shown, shown.causes[0]) == shown_by
+    proof = panels.evidence(shown, shown.causes[0])
+    assert proof is not None and proof.after is not None and proof.joint == "arm2_joint1"
+    assert any(layer.kind.endswith(" effect") for layer in proof.before.layers)
+    assert not any(layer.kind.endswith(" effect") for layer in proof.after.layers)
+    assert proof.before.y_ticks == proof.after.y_ticks
+
+
+def test_a_filtered_velocity_is_shown_by_its_lag() -> None:
+    robot = Robot.bundled("arm2")
+    recording = worn(robot, [], fourier_motion(robot, 20.0))
+    assert recording.velocity is not None
+    keep = np.exp(-2.0 * np.pi * 3.0 / recording.rate)
+    slow = recording.velocity.copy()
+    slow[:, 0] = lfilter([1.0 - keep], [1.0, -keep], slow[:, 0])
+    recording = replace(recording, velocity=slow)
+    findings = tuple(reported_velocity([recording]))
+    assert [finding.joint for finding in findings] == ["arm2_joint1"]
+    examination = examined(robot, recording, [])
+    examination = replace(examination, diagnosis=replace(examination.diagnosis, findings=findings))
+    shown = view(examination)
+    assert shown.causes[0].part is None
+    proof = panels.evidence(shown, shown.causes[0])
+    assert proof is not None and proof.after is None and proof.against == "acceleration"
+    found = Page(render(examination))
+    assert found.problems == [] and "of the velocity's error" in found.words
+
+
+def test_sliding_joints_have_their_units() -> None:
+    plain = Robot.bundled("arm2")
+    name = plain.urdf.index('name="arm2_joint2"')
+    urdf = plain.urdf[:name] + plain.urdf[name:].replace('"revolute"', '"prismatic"', 1)
+    robot = Robot.from_urdf(urdf)
+    shown = view(examined(robot, worn(robot, [], fourier_motion(robot, 12.0)), []))
+    assert shown.units == (("N·m", "rad"), ("N", "m"))
+    assert panels.effort_panel(shown, 1).y_label.endswith("N]")
+
+
+def test_a_function_of_its_input_is_explained_and_noise_is_not() -> None:
+    generator = np.random.default_rng(3)
+    x = generator.uniform(-1.0, 1.0, 3000)
+    direction = np.where(generator.uniform(size=3000) < 0.5, -1.0, 1.0)
+    assert panels.explained(x, np.sin(4.0 * x), direction) > 0.98
+    assert panels.explained(x, direction * (1.0 + x), direction) > 0.98
+    assert panels.explained(x, np.full(3000, 2.0), direction) == 1.0
+    assert panels.explained(x, generator.normal(size=3000), direction) < 0.1
+
+
+def test_a_curve_follows_its_function() -> None:
+    x = np.linspace(-2.0, 2.0, 2000)
+    centres, means = panels.curve(x, x**2)
+    np.testing.assert_allclose(means, centres**2, atol=0.02)
+    assert (np.diff(centres) > 0).all()
+
+
+def test_the_parts_add_up_to_what_the_simulation_leaves() -> None:
+    robot = Robot.bundled("arm7")
+    specs = ["coulomb_friction@arm7_joint4:coulomb=1.3", "payload@arm7_joint7:mass=1.2,com_z=0.08"]
+    examination = examined(robot, worn(robot, specs, fourier_motion(robot)), specs)
+    shown = view(examination)
+    np.testing.assert_allclose(shown.residual + shown.named + shown.links, shown.before, atol=1e-9)
+    np.testing.assert_allclose(shown.simulated + shown.before, shown.measured)
+    assert [cause.finding for cause in shown.causes] == list(examination.diagnosis.findings)
+
+
+def test_a_long_recording_is_drawn_where_the_simulation_errs_most() -> None:
+    robot = Robot.bundled("arm2")
+    spec = "external_wrench@arm2_joint1:start=80,end=95,torque=3"
+    examination = examined(robot, worn(robot, [spec], fourier_motion(robot, 120.0, 100.0)), [])
+    shown = view(examination)
+    begin, end = shown.time[shown.excerpt][[0, -1]]
+    assert end - begin <= 40.1 and begin <= 80.1 and end >= 94.9
+    assert "where the simulation errs most" in Page(render(examination)).words
