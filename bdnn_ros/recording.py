@@ -247,9 +247,14 @@ def cleaned(
 
 def position_noise(recording: Recording) -> np.ndarray:
     """Standard deviation of white noise (and rounding) on the position, by third differences, (n,) [rad]."""
-    if len(recording) < 8:
-        return np.zeros(recording.width)
-    third = np.diff(recording.position, n=3, axis=0)
+    return white_noise(recording.position)
+
+
+def white_noise(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of white noise (and rounding) on evenly sampled values (N, n), by third differences, (n,)."""
+    if len(values) < 8:
+        return np.zeros(values.shape[1])
+    third = np.diff(values, n=3, axis=0)
     return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0))
 
 

@@ -53,6 +53,7 @@ class Signals:
         segments: rows of each gap-free piece.
         position_noise: standard deviation of the white noise on the measured position, (n,) [rad].
         raw_rate: the recording's own rate [Hz].
+        blurred: the effort has passed the kernel once, so what has steps must, too; see `soften` and `flattened`.
     """
 
     time: np.ndarray
@@ -67,6 +68,7 @@ class Signals:
     segments: tuple[slice, ...]
     position_noise: np.ndarray
     raw_rate: float
+    blurred: bool = True
 
     def __len__(self) -> int:
         return len(self.time)
@@ -89,6 +91,10 @@ class Signals:
             result[rows] = convolve1d(np.asarray(values[rows], float), weights, axis=0, mode="nearest")
         return result
 
+    def soften(self, values: np.ndarray) -> np.ndarray:
+        """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""
+        return self.smooth(values) if self.blurred else values
+
     @cached_property
     def interior(self) -> np.ndarray:
         """Samples far enough from a segment's end that `smooth` saw no edge there, (N,) bool."""
@@ -110,7 +116,7 @@ class Signals:
 
         With the sharp `direction` in its place the residual at reversals is a hundred times the noise's.
         """
-        return self.smooth(self.direction)
+        return self.soften(self.direction)
 
     @cached_property
     def rest_velocity(self) -> np.ndarray:
@@ -188,6 +194,32 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
         segments=tuple(slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)),
         position_noise=position_noise(recording),
         raw_rate=recording.rate,
+    )
+
+
+def flattened(signals: Signals, cutoff: float) -> Signals:
+    """The same signals with their low-pass made flat, to be compared behind a lower one.
+
+    What the kernel takes from a signal is given back once (twicing: 2 K - K², a kernel of fourth order), from motion and effort
+    alike. So a model that is not linear in the motion commutes with the filter, and `smooth` at `cutoff`, well below the
+    first one, hides what little is left; noise at high frequencies falls with it (Stuetzle and Mittal, 1979).
+
+    Args:
+        cutoff: -3 dB frequency of `smooth` [Hz] from now on.
+    """
+
+    def flat(values: np.ndarray) -> np.ndarray:
+        return 2.0 * values - signals.smooth(values)
+
+    return replace(
+        signals,
+        position=flat(signals.position),
+        velocity=flat(signals.velocity),
+        acceleration=flat(signals.acceleration),
+        effort=None if signals.effort is None else flat(signals.effort),
+        reported_velocity=None if signals.reported_velocity is None else flat(signals.reported_velocity),
+        cutoff=cutoff,
+        blurred=False,
     )
 
 

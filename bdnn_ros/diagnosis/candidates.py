@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,19 +68,15 @@ class Candidates:
         term = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
         rest = pool.fit([c for c in fit.terms if c != chosen])
         if term.effect.name == "external_wrench":
-            return best_window(pool, rest, term)
-        return _refined(equations, pool, rest, term) if term.effect.shape_bounds else term
+            return _refined(equations, pool, rest, best_window(pool, rest, term), ("start", "end"))
+        free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
+        return _refined(equations, pool, rest, term, free) if free else term
 
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> np.ndarray:
         """Effort that really acts by the fit, at the working rate, (N, n) [N·m]."""
         motion = equations.motion
         links = equations.rigid.shape[2]
-        robot = self.robot.with_inertials(
-            self.robot.inertials.ravel() + equations.relative @ fit.coefficients[:links]
-        )
-        base = robot.rigid_effort(motion.position, motion.velocity, motion.acceleration)
-        base = base + robot.armature * motion.acceleration + robot.viscous * motion.velocity
-        base = base + robot.coulomb * motion.signals.sign
+        base = equations.simulated + motion.regressor @ (equations.relative @ fit.coefficients[:links])
         for chosen in fit.terms:
             term = pool.terms[chosen]
             coefficients, _ = pool.part(fit, chosen)
@@ -93,10 +90,9 @@ def lone_gain(equations: Equations, pool: Pool, fit: Fit, term: Term) -> float:
     return pool.gain_of(fit, term, equations.reduced(raw))
 
 
-def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
+def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term, names: Sequence[str]) -> Term:
     """The term with its free shape parameters where they add most evidence to a fit."""
     fixed = dict(term.shape)
-    names = [name for name in fixed if name in term.effect.shape_bounds]
     start = np.array([fixed[name] for name in names])
     scale = np.where(np.abs(start) > 1e-9, np.abs(start), 1.0)
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.equations import Equations, build
+from bdnn_ros.diagnosis.equations import CUTOFF_OF_USUAL, Equations, build, quiet_cutoff
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.identifiability import Judgement, advice, judge
 from bdnn_ros.diagnosis.kinematics import reported_velocity
@@ -19,17 +20,26 @@ from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import concatenated, prepare
+from bdnn_ros.signals import Signals, concatenated, flattened, prepare
 
 EVERY_TEST_BLOCK = 5
 """One block in so many is kept out of the search and of the fit that the gain is measured with."""
 RESAMPLES = 1000
+MINIMUM_SHARE = 0.02
+"""An effect whose contribution is below this share of the effort's spread at every joint stays in the model without a name."""
 EXPLAINED = 1.3
 """An extended model within this factor of the noise floor explains the recording."""
 SLIGHT = 1.15
 """Links' errors that change the effort's RMS error by less than this factor above the floor need no words."""
 
 Progress = Callable[[str], None]
+
+
+class Predicts(Protocol):
+    """A model that predicts the effort along a motion."""
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """(N, n) [N·m], not low-passed."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +51,7 @@ class Examination:
         estimates: the findings' terms with their parameters, in the order of `fit.terms`.
         test: rows kept out of the search, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
+        model: what took the simulation's place, if anything did.
     """
 
     diagnosis: Diagnosis
@@ -53,6 +64,7 @@ class Examination:
     test: np.ndarray
     extended: np.ndarray
     remainder: Remainder
+    model: Predicts | None = None
 
 
 def diagnose(
@@ -72,14 +84,16 @@ def examine(
     *,
     cutoff: float | None = None,
     progress: Progress | None = None,
+    model: Predicts | None = None,
 ) -> Examination:
-    """Diagnose recordings of a robot against its simulation.
+    """Diagnose recordings of a robot against its simulation, or against a model identified earlier.
 
     Args:
         recordings: with effort; joints in the robot's order.
         robot: what the simulation believes.
         cutoff: low-pass [Hz], None chooses.
         progress: called with a few words on what is being done.
+        model: what takes the simulation's place: findings are then what changed since it was identified.
 
     Raises:
         RecordingError: no effort, too short, or no motion.
@@ -88,8 +102,9 @@ def examine(
     for recording in recordings:
         recording.require_effort()
     say("filtering")
-    signals = concatenated([prepare(recording, cutoff) for recording in recordings])
-    equations = build(signals, robot)
+    lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
+    signals = flattened(concatenated([prepare(recording, cutoff) for recording in recordings]), lower)
+    equations = build(signals, robot, None if model is None else model.predict(signals))
     if equations.blocks < EVERY_TEST_BLOCK:
         raise RecordingError(
             f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
@@ -99,26 +114,32 @@ def examine(
     whole = equations.usable
     equations.usable = whole & ~test[:, None]
     say("first look")
-    search = Search(equations, Candidates.of(robot), 1.0 / signals.raw_rate, say)
+    search = Search(equations, Candidates.of(robot), say)
     selection = search.run()
     say("weighing rivals")
     judgements = judge(search, selection)
-    fitted = Pool(
-        equations, selection.pool.noise, selection.terms, selection.pool.link_error, search.stamp_error
-    )
-    extended = fitted.residual(fitted.fit(range(len(selection.terms))))
+    fitted = Pool(equations, selection.pool.noise, selection.terms, selection.pool.link_error)
+    extended = fitted.residual(fitted.fit(range(len(selection.terms))), blur=False)
     equations.usable = whole
-    pool = Pool(
-        equations, selection.pool.noise, selection.terms, selection.pool.link_error, search.stamp_error
-    )
+    pool = Pool(equations, selection.pool.noise, selection.terms, selection.pool.link_error)
     fit = pool.fit(range(len(selection.terms)))
     found = estimates(pool, fit)
-    remainder = describe(equations, pool.residual(fit))
+    remainder = describe(equations, pool.residual(fit, blur=False))
     diagnosis = _diagnosis(
         recordings, robot, equations, selection, judgements, found, fitted, extended, test, remainder
     )
     return Examination(
-        diagnosis, tuple(recordings), robot, equations, pool, fit, tuple(found), test, extended, remainder
+        diagnosis,
+        tuple(recordings),
+        robot,
+        equations,
+        pool,
+        fit,
+        tuple(found),
+        test,
+        extended,
+        remainder,
+        model,
     )
 
 
@@ -139,6 +160,7 @@ def _diagnosis(
     findings = [
         _finding(robot, estimate, judgement, share)
         for estimate, judgement, share in zip(found, judgements, shares, strict=True)
+        if _size(equations, estimate) >= MINIMUM_SHARE
     ]
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
@@ -187,6 +209,13 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         rivals=rivals,
         sentence=estimate.term.effect.sentence(where, values),
     )
+
+
+def _size(equations: Equations, estimate: Estimate) -> float:
+    """Root mean square of what an effect adds, per spread of the effort, at the joint where it is largest."""
+    part = np.where(equations.usable, equations.columns(estimate.term) @ estimate.coefficients, 0.0)
+    count = np.maximum(equations.usable.sum(axis=0), 1)
+    return float((np.sqrt(np.sum(part**2, axis=0) / count) / equations.effort_scale).max())
 
 
 def _place(robot: Robot, estimate: Estimate) -> tuple[str | None, str | None]:

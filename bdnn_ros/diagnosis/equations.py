@@ -7,15 +7,17 @@ autoregressive model of its own residual, so that sums of squares are log likeli
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from bdnn_ros.effects.base import Effect, Motion
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.physical.parameters import feasible_pseudo_inertia, pseudo_inertia, tangent_basis
+from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
+from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import Signals, gaussian_std, usual_cutoff
 
 ROWS_PER_CUTOFF = 2.5
 """Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
@@ -25,6 +27,14 @@ TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
 BLOCK_SECONDS = 2.0
 """Held-out blocks are about this long."""
+
+
+CUTOFFS = (7.0, 6.0, 5.0, 4.2, 3.5, 3.0)
+"""Low-passes tried [Hz], widest first."""
+CUTOFF_OF_USUAL = 0.7
+"""Motion and effort are compared behind a low-pass at most this share of the usual one."""
+QUIET = 1.0
+"""Noise from the position may be so large beside the effort's."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,7 @@ class Equations:
 
     Attributes:
         motion: the motion at the working rate, with the robot of the URDF and the load estimate.
+        simulated: the simulation's effort at the working rate, (N, n) [N·m].
         rows: which working samples are rows, (R,).
         target: measured effort minus the simulation's, (R, n) [N·m].
         usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest.
@@ -71,6 +82,7 @@ class Equations:
     """
 
     motion: Motion
+    simulated: np.ndarray
     rows: np.ndarray
     target: np.ndarray
     usable: np.ndarray
@@ -80,7 +92,7 @@ class Equations:
     relative: np.ndarray
     effort_scale: np.ndarray
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
-    _shift: np.ndarray | None = None
+    _nuisances: np.ndarray | None = None
 
     @property
     def width(self) -> int:
@@ -108,17 +120,28 @@ class Equations:
         return self._columns[term]
 
     @property
-    def shift_column(self) -> np.ndarray:
-        """What one second of lead of the effort's stamps adds to the measured effort, (R, n, 1) [N·m/s]."""
-        if self._shift is None:
-            self._shift = self.reduced(self.motion.load_rate)[..., None]
-        return self._shift
+    def nuisances(self) -> np.ndarray:
+        """What is never a finding: columns of a lead and a blur of the effort against the motion, (R, n, 2).
+
+        The first is the load's rate: an effort that is held for a sample leads by half of one. The second is its curvature:
+        it weighs down what noise of the position adds at high frequencies, and stands for a slow effort sensor.
+        """
+        if self._nuisances is None:
+            rate = self.motion.load_rate
+            self._nuisances = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1))
+        return self._nuisances
+
+    @property
+    def nuisance_spread(self) -> np.ndarray:
+        """Prior standard deviations of the lead [s] and of the blur [s²], (2,)."""
+        signals = self.motion.signals
+        return np.array([1.0 / signals.raw_rate, signals.kernel_std**2])
 
     def relieve(self, load: np.ndarray) -> None:
         """Take a better estimate of the load, (N, n); columns made from the old one are forgotten."""
         self.motion = self.motion.with_load(load)
         self._columns = {term: kept for term, kept in self._columns.items() if not term.effect.of_load}
-        self._shift = None
+        self._nuisances = None
 
     def spread(self, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of coefficients of columns (R, n, k), (k,)."""
@@ -134,8 +157,9 @@ class Equations:
         for b in range(self.blocks):
             rows = np.flatnonzero(self.block == b)
             if len(rows) > 4:
-                line = np.stack([np.ones(len(rows)), np.linspace(-1.0, 1.0, len(rows))], axis=1)
-                result[rows] -= line @ np.linalg.lstsq(line, values[rows], rcond=None)[0]
+                slope = np.linspace(-1.0, 1.0, len(rows))
+                result[rows] -= values[rows].mean(axis=0)
+                result[rows] -= np.outer(slope, slope @ result[rows] / (slope @ slope))
         return result
 
     def whiten(self, values: np.ndarray, noise: Noise) -> np.ndarray:
@@ -194,12 +218,14 @@ class Equations:
         return Noise(coefficients, std)
 
 
-def build(signals: Signals, robot: Robot) -> Equations:
+def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -> Equations:
     """The regression of a motion against a robot's simulation.
 
     Args:
         signals: motion with effort, joints in the robot's order.
         robot: what the simulation believes.
+        simulated: the effort the simulation predicts, (N, n) [N·m]; None takes the robot's rigid bodies, armature and
+            friction.
 
     Raises:
         RecordingError: no joint moves, or no effort.
@@ -220,33 +246,79 @@ def build(signals: Signals, robot: Robot) -> Equations:
     edges = [0, *(np.flatnonzero(np.diff(owner[rows])) + 1).tolist(), len(rows)]
     runs = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
-    simulated = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-    simulated = simulated + robot.armature * signals.acceleration + robot.viscous * signals.velocity
-    simulated = simulated + robot.coulomb * signals.sign
+    if simulated is None:
+        simulated = nominal_effort(robot, signals)
     motion = Motion(signals, robot, simulated)
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot)
-    regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
-    rigid = signals.smooth(regressor)[rows] @ relative
+    rigid = signals.smooth(motion.regressor)[rows] @ relative
     usable = ~resting[rows]
     block = (signals.time[rows] - signals.time[rows[0]]) // BLOCK_SECONDS
     _, block = np.unique(block, return_inverse=True)
     effort = signals.smooth(signals.effort)[rows]
     scale = np.maximum(np.std(effort, axis=0), 1e-3 * max(float(np.std(effort)), 1e-9))
-    return Equations(motion, rows, target, usable, block.astype(int), runs, rigid, relative, scale)
+    return Equations(motion, simulated, rows, target, usable, block.astype(int), runs, rigid, relative, scale)
+
+
+def quiet_cutoff(recordings: Sequence[Recording], robot: Robot) -> float:
+    """The highest low-pass [Hz] at which noise of the position does not drown that of the effort.
+
+    Noise of the position reaches the regressor through the acceleration. Where it outweighs the effort's own, everything that
+    acts as a further low-pass (a delay, an elastic joint) seems to explain something.
+    """
+    highest = CUTOFF_OF_USUAL * min(usual_cutoff(recording.rate) for recording in recordings)
+    tried = [cutoff for cutoff in CUTOFFS if cutoff <= highest] or [highest]
+    for cutoff in tried:
+        if max(_noise_ratio(recording, robot, cutoff) for recording in recordings) <= QUIET:
+            return cutoff
+    return tried[-1]
+
+
+def _noise_ratio(recording: Recording, robot: Robot, cutoff: float) -> float:
+    """Largest ratio, over joints, of the effort's noise that comes from the position to the sensor's own."""
+    std = gaussian_std(cutoff)
+    some = recording.position[:: max(len(recording) // 50, 1)]
+    mass = np.sqrt(np.mean(robot.mass_matrix(some) ** 2, axis=0))
+    acceleration = position_noise(recording) * np.sqrt(3.0 / (8.0 * np.sqrt(np.pi) * std**5 * recording.rate))
+    effort = white_noise(recording.require_effort()) * np.sqrt(1.0 / (2.0 * np.sqrt(np.pi) * std * recording.rate))
+    from_position = np.sqrt(mass**2 @ acceleration**2)
+    return float(np.max(from_position / np.maximum(effort, 1e-4 * np.std(recording.require_effort(), axis=0))))
+
+
+def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:
+    """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m]."""
+    rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+    drives = robot.armature * signals.acceleration + robot.viscous * signals.velocity
+    return np.asarray(rigid + drives + robot.coulomb * signals.sign)
 
 
 def relative_inertials(robot: Robot) -> np.ndarray:
     """Map from relative errors of each link to its inertial parameters, (n * PER_LINK, n * PER_LINK).
 
-    A link's pseudo-inertia J = L Lᵀ becomes L (1 + X) Lᵀ; the ten units of a link are the entries of the symmetric X, so an
-    error of 0.1 is "10 % off" whatever the frame and the size of the link (Lee, Wensing and Park, IEEE T-RO 2020).
+    Of each link's ten units the first scales mass and inertia together, the next three move the centre of mass, one unit by
+    the link's size (root mean square distance of its mass from the joint's frame), and the last six change the inertia about
+    the centre by its own size. So an error of 0.1 is "10 % off" in each of these senses.
     """
     result = np.zeros((robot.width * PER_LINK, robot.width * PER_LINK))
     for i, values in enumerate(robot.inertials):
+        pseudo = feasible_pseudo_inertia(pseudo_inertia(values))
+        mass = float(pseudo[3, 3])
+        centre = pseudo[:3, 3] / mass
+        size = float(np.sqrt(np.trace(pseudo[:3, :3]) / mass))
+        spread = float(np.trace(pseudo[:3, :3]) - mass * centre @ centre)
+        columns = [pseudo]
+        for axis in np.eye(3):
+            step = np.zeros((4, 4))
+            step[:3, :3] = mass * (np.outer(centre, axis) + np.outer(axis, centre))
+            step[:3, 3] = step[3, :3] = mass * axis
+            columns.append(step * size / np.sqrt(3.0))
+        for row in range(3):
+            for column in range(row + 1):
+                step = np.zeros((4, 4))
+                step[row, column] = step[column, row] = spread / 3.0
+                columns.append(step)
         rows = slice(i * PER_LINK, (i + 1) * PER_LINK)
-        root = np.linalg.cholesky(feasible_pseudo_inertia(pseudo_inertia(values)))
-        result[rows, rows] = tangent_basis(root)
+        result[rows, rows] = np.stack([inertial_parameters(column) for column in columns], axis=1)
     return result
 
 

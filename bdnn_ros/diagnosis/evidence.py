@@ -25,18 +25,21 @@ class Fit:
     Attributes:
         terms: indices into the pool.
         coefficients: links' relative errors, nuisances, then the terms' coefficients, (P,).
-        covariance: posterior covariance of them, (P, P).
+        factor: lower Cholesky factor of their posterior precision, (P, P).
         evidence: log evidence up to a constant of the data and noise model.
         loss: half the sum of squared whitened residuals plus the prior's share.
-        at_bound: a coefficient had to be held at its bound.
     """
 
     terms: tuple[int, ...]
     coefficients: np.ndarray
-    covariance: np.ndarray
+    factor: np.ndarray
     evidence: float
     loss: float
-    at_bound: bool
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Posterior covariance of the coefficients, bounds left out, (P, P)."""
+        return np.asarray(cho_solve((self.factor, True), np.eye(len(self.coefficients))))
 
 
 class Pool:
@@ -47,22 +50,18 @@ class Pool:
         noise: its noise model.
         terms: the candidates, each with a shape.
         link_error: prior standard deviation of the links' relative errors.
-        stamp_error: prior standard deviation [s] of a common shift between effort and motion (an effort is held for a
-            sample, so its stamp leads); a nuisance, not a finding.
     """
 
-    def __init__(
-        self, equations: Equations, noise: Noise, terms: Sequence[Term], link_error: float, stamp_error: float
-    ) -> None:
+    def __init__(self, equations: Equations, noise: Noise, terms: Sequence[Term], link_error: float) -> None:
         self.equations, self.noise, self.terms = equations, noise, list(terms)
         self.link_error = link_error
         columns = [equations.columns(term) for term in self.terms]
-        nuisance = equations.shift_column
+        nuisance = equations.nuisances
         self.base = equations.rigid.shape[2] + nuisance.shape[2]
         sizes = [c.shape[2] for c in columns]
         starts = self.base + np.cumsum([0, *sizes])
         self.slots = [np.arange(a, b) for a, b in zip(starts[:-1], starts[1:], strict=True)]
-        spread = [np.full(equations.rigid.shape[2], link_error), np.full(nuisance.shape[2], stamp_error)]
+        spread = [np.full(equations.rigid.shape[2], link_error), equations.nuisance_spread]
         spread += [equations.spread(c) for c in columns]
         self.precision = 1.0 / np.concatenate(spread) ** 2
         lower = [np.full(self.base, -np.inf)] + [
@@ -87,10 +86,22 @@ class Pool:
 
     def replacing(self, one: int, term: Term) -> Pool:
         """The same pool with another shape of one term."""
-        terms = list(self.terms)
-        terms[one] = term
-        stamp_error = float(self.precision[self.base - 1] ** -0.5)
-        return Pool(self.equations, self.noise, terms, self.link_error, stamp_error)
+        other, slot = copy(self), self.slots[one]
+        columns = self.equations.columns(term)
+        other.terms = [*self.terms[:one], term, *self.terms[one + 1 :]]
+        other.precision = self.precision.copy()
+        other.precision[slot] = self.equations.spread(columns) ** -2.0
+        other.white = self.white.copy()
+        other.white[:, :, slot] = self.equations.whiten(columns, self.noise)
+        other.gram, other.moment = self.gram.copy(), self.moment.copy()
+        for b in range(self.equations.blocks):
+            rows = self.equations.block == b
+            new = other.white[rows][:, :, slot].reshape(-1, len(slot))
+            cross = other.white[rows].reshape(-1, other.white.shape[2]).T @ new
+            other.gram[b][:, slot], other.gram[b][slot] = cross, cross.T
+            other.moment[b][slot] = new.T @ self.white_target[rows].ravel()
+        other.__dict__.pop("total", None)
+        return other
 
     @cached_property
     def total(self) -> tuple[np.ndarray, np.ndarray, float]:
@@ -108,13 +119,11 @@ class Pool:
         factor = cho_factor(a, lower=True)
         best = cho_solve(factor, moment[index])
         low, high = self.lower[index], self.upper[index]
-        outside = bool(((best < low - 1e-12) | (best > high + 1e-12)).any())
-        if outside:
+        if ((best < low - 1e-12) | (best > high + 1e-12)).any():
             best = _bounded(a, moment[index], low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
         volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor[0])))
-        covariance = cho_solve(factor, np.eye(len(index)))
-        return Fit(tuple(chosen), best, covariance, float(volume - loss - self._scale), float(loss), outside)
+        return Fit(tuple(chosen), best, factor[0], float(volume - loss - self._scale), float(loss))
 
     def columns_of(self, chosen: Sequence[int]) -> np.ndarray:
         """Column indices of the links, the nuisances and these terms."""
@@ -128,11 +137,17 @@ class Pool:
         left = moment - gram[:, index] @ fit.coefficients
         half = solve_triangular(root, gram[index], lower=True)
         result = np.empty(len(candidates))
-        for i, candidate in enumerate(candidates):
-            slot = self.slots[candidate]
-            prior = self.precision[slot]
-            schur = gram[np.ix_(slot, slot)] + np.diag(prior) - half[:, slot].T @ half[:, slot]
-            result[i] = _block_gain(schur, left[slot], prior, self.lower[slot], self.upper[slot])
+        sizes = np.array([len(self.slots[c]) for c in candidates])
+        for size in np.unique(sizes):
+            same = np.flatnonzero(sizes == size)
+            slots = np.array([self.slots[candidates[i]] for i in same])
+            inner = gram[slots[:, :, None], slots[:, None, :]]
+            seen = half[:, slots].transpose(1, 2, 0)
+            schur = inner - seen @ seen.transpose(0, 2, 1)
+            schur[:, np.arange(size), np.arange(size)] += self.precision[slots]
+            result[same] = _gains(
+                schur, left[slots], self.precision[slots], self.lower[slots], self.upper[slots]
+            )
         return result
 
     def gain_of(self, fit: Fit, term: Term, columns: np.ndarray) -> float:
@@ -147,7 +162,7 @@ class Pool:
         prior = 1.0 / self.equations.spread(columns) ** 2
         schur = tall.T @ tall + np.diag(prior) - cross.T @ fit.covariance @ cross
         bounds = np.array(term.effect.coefficient_bounds)
-        return _block_gain(schur, left, prior, bounds[:, 0], bounds[:, 1])
+        return float(_gains(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])[0])
 
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:
         """Half squared whitened error on each block, fitted without it, (B,)."""
@@ -159,16 +174,21 @@ class Pool:
             errors[b] = 0.5 * (self.power[b] - 2.0 * theta @ self.moment[b][index] + theta @ inner @ theta)
         return errors
 
-    def residual(self, fit: Fit) -> np.ndarray:
-        """What the fit leaves of the target, unwhitened rows (R, n) [N·m]."""
-        return self.equations.target - self.contribution(fit)
+    def residual(self, fit: Fit, blur: bool = True) -> np.ndarray:
+        """What the fit leaves of the target, unwhitened rows (R, n) [N·m]; see `contribution`."""
+        return self.equations.target - self.contribution(fit, blur)
 
-    def contribution(self, fit: Fit) -> np.ndarray:
-        """What the links' errors, the nuisances and the terms of a fit add to the effort, rows (R, n) [N·m]."""
+    def contribution(self, fit: Fit, blur: bool = True) -> np.ndarray:
+        """What the links' errors, the nuisances and the terms of a fit add to the effort, rows (R, n) [N·m].
+
+        Args:
+            blur: count the nuisance that only weighs down noise, which no model could predict.
+        """
         equations = self.equations
         links = equations.rigid.shape[2]
         total = equations.rigid @ fit.coefficients[:links]
-        total = total + equations.shift_column @ fit.coefficients[links : self.base]
+        nuisances = fit.coefficients[links : self.base] * [1.0, float(blur)]
+        total = total + equations.nuisances @ nuisances
         at = self.base
         for chosen in fit.terms:
             columns = equations.columns(self.terms[chosen])
@@ -210,19 +230,22 @@ def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarra
     return np.asarray(np.clip(solution.x, low, high))
 
 
-def _block_gain(
+def _gains(
     schur: np.ndarray, left: np.ndarray, prior: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> float:
-    """Evidence gained by one block of columns whose coefficients stay inside their bounds."""
-    try:
-        root = cholesky(schur, lower=True)
-    except np.linalg.LinAlgError:
-        return -np.inf
-    best = cho_solve((root, True), left)
-    if ((best < low) | (best > high)).any():
-        if len(best) == 1:
-            best = np.clip(best, low, high)
-        else:
-            best = _bounded(schur, left, low, high)
-    explained = float(best @ left - 0.5 * best @ schur @ best)
-    return explained + 0.5 * float(np.sum(np.log(prior))) - float(np.sum(np.log(np.diag(root))))
+) -> np.ndarray:
+    """Evidence gained by each of c blocks of k columns, coefficients inside their bounds, (c,).
+
+    Args:
+        schur: what the columns add to the information matrix beside the rest, (c, k, k).
+        left: their moments with what the rest leaves, (c, k).
+        prior: precisions of the coefficients, (c, k).
+    """
+    best = np.linalg.solve(schur, left[..., None])[..., 0]
+    outside = ((best < low) | (best > high)).any(axis=1)
+    if left.shape[1] == 1:
+        best = np.clip(best, low, high)
+    else:
+        for i in np.flatnonzero(outside):
+            best[i] = _bounded(schur[i], left[i], low[i], high[i])
+    explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)
+    return np.asarray(explained + 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * np.linalg.slogdet(schur)[1])

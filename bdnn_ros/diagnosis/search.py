@@ -19,8 +19,6 @@ COST = 8.0
 """Log prior odds against one effect at one place: about 150 candidates, and a false name is worse than none."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
-MINIMUM_SHARE = 0.02
-"""An effect whose contribution is below this share of the effort's spread at every joint is not worth a name."""
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""
 LINK_ERROR_COST = 400.0
@@ -56,11 +54,9 @@ class Selection:
 class Search:
     """One search over the candidates of one regression."""
 
-    def __init__(
-        self, equations: Equations, candidates: Candidates, stamp_error: float, progress: Progress
-    ) -> None:
+    def __init__(self, equations: Equations, candidates: Candidates, progress: Progress) -> None:
         self.equations, self.candidates = equations, candidates
-        self.stamp_error, self.progress = stamp_error, progress
+        self.progress = progress
         self.link_error = LINK_ERRORS[2]
         self.floor = NOISE_FLOOR * equations.effort_scale
 
@@ -87,7 +83,7 @@ class Search:
         common = self.candidates.common()
         noise = Noise(np.zeros((equations.width, 1)), equations.effort_scale * 0.1)
         for _ in range(2):
-            pool = Pool(equations, noise, common, LINK_ERRORS[-1], self.stamp_error)
+            pool = Pool(equations, noise, common, LINK_ERRORS[-1])
             fit = pool.fit(range(len(common)))
             noise = equations.noise_of(pool.residual(fit), self.floor, steady=True)
         equations.relieve(self.candidates.load(equations, pool, fit))
@@ -96,15 +92,29 @@ class Search:
     def _select(self, noise: Noise, start: Sequence[Term]) -> Selection:
         """Best set at one noise model, starting from some terms."""
         count = len(start)
-        pool = Pool(self.equations, noise, start, self.link_error, self.stamp_error)
+        pool = Pool(self.equations, noise, start, self.link_error)
         pool = self._refined(pool, range(count))
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
-        pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error, self.stamp_error)
-        found = [self._descend(pool.believing(error), list(range(count))) for error in LINK_ERRORS]
+        pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
+        found = [self._descend(pool.believing(error), list(range(count))) for error in self._beliefs(noise)]
         scores = [self.score(pool, chosen) - LINK_ERROR_COST * pool.link_error**2 for pool, chosen in found]
         pool, chosen = found[int(np.argmax(scores))]
         self.link_error = pool.link_error
         return Selection(pool, tuple(chosen), pool.fit(chosen))
+
+    def _beliefs(self, noise: Noise) -> list[float]:
+        """Spreads of the links' errors worth a search: the likeliest beside the commonest causes, and the next smaller one.
+
+        A single link far off makes all links look worse than they are; the smaller spread lets it be named.
+        """
+        common = self.candidates.common()
+        pool = Pool(self.equations, noise, common, LINK_ERRORS[-1])
+        scores = [
+            pool.believing(error).fit(range(len(common))).evidence - LINK_ERROR_COST * error**2
+            for error in LINK_ERRORS
+        ]
+        best = int(np.argmax(scores))
+        return list(LINK_ERRORS[max(best - 1, 0) : best + 1])
 
     def _refined(self, pool: Pool, chosen: Sequence[int]) -> Pool:
         """The pool with the shapes of some terms moved to where they fit best, one after another."""
@@ -143,7 +153,7 @@ class Search:
             candidate = open_[best]
             grown = [c for c in chosen if not contains(pool.terms[candidate], pool.terms[c])] + [candidate]
             trial = self._refined_one(pool, grown, candidate)
-            if self._worth(trial, grown, chosen, candidate):
+            if self._pays(trial, grown, candidate):
                 pool, chosen = trial, grown
             else:
                 refused.add(candidate)
@@ -179,8 +189,8 @@ class Search:
                 grown = [c for c in rest if not contains(pool.terms[rivals[best]], pool.terms[c])] + [
                     rivals[best]
                 ]
-                if self.score(pool, grown) > self.score(pool, chosen) + 0.5 and self._worth(
-                    pool, grown, rest, rivals[best]
+                if self.score(pool, grown) > self.score(pool, chosen) + 0.5 and self._pays(
+                    pool, grown, rivals[best]
                 ):
                     chosen = grown
         return chosen
@@ -191,7 +201,7 @@ class Search:
             losses = [score - self.score(pool, [c for c in chosen if c != out]) for out in chosen]
             weakest = int(np.argmin(losses))
             without = [c for c in chosen if c != chosen[weakest]]
-            if losses[weakest] > 0.0 and self._worth(pool, chosen, without, chosen[weakest]):
+            if losses[weakest] > 0.0 and self._pays(pool, chosen, chosen[weakest]):
                 return chosen
             chosen = without
         return chosen
@@ -223,15 +233,8 @@ class Search:
         term = pool.terms[candidate]
         return any(pool.terms[c].place == term.place or contains(pool.terms[c], term) for c in chosen)
 
-    def _worth(self, pool: Pool, grown: Sequence[int], without: Sequence[int], candidate: int) -> bool:
-        """Whether a term is large enough to matter and pays on blocks it was not fitted to."""
-        fit = pool.fit(grown)
-        coefficients, _ = pool.part(fit, candidate)
-        columns = self.equations.columns(pool.terms[candidate])
-        part = np.where(self.equations.usable, columns @ coefficients, 0.0)
-        size = np.sqrt(np.mean(part**2, axis=0)) / self.equations.effort_scale
-        if size.max() < MINIMUM_SHARE:
-            return False
+    def _pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:
+        """Whether a term pays on blocks it was not fitted to."""
         gained = pool.held_out([c for c in grown if c != candidate]) - pool.held_out(grown)
         if gained.sum() <= 0.0:
             return False

@@ -45,7 +45,7 @@ class ExternalWrench(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         pull = -np.swapaxes(motion.jacobian(needed_link(link)), 1, 2)
-        return motion.signals.smooth(np.where(window(motion, shape)[:, None, None], pull, 0.0))
+        return motion.signals.soften(np.where(window(motion, shape)[:, None, None], pull, 0.0))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return windows(motion)
