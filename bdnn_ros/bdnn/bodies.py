@@ -1,0 +1,184 @@
+"""Bodies, rotors and friction that could exist, fitted to effort.
+
+Parameters θ: inertials of n bodies (10 n), then armature, viscous, coulomb and offset of n joints. For
+given axes the effort is linear in θ. What is believed of a body before any motion is k (tr J₀⁻¹J − log
+det J) for its pseudo-inertia J and a reference J₀ (Lee, Wensing and Park, "Geometric robot dynamic
+identification", IEEE T-RO 2020), and k (x / x₀ − log x) for what is positive. That is convex, the same in
+every frame, near the reference a Gaussian of relative spread 1/√k, and infinite at the edge of what can
+exist: whatever is fitted, M is positive-definite and friction never drives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.bdnn.samples import Samples
+from bdnn_ros.robot import PER_LINK
+
+PER_JOINT = 4
+"""Armature, viscous, coulomb, offset."""
+CONTINUATION = (1e6, 1e4, 1e2, 1.0)
+"""Factors of the belief on the way to the solution: from the reference towards what the data say."""
+NEWTON_STEPS = 60
+DONE = 1e-4
+"""Newton's decrement that counts as arrived [nats]."""
+
+
+def _pseudo_basis() -> np.ndarray:
+    """Pseudo-inertia of each unit inertial parameter, (PER_LINK, 4, 4)."""
+    basis = np.zeros((PER_LINK, 4, 4))
+    basis[0, 3, 3] = 1.0
+    for k in range(3):
+        basis[1 + k, k, 3] = basis[1 + k, 3, k] = 1.0
+    for k, (i, j) in zip((4, 5, 6, 7, 8, 9), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), strict=True):
+        tensor = np.zeros((3, 3))
+        tensor[i, j] = tensor[j, i] = 1.0
+        basis[k, :3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    return basis
+
+
+_BASIS = _pseudo_basis()
+
+
+def pseudo_inertias(inertials: np.ndarray) -> np.ndarray:
+    """J = [[Σ, m·c], [m·cᵀ, m]], Σ = ½ tr(I)·1 − I, of bodies (n, PER_LINK), (n, 4, 4)."""
+    return np.einsum("bk,kij->bij", inertials, _BASIS)
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is believed of n bodies and joints before any motion.
+
+    Attributes:
+        inertials: reference bodies, (n, PER_LINK), feasible.
+        joints: reference armature, viscous and coulomb, (3, n), positive.
+        offset: standard deviation of the effort offset, (n,) [N·m].
+        body_strength, joint_strength: k of bodies and of joints [nats].
+    """
+
+    inertials: np.ndarray
+    joints: np.ndarray
+    offset: np.ndarray
+    body_strength: float
+    joint_strength: float
+
+    @property
+    def reference(self) -> np.ndarray:
+        """θ of the reference, without offset."""
+        return np.concatenate([self.inertials.ravel(), self.joints.ravel(), np.zeros(len(self.offset))])
+
+    def nats(self, theta: np.ndarray) -> float:
+        """Minus the logarithm of the belief in θ, less that in the reference; infinite beyond what can be."""
+        n = len(self.offset)
+        edge, last = PER_LINK * n, (PER_LINK + 3) * n
+        positive = theta[edge:last]
+        pseudo = pseudo_inertias(theta[:edge].reshape(n, PER_LINK))
+        if (positive <= 0.0).any() or (np.linalg.eigvalsh(pseudo)[:, 0] <= 0.0).any():
+            return np.inf
+        reference = pseudo_inertias(self.inertials)
+        ratio = np.linalg.solve(reference, pseudo)
+        bodies = np.trace(ratio, axis1=1, axis2=2) - np.linalg.slogdet(ratio)[1] - 4.0
+        scaled = positive / self.joints.ravel()
+        offsets = theta[last:] / self.offset
+        return float(
+            self.body_strength * bodies.sum()
+            + self.joint_strength * np.sum(scaled - np.log(scaled) - 1.0)
+            + 0.5 * offsets @ offsets
+        )
+
+    def slopes(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient and Hessian of `nats`."""
+        n = len(self.offset)
+        edge, last = PER_LINK * n, (PER_LINK + 3) * n
+        gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+        reference = np.linalg.inv(pseudo_inertias(self.inertials))
+        inverse = np.linalg.inv(pseudo_inertias(theta[:edge].reshape(n, PER_LINK)))
+        for body in range(n):
+            rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
+            gradient[rows] = self.body_strength * np.einsum(
+                "kij,ji->k", _BASIS, reference[body] - inverse[body]
+            )
+            turned = inverse[body] @ _BASIS
+            hessian[rows, rows] = self.body_strength * np.einsum("kij,lji->kl", turned, turned)
+        positive = theta[edge:last]
+        gradient[edge:last] = self.joint_strength * (1.0 / self.joints.ravel() - 1.0 / positive)
+        gradient[last:] = theta[last:] / self.offset**2
+        diagonal = np.concatenate([self.joint_strength / positive**2, 1.0 / self.offset**2])
+        hessian[edge:, edge:] = np.diag(diagonal)
+        return gradient, hessian
+
+    def stronger(self, factor: float) -> Belief:
+        """The same belief, held more firmly."""
+        strength = (factor * self.body_strength, factor * self.joint_strength)
+        return Belief(self.inertials, self.joints, self.offset / np.sqrt(factor), *strength)
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """Half the squared error over its noise, summed: ½ θᵀ G θ − rᵀ θ + c [nats]."""
+
+    gram: np.ndarray
+    right: np.ndarray
+    constant: float
+
+    def nats(self, theta: np.ndarray) -> float:
+        """The error for parameters θ."""
+        return float(theta @ (0.5 * self.gram @ theta - self.right) + self.constant)
+
+    def __add__(self, other: Quadratic) -> Quadratic:
+        return Quadratic(self.gram + other.gram, self.right + other.right, self.constant + other.constant)
+
+
+def columns(regressor: np.ndarray, samples: Samples) -> np.ndarray:
+    """All columns of the effort, (N, n, 10 n + 4 n): bodies, then armature, viscous, coulomb, offset."""
+    n = samples.width
+    joint = [samples.acceleration, samples.velocity, samples.direction, np.ones_like(samples.effort)]
+    blocks = [values[:, :, None] * np.eye(n) for values in joint]
+    return np.concatenate([regressor, *blocks], axis=2)
+
+
+def quadratic(design: np.ndarray, effort: np.ndarray, noise: np.ndarray) -> Quadratic:
+    """The error of columns (N, n, P) against effort (N, n), each joint over its noise (n,)."""
+    rows = (design / noise[:, None]).reshape(-1, design.shape[2])
+    target = (effort / noise).ravel()
+    return Quadratic(rows.T @ rows, rows.T @ target, 0.5 * float(target @ target))
+
+
+def fit(error: Quadratic, belief: Belief, start: np.ndarray | None = None) -> np.ndarray:
+    """The most probable θ: a convex problem, solved by damped Newton steps; costs no pass over the data.
+
+    Args:
+        start: a feasible θ near the solution; None comes from the reference, in steps.
+    """
+    if start is not None:
+        return _newton(error, belief, start)
+    theta = belief.reference
+    for factor in CONTINUATION:
+        theta = _newton(error, belief.stronger(factor), theta)
+    return theta
+
+
+def _newton(error: Quadratic, belief: Belief, theta: np.ndarray) -> np.ndarray:
+    value = error.nats(theta) + belief.nats(theta)
+    for _ in range(NEWTON_STEPS):
+        gradient, hessian = belief.slopes(theta)
+        gradient += error.gram @ theta - error.right
+        hessian += error.gram
+        size = 1.0 / np.sqrt(np.diag(hessian))
+        scaled = hessian * np.outer(size, size) + 1e-12 * np.eye(len(size))
+        step = -size * np.linalg.solve(scaled, size * gradient)
+        decrement = -0.5 * float(gradient @ step)
+        length = 1.0
+        while length > 1e-8:
+            trial = error.nats(theta + length * step) + belief.nats(theta + length * step)
+            if trial < value:
+                break
+            length *= 0.5
+        else:
+            break
+        theta, value = theta + length * step, trial
+        if decrement < DONE:
+            break
+    return theta

@@ -1,0 +1,136 @@
+"""The BDNN: acceleration from effort and effort from acceleration, by the same H and R."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bdnn_ros.bdnn.cores import Core, NetworkCore, PriorCore
+from bdnn_ros.bdnn.field import Field, Scales
+from bdnn_ros.bdnn.restoring import prior_core, prior_core_state
+from bdnn_ros.errors import ModelFileError, UsageError
+from bdnn_ros.signals import Signals
+
+
+@dataclass(frozen=True)
+class BDNN:
+    """A robot learned from its motion: q̈ = H(q) (u − R(q, q̇)), u = H(q)⁻¹ q̈ + R(q, q̇).
+
+    H is positive-definite by construction. Every array is (..., n) in the order of `joints`, SI units.
+
+    Attributes:
+        core: networks alone (`NetworkCore`), or a learned chain and what it leaves out (`PriorCore`).
+    """
+
+    kind: ClassVar[str] = "bdnn"
+
+    core: Core
+
+    @classmethod
+    def black_box(
+        cls, joints: Sequence[str], scales: Scales, hidden: int = 64, seed: int = 0, activation: str = "tanh"
+    ) -> BDNN:
+        """Untrained networks, as in the paper: one hidden layer each for H and R.
+
+        Raises:
+            UsageError: the scales are not those of the joints, or the activation is not known.
+        """
+        if len(scales.effort) != len(joints):
+            raise UsageError(f"Scales of {len(scales.effort)} joints do not fit {len(joints)} joints.")
+        field = Field.random(scales, hidden, np.random.default_rng(seed), activation)
+        return cls(NetworkCore(tuple(joints), field))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """n joint names, the order of every array."""
+        return self.core.joints
+
+    # -- both directions ---------------------------------------------------------------------------------
+
+    def inverse_dynamics(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
+        """Effort [N·m], (..., n)."""
+        q, v, a = (_rows(x) for x in (position, velocity, acceleration))
+        effort = (self.core.mass_matrix(q) @ a[..., None])[..., 0] + self.core.bias(q, v)
+        return effort.reshape(np.shape(position))
+
+    def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """Acceleration [rad/s²], (..., n)."""
+        q, v, u = (_rows(x) for x in (position, velocity, effort))
+        drive = u - self.core.bias(q, v)
+        acceleration = np.linalg.solve(self.core.mass_matrix(q), drive[..., None])[..., 0]
+        return acceleration.reshape(np.shape(position))
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """Effort along a motion, (N, n) [N·m], not low-passed."""
+        return self.core.predict(signals)
+
+    # -- its parts ---------------------------------------------------------------------------------------
+
+    def mass_matrix(self, position: np.ndarray) -> np.ndarray:
+        """M(q) = H(q)⁻¹ [kg·m²], (..., n, n), symmetric positive-definite."""
+        mass = self.core.mass_matrix(_rows(position))
+        return mass.reshape(*np.shape(position), mass.shape[-1])
+
+    def mass_matrix_derivative(self, position: np.ndarray) -> np.ndarray:
+        """∂M/∂q_k at [..., k] [kg·m²/rad], (..., n, n, n)."""
+        change = self.core.mass_matrix_derivative(_rows(position))
+        return change.reshape(*np.shape(position), *change.shape[-2:])
+
+    def coriolis_matrix(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """C(q, q̇) by Christoffel's symbols of M, so that Ṁ − 2 C is skew, (..., n, n)."""
+        change = self.mass_matrix_derivative(position)
+        rate = np.einsum("...ijk,...k->...ij", change, velocity)
+        turned = np.einsum("...ikj,...k->...ij", change, velocity)
+        return 0.5 * (rate + turned - np.swapaxes(turned, -1, -2))
+
+    def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """C(q, q̇) q̇ [N·m], (..., n)."""
+        change = self.mass_matrix_derivative(position)
+        rate = np.einsum("...ijk,...k,...j->...i", change, velocity, velocity)
+        return rate - 0.5 * np.einsum("...jki,...j,...k->...i", change, velocity, velocity)
+
+    def gravity(self, position: np.ndarray) -> np.ndarray:
+        """g(q) [N·m], (..., n): the bias at rest."""
+        q = _rows(position)
+        return self.core.bias(q, np.zeros_like(q)).reshape(np.shape(position))
+
+    def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """What of the bias is neither Coriolis nor gravity [N·m], (..., n)."""
+        bias = self.core.bias(_rows(position), _rows(velocity)).reshape(np.shape(position))
+        return bias - self.coriolis(position, velocity) - self.gravity(position)
+
+    # -- files -------------------------------------------------------------------------------------------
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and JSON-able rest that make the model again."""
+        if isinstance(self.core, NetworkCore):
+            arrays, info = self.core.to_state()
+            return arrays, {**info, "core": "networks", "joints": list(self.joints)}
+        assert isinstance(self.core, PriorCore)
+        arrays, info = prior_core_state(self.core)
+        return arrays, {**info, "core": "chain"}
+
+    @classmethod
+    def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> BDNN:
+        """The model of `to_state`.
+
+        Raises:
+            ModelFileError: something is missing or does not fit.
+        """
+        try:
+            if info["core"] == "networks":
+                return cls(NetworkCore.from_state(tuple(info["joints"]), arrays, info))
+            return cls(prior_core(arrays, info))
+        except (KeyError, TypeError, ValueError) as error:
+            raise ModelFileError(f"The BDNN is incomplete ({error!r}).", "Identify it again.") from None
+
+
+def _rows(values: np.ndarray) -> np.ndarray:
+    """Values (..., n) as rows, (B, n)."""
+    values = np.asarray(values, dtype=float)
+    return values.reshape(-1, values.shape[-1])

@@ -1,0 +1,122 @@
+"""One small network per joint for what a prior's bias leaves out: friction's shape, cogging, springs.
+
+A joint's network sees that joint alone: its position with harmonics, its velocity, its direction of
+motion and its gravity load. So little data teaches much, and nothing is learned that the motion did not
+show joint by joint. The hidden layer is drawn at random and the output layer solved for (a random-vector
+functional-link network: Pao and Takefuji, "Functional-link net computing", Computer 25(5), 1992): no
+steps, no local minima.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+HARMONICS = 20
+HIDDEN = 24
+STEEPEST = 30.0
+"""Largest gain of a hidden unit on the velocity, over the joint's typical velocity."""
+
+
+@dataclass(frozen=True)
+class LocalNetworks:
+    """Effort of each joint from its own motion.
+
+    Attributes:
+        hidden_weights, hidden_bias: of the inputs [sin q, cos q, q̇ / velocity, direction, load],
+            (n, hidden, 5) and (n, hidden).
+        output_weights: of the features, (n, F).
+        velocity, load: typical sizes, (n,) [rad/s] and [N·m].
+        harmonics: of the position, among the features.
+    """
+
+    hidden_weights: np.ndarray
+    hidden_bias: np.ndarray
+    output_weights: np.ndarray
+    velocity: np.ndarray
+    load: np.ndarray
+    harmonics: int = HARMONICS
+
+    @classmethod
+    def silent(cls, velocity: np.ndarray, load: np.ndarray, seed: int = 0) -> LocalNetworks:
+        """Networks that add nothing yet."""
+        n, rng = len(velocity), np.random.default_rng(seed)
+        weights = rng.normal(size=(n, HIDDEN, 5)) * np.array([1.0, 1.0, 1.0, 0.5, 0.5])
+        weights[:, :, 2] *= np.exp(rng.uniform(0.0, np.log(STEEPEST), (n, HIDDEN)))
+        bias = rng.normal(size=(n, HIDDEN))
+        return cls(weights, bias, np.zeros((n, 6 + 2 * HARMONICS + HIDDEN)), velocity, load)
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether they add nothing."""
+        return not self.output_weights.any()
+
+    def with_offset(self, offset: np.ndarray) -> LocalNetworks:
+        """The same networks with a constant effort added, (n,) [N·m]."""
+        weights = self.output_weights.copy()
+        weights[:, 0] += offset
+        return replace(self, output_weights=weights)
+
+    def __call__(
+        self, position: np.ndarray, velocity: np.ndarray, direction: np.ndarray, load: np.ndarray
+    ) -> np.ndarray:
+        """Effort, (B, n) [N·m].
+
+        Args:
+            position, velocity: (B, n).
+            direction: of the motion, -1 to 1, (B, n).
+            load: gravity's effort, (B, n) [N·m].
+        """
+        if not self.output_weights[:, 1:].any():
+            return np.broadcast_to(self.output_weights[:, 0], position.shape)
+        return np.einsum(
+            "bnf,nf->bn", self.features(position, velocity, direction, load), self.output_weights
+        )
+
+    def features(
+        self, position: np.ndarray, velocity: np.ndarray, direction: np.ndarray, load: np.ndarray
+    ) -> np.ndarray:
+        """What the output layer weighs, (B, n, F): 1, velocity terms, harmonics, hidden units."""
+        rate, carried = velocity / self.velocity, load / self.load
+        phase = position[..., None] * np.arange(1, self.harmonics + 1)
+        sine, cosine = np.sin(phase), np.cos(phase)
+        plain = [
+            np.ones_like(rate),
+            rate,
+            direction,
+            rate * np.abs(rate),
+            np.abs(carried) * direction,
+            carried,
+        ]
+        inputs = np.stack([sine[..., 0], cosine[..., 0], rate, direction, carried], axis=-1)
+        hidden = np.tanh(np.einsum("bni,nhi->bnh", inputs, self.hidden_weights) + self.hidden_bias)
+        return np.concatenate([np.stack(plain, axis=-1), sine, cosine, hidden], axis=-1)
+
+    array_names: ClassVar[tuple[str, ...]] = (
+        "hidden_weights",
+        "hidden_bias",
+        "output_weights",
+        "velocity",
+        "load",
+    )
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and JSON-able rest."""
+        arrays = {f"local.{name}": getattr(self, name) for name in self.array_names}
+        return arrays, {"harmonics": self.harmonics}
+
+    @classmethod
+    def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> LocalNetworks:
+        """The networks of `to_state`."""
+        held: dict[str, Any] = {name: arrays[f"local.{name}"] for name in cls.array_names}
+        return cls(**held, harmonics=int(info["harmonics"]))
+
+
+def penalties(networks: LocalNetworks) -> np.ndarray:
+    """How much each feature's weight is held back, (F,): high harmonics more, plain friction little."""
+    orders = np.arange(1, networks.harmonics + 1)
+    wavy = 1.0 + 0.3 * (orders - 1.0)
+    plain = np.array([1e-3, 1e-2, 1e-2, 1.0, 1.0, 1.0])
+    return np.concatenate([plain, wavy, wavy, np.ones(networks.hidden_bias.shape[1])])

@@ -1,0 +1,77 @@
+"""A prior and its networks as arrays and JSON, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.bdnn.cores import PriorCore, get_network, put_network
+from bdnn_ros.bdnn.local import LocalNetworks
+from bdnn_ros.errors import ModelFileError
+from bdnn_ros.robot import Dynamics, Robot
+
+Build = Callable[[str, dict[str, np.ndarray], dict[str, Any]], Dynamics]
+"""Makes a prior of another kind from its kind, arrays and info."""
+
+ROBOT_ARRAYS = ("inertials", "armature", "viscous", "coulomb", "gravity_vector")
+
+
+def prior_core_state(core: PriorCore) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and JSON-able rest of a core.
+
+    Raises:
+        ModelFileError: the prior cannot be saved.
+    """
+    arrays, info = core.local.to_state()
+    arrays["slow"] = core.slow
+    if core.h is not None:
+        put_network("h", core.h, arrays, info)
+    kind, held, told = _prior_state(core.prior)
+    arrays |= {f"prior.{key}": value for key, value in held.items()}
+    return arrays, {**info, "prior": {"kind": kind, "info": told}}
+
+
+def prior_core(arrays: dict[str, np.ndarray], info: dict[str, Any], build: Build | None = None) -> PriorCore:
+    """The core of `prior_core_state`.
+
+    Args:
+        build: makes a prior that is not a `Robot`.
+
+    Raises:
+        ModelFileError: the prior is of a kind that `build` is needed for.
+    """
+    held = {key[len("prior.") :]: value for key, value in arrays.items() if key.startswith("prior.")}
+    kind, told = info["prior"]["kind"], info["prior"]["info"]
+    if kind == "robot":
+        prior: Dynamics = _robot(held, told)
+    elif build is None:
+        raise ModelFileError(
+            f"The prior of the BDNN is a model of kind {kind!r}.", "Load it by `load_model`."
+        )
+    else:
+        prior = build(kind, held, told)
+    h = get_network("h", arrays, info) if "h" in info else None
+    return PriorCore(prior, LocalNetworks.from_state(arrays, info), h, arrays["slow"])
+
+
+def _prior_state(prior: Dynamics) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
+    if isinstance(prior, Robot):
+        arrays = {name: np.asarray(getattr(prior, name), float) for name in ROBOT_ARRAYS}
+        return "robot", arrays, {"urdf": prior.urdf, "joints": list(prior.joints)}
+    kind, state = getattr(prior, "kind", None), getattr(prior, "to_state", None)
+    if kind is None or state is None:
+        raise ModelFileError(
+            f"A prior of type {type(prior).__name__} cannot be saved.", "Use a Robot or an identified model."
+        )
+    arrays, info = state()
+    return kind, arrays, info
+
+
+def _robot(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Robot:
+    robot = Robot.from_urdf(str(info["urdf"]), [str(joint) for joint in info["joints"]])
+    robot = robot.with_inertials(arrays["inertials"])
+    robot = robot.with_joint_parameters(arrays["armature"], arrays["viscous"], arrays["coulomb"])
+    return replace(robot, gravity_vector=arrays["gravity_vector"])

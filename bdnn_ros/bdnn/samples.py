@@ -1,0 +1,91 @@
+"""Samples to learn from: signals low-passed once more, both sides alike, thinned to what is independent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.bdnn.field import Scales
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.signals import Signals
+
+THINNING = 1.0
+"""Distance of the samples kept, in standard deviations of the low-pass that all have passed."""
+SLOW_SHARE = 0.03
+"""Dry friction changes over within this share of a joint's typical velocity."""
+FEWEST = 50
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Motion and effort, (N, n) each.
+
+    Attributes:
+        position, velocity, acceleration: [rad], [rad/s], [rad/s²].
+        direction: of the motion, −1 to 1, as soft as the effort.
+        effort: [N·m].
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    direction: np.ndarray
+    effort: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.effort)
+
+    @property
+    def width(self) -> int:
+        """Number of joints n."""
+        return self.effort.shape[1]
+
+    def rows(self, chosen: np.ndarray) -> Samples:
+        """Some of the samples."""
+        return Samples(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+    def some(self, count: int, rng: np.random.Generator) -> Samples:
+        """At most `count` samples, drawn at random."""
+        if len(self) <= count:
+            return self
+        return self.rows(np.sort(rng.choice(len(self), count, replace=False)))
+
+
+def samples_of(parts: Sequence[Signals], thinning: float = THINNING) -> Samples:
+    """Samples of several recordings' signals.
+
+    Raises:
+        RecordingError: there is no effort, or too little is left.
+    """
+    pieces = []
+    for signals in parts:
+        if signals.effort is None:
+            raise RecordingError("There is no effort to learn from.", "Use --effort command, or another bag.")
+        every = max(int(thinning * np.sqrt(2.0) * signals.kernel_std * signals.rate), 1)
+        rows = np.flatnonzero(signals.interior)[::every]
+        columns = (signals.position, signals.velocity, signals.acceleration, signals.sign, signals.effort)
+        pieces.append([signals.smooth(values)[rows] for values in columns])
+    result = Samples(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
+    if len(result) < FEWEST:
+        raise RecordingError(
+            f"{len(result)} independent samples are too few to learn from.", "Record some seconds of motion."
+        )
+    return result
+
+
+def scales_of(samples: Samples) -> Scales:
+    """Typical sizes of a motion; joints that hardly move count as those that do."""
+    velocity = _typical(samples.velocity)
+    return Scales(
+        velocity,
+        _typical(samples.acceleration),
+        _typical(samples.effort),
+        np.maximum(SLOW_SHARE * velocity, 1e-4),
+    )
+
+
+def _typical(values: np.ndarray) -> np.ndarray:
+    spread = np.std(values, axis=0)
+    return np.maximum(spread, 1e-3 * max(float(spread.max()), 1e-6))
