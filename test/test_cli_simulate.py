@@ -76,6 +76,14 @@ def test_noise_can_be_left_out(tmp_path):
     )
 
 
+def test_encoders_round_and_velocities_may_be_missing(tmp_path):
+    out, _ = simulated(tmp_path, "--noise", "0", "--resolution", "0.01", "--velocity", "none")
+    recording = bags.read(out)
+    assert recording.velocity is None
+    steps = recording.position / 0.01
+    assert steps == pytest.approx(np.round(steps), abs=1e-6)
+
+
 def test_a_robot_of_ones_own_is_simulated_from_its_urdf(tmp_path):
     urdf = tmp_path / "mine.urdf"
     urdf.write_text(Robot.bundled("arm2").urdf.replace("arm2", "mine"))
@@ -113,6 +121,7 @@ def test_a_recording_that_is_there_is_kept_unless_told_otherwise(tmp_path, capsy
         (("--robot", "arm2", "--seed", "-1"), 2, "negative"),
         (("--robot", "arm2", "--hide", "-1"), 2, "cannot be hidden"),
         (("--robot", "arm2", "--wrong", "5"), 2, "cannot be off"),
+        (("--robot", "arm2", "--resolution", "3"), 2, "encoder step"),
         (("--robot", "arm2", "--effect", "payload@arm2_tool:mass=50"), 1, "too strong"),
     ],
 )

@@ -109,6 +109,8 @@ def test_places_hold_where_the_specification_puts_it(spec):
         ("stribeck_friction@arm7_joint1:coulomb=2,static=1,velocity=0.1", "static >= coulomb"),
         ("payload@arm7_link0:mass=1", "does not move"),
         ("link_inertia@arm7_link4", "leaves out"),
+        ("link_inertia@arm7_link4:mass=5,scale=1.2", "contradicts itself"),
+        ("link_inertia@arm7_link4:mass=0.01", "scale=0.0027"),
         ("drift@arm7_joint1:start_value=1,end_value=2", "of=coulomb, viscous, offset"),
         ("drift@arm7_joint1:of=mood,start_value=1,end_value=2", "no variant"),
         ("effort_delay@arm7_link1:delay=0.01", "acts on all or a joint"),

@@ -49,6 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--coloured", action="store_true", help="effort noise correlated over 50 ms")
     parser.add_argument(
+        "--resolution", metavar="RAD", type=float, default=0.0, help="step of the encoders (default: none)"
+    )
+    parser.add_argument(
+        "--velocity",
+        choices=("sensor", "differentiated", "none"),
+        default="sensor",
+        help="reported velocity: measured, the difference of positions, or none (default: %(default)s)",
+    )
+    parser.add_argument(
         "--wrong", metavar="SHARE", type=float, default=0.0, help="real links off by this share (default: 0)"
     )
     parser.add_argument("--worn", action="store_true", help="friction and rotor inertia on every joint")
@@ -70,6 +79,8 @@ def run(args: argparse.Namespace) -> int:
         rate=args.rate,
         noise=args.noise,
         coloured=args.coloured,
+        resolution=args.resolution,
+        velocity=args.velocity,
         wrong=args.wrong,
         worn=args.worn,
         poor=args.poor,

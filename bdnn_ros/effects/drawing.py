@@ -119,7 +119,6 @@ def _values(
         values["periods_per_rev"] = float(round(values["periods_per_rev"]))
     if effect.name == "backlash":
         values["transit"] = 0.03
-    values.pop("mass", None) if effect.name == "link_inertia" else None
     return completed(effect, values, motion.robot, link)
 
 

@@ -46,8 +46,9 @@ ALL: tuple[Effect, ...] = (
 )
 """Every effect; those of one name are variants of it."""
 
-EFFECTS: dict[str, Effect] = {effect.name: effect for effect in reversed(ALL)}
-EFFECTS = {effect.name: EFFECTS[effect.name] for effect in ALL}
+EFFECTS: dict[str, Effect] = {}
+for _effect in ALL:
+    EFFECTS.setdefault(_effect.name, _effect)
 """The first variant of every name, in the contract's order."""
 
 
@@ -145,8 +146,15 @@ def parse_spec(spec: str, robot: Robot) -> Installed:
             f"Give of={listed((c.variant for c in choices), 8)}.",
         )
     effect, target, link = _placed(spec, choices, place.strip(), robot)
-    values = _checked(spec, effect, given)
-    return Installed(effect, target, link, completed(effect, values, robot, link))
+    given_values = _checked(spec, effect, given)
+    values = completed(effect, given_values, robot, link)
+    for parameter in effect.parameters:
+        _refuse_outside(spec, parameter, values[parameter.name])
+        if abs(given_values.get(parameter.name, values[parameter.name]) - values[parameter.name]) > 1e-6:
+            raise UsageError(
+                f"{spec!r} contradicts itself or the robot.", "Leave out all but one of mass and scale."
+            )
+    return Installed(effect, target, link, values)
 
 
 def completed(effect: Effect, values: dict[str, float], robot: Robot, link: str | None) -> dict[str, float]:

@@ -5,7 +5,7 @@ afterwards.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory, fourier, poor
 from bdnn_ros.simulation.perturbation import worn_robot, wrong_robot
-from bdnn_ros.simulation.sensors import Noise
+from bdnn_ros.simulation.sensors import Noise, VelocitySource
 from bdnn_ros.simulation.simulate import Progress, Simulated, check, simulate
 
 FORMAT, VERSION = "bdnn_ros/truth", 1
@@ -37,6 +37,8 @@ class Scenario:
         duration, rate: [s], [Hz].
         noise: effort noise as a share of the range of each joint's effort, the position's in proportion.
         coloured: effort noise with a correlation time instead of white.
+        resolution: step of the encoders [rad], 0 for none.
+        velocity: a sensor of its own, the difference of the reported positions, or none.
         wrong: the real links are off by about this share.
         worn: Coulomb and viscous friction and rotor inertia on every joint.
         poor: one joint moves slowly and a little instead of all joints over their range.
@@ -54,6 +56,8 @@ class Scenario:
     rate: float = 500.0
     noise: float = Noise.effort
     coloured: bool = False
+    resolution: float = 0.0
+    velocity: VelocitySource = "sensor"
     wrong: float = 0.0
     worn: bool = False
     poor: bool = False
@@ -70,6 +74,10 @@ class Scenario:
             raise UsageError(f"Links cannot be off by {self.wrong:g}.", "Use a share from 0 to 0.3.")
         if not 0 <= self.hide <= 8:
             raise UsageError(f"{self.hide} effects cannot be hidden.", "Hide 0 to 8.")
+        if not 0.0 <= self.resolution < 0.1:
+            raise UsageError(
+                f"An encoder step of {self.resolution:g} rad makes no sense.", "Use up to 0.1 rad."
+            )
         check(self.duration, self.rate)
         time = np.arange(round(self.duration * self.rate)) / self.rate
         plan = (poor if self.poor else fourier)(self.robot, time, self._stream("motion"))
@@ -80,7 +88,9 @@ class Scenario:
             self.robot,
             effects,
             seed=self.seed,
-            noise=Noise.of(self.noise, self.coloured),
+            noise=replace(
+                Noise.of(self.noise, self.coloured), resolution=self.resolution, velocity_source=self.velocity
+            ),
             reality=reality,
             plan=plan,
             progress=progress,
@@ -146,5 +156,5 @@ class Scenario:
             "seed": self.seed,
             "duration": self.duration,
             "rate": self.rate,
-            "noise": {"effort": self.noise, "coloured": self.coloured},
+            "noise": {"effort": self.noise, "coloured": self.coloured, "resolution": self.resolution},
         }
