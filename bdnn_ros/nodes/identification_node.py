@@ -5,12 +5,14 @@ from __future__ import annotations
 import gc
 import signal
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -54,6 +56,7 @@ class IdentificationNode(LifecycleNode):
         super().__init__(NAME)
         self._session: Session | None = None
         self._active = False
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.settings = parameters.Settings(
             self, parameters.IDENTIFICATION, lambda: self._session is not None, self._setting_changed
         )
@@ -104,7 +107,7 @@ class IdentificationNode(LifecycleNode):
         self._services_of_ours = Services(
             self, session, lambda: self.settings["model_directory"], self._training_was_set
         )
-        self._timers_of_ours = [self.create_timer(HOUSEKEEPING, self._keep_house)]
+        self._timers_of_ours = [self._every(HOUSEKEEPING, self._keep_house)]
         self._description = None
         if not settings["urdf_file"]:
             self._description = self.create_subscription(
@@ -115,11 +118,11 @@ class IdentificationNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen as soon as the trainer is ready: what arrives earlier would only fill the queue."""
         self._active = True
-        self._waited_since = self.get_clock().now()
-        self._opening = self.create_timer(0.02, self._open)
+        self._waited_since = time.monotonic()
+        self._opening = self._every(0.02, self._open)
         rate = self.settings["estimate_rate"]
         if rate > 0:
-            self._timers_of_ours.append(self.create_timer(1.0 / rate, self._publish_estimate))
+            self._timers_of_ours.append(self._every(1.0 / rate, self._publish_estimate))
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -164,6 +167,10 @@ class IdentificationNode(LifecycleNode):
             except BdnnError as error:
                 self.get_logger().error(str(error))
 
+    def _every(self, period: float, callback: Callable[[], None]) -> Any:
+        """A timer by the steady clock: simulated time may stand still."""
+        return self.create_timer(period, callback, clock=self._steady)
+
     # -- the robot -------------------------------------------------------------------------------
 
     def _on_description(self, message: String) -> None:
@@ -205,8 +212,8 @@ class IdentificationNode(LifecycleNode):
         session = self._session
         if session is None or session.robot is None:
             return
-        waited = (self.get_clock().now() - self._waited_since).nanoseconds * 1e-9
-        if not session.supervisor.alive and 0.0 <= waited < TRAINER_TIMEOUT:
+        waited = time.monotonic() - self._waited_since
+        if not session.supervisor.alive and waited < TRAINER_TIMEOUT:
             return
         self.destroy_timer(self._opening)
         self._opening = None

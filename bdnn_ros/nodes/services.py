@@ -84,7 +84,7 @@ class Services:
         response.mass_matrix = told.mass_matrix[index][:, index].ravel().tolist()
         response.coriolis = told.coriolis[index].tolist()
         response.gravity = told.gravity[index].tolist()
-        response.friction = told.friction[index].tolist()
+        response.friction = (told.friction + told.learned)[index].tolist()
         response.model_version = served.number
         return _done(response)
 

@@ -9,8 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from bdnn_ros.online.feed import Samples
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import PER_JOINT
-from bdnn_ros.robot import PER_LINK, Dynamics
+from bdnn_ros.robot import Dynamics
 from bdnn_ros.signals import (
     CUTOFF_PER_RATE,
     DEFAULT_CUTOFF,
@@ -62,29 +61,14 @@ def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, accelerat
     inertial = matrix @ acceleration
     coriolis = model.coriolis(position, velocity)
     gravity = model.gravity(position)
-    friction = model.friction(position, velocity)
-    learned = effort - (inertial + coriolis + gravity + friction)
-    std = effort_std(model, position, velocity, acceleration)
+    learned, std = np.zeros_like(effort), np.empty(0)
+    if isinstance(model, PhysicalModel):
+        std = model.effort_std(position[None], velocity[None], acceleration[None])[0]
+        if model.learned is not None:
+            load = model.robot.rigid_effort(position, velocity, acceleration)
+            learned = model.learned.effort(position, velocity, np.sign(velocity), load)
+    friction = effort - (inertial + coriolis + gravity + learned)
     return Parts(effort, std, inertial, coriolis, gravity, friction, learned, matrix)
-
-
-def effort_std(
-    model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
-) -> np.ndarray:
-    """Standard deviation of the effort at one motion, (n,) [N·m]: of parameters and residual together.
-
-    Empty where the model does not know its parameters' covariance.
-    """
-    if not isinstance(model, PhysicalModel):
-        return np.empty(0)
-    n = model.robot.width
-    regressor = model.robot.regressor(position[None], velocity[None], acceleration[None])[0]
-    own = np.zeros((PER_JOINT, n, n))
-    own[:, np.arange(n), np.arange(n)] = [acceleration, velocity, np.sign(velocity), np.ones(n)]
-    columns = np.concatenate([regressor, *own], axis=1)
-    assert columns.shape[1] == n * (PER_LINK + PER_JOINT)
-    variance = np.einsum("jk,kl,jl->j", columns, model.covariance, columns, optimize=True)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0) + model.noise**2))
 
 
 class Smoother:

@@ -17,7 +17,7 @@ from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 
 TRAINER = (sys.executable, "-m", "bdnn_ros.online.trainer")
-HANG = 20.0
+HANG = 60.0
 """A trainer silent for so long [s] hangs and is replaced."""
 RESTART_PAUSE = (0.1, 5.0)
 """First and longest pause before a trainer that died is started again [s]."""

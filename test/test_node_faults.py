@@ -1,0 +1,204 @@
+"""What happens in a lab, with real processes over DDS: the node names it, loses nothing it could keep, and goes on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bdnn_interfaces.srv import InverseDynamics, SaveModel
+from diagnostic_msgs.msg import DiagnosticArray
+from live_support import (
+    Robotics,
+    motion,
+    node_process,
+    pose,
+    real_robot,
+    status,
+    urdf_file,
+    wait_until,
+)
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from bdnn_ros.cli.replay import replayed
+from bdnn_ros.online.learning import Learning
+from bdnn_ros.online.models import load_model
+from bdnn_ros.robot import Robot
+
+pytestmark = pytest.mark.ros
+
+NODE = "/identification_node"
+ARM = Robot.bundled("arm2")
+REAL = real_robot(ARM)
+SECOND = 1_000_000_000
+
+
+def gone(pid: int) -> bool:
+    return not Path(f"/proc/{pid}").exists()
+
+
+def test_the_trainer_is_killed(tmp_path):
+    """It is started again, the last model serves on, and the model at the end is as if nothing had happened."""
+    recording = motion(REAL, 9.0, 250.0)
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "diagnosis_period": 0.0}
+    with node_process(tmp_path, 131, **parameters) as node, Robotics(131) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        killed = []
+
+        def kill(row, message):
+            if row == 1000:
+                killed.extend(node.children())
+                os.kill(killed[0], signal.SIGKILL)
+                before = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM))
+                assert before.success and before.model_version > 0
+            return message
+
+        ros.stream(recording, change=kill)
+        wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "2250")
+        wait_until(lambda: status(diagnostics)["trainer_alive"] == "true", 20.0)
+        told = status(diagnostics)
+        assert told["samples_lost"] == told["samples_rejected"] == told["samples_unlearned"] == "0"
+        assert told["trainer_restarts"] == "1"
+        assert gone(killed[0]) and len(node.children()) == 1
+        wait_until(lambda: status(diagnostics)["samples_buffered"] == "0")
+        trainer = node.children()[0]
+        assert node.end(signal.SIGTERM) == 0
+    assert gone(trainer)
+    learning = Learning(ARM)
+    for _ in replayed(learning, recording):
+        pass
+    np.testing.assert_allclose(
+        load_model(tmp_path).parameters.vector(),
+        learning.served.model.parameters.vector(),
+        rtol=1e-6,
+        atol=1e-9,
+    )
+
+
+def test_a_stream_with_faults(tmp_path):
+    """NaN, infinite, short and foreign messages, joints in another order, missing effort, clocks that jump."""
+    with node_process(tmp_path, 132, diagnosis_period=0.0) as node, Robotics(132) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+
+        def told(key: str) -> int:
+            return int(status(diagnostics).get(key, "0"))
+
+        description = ros.publisher(String, "robot_description", latched=True)
+        description.publish(String(data="<robot name='broken'><link"))
+        wait_until(lambda: diagnostics and "robot_description" in status(diagnostics)["message"])
+        assert status(diagnostics)["level"] == "2"
+        description.publish(String(data=ARM.urdf))
+        wait_until(lambda: "joint states" in status(diagnostics)["message"])
+
+        def spoil(row, message):
+            if row == 10:
+                message.position[0] = float("nan")
+            elif row == 20:
+                message.effort[1] = float("inf")
+            elif row == 30:
+                message.position = message.position[:1]
+            elif row == 40:
+                message.name = [ARM.joints[0], "somebody_else"]
+            elif row == 50:
+                message.name = ["gripper_left", "gripper_right"]
+            elif row == 60:
+                message.header.stamp.sec -= 0
+                message.header.stamp.nanosec = max(message.header.stamp.nanosec - 100_000_000, 0)
+            elif 100 <= row < 200:  # joints in another order, one more between
+                message.name = [ARM.joints[1], "gripper_left", ARM.joints[0]]
+                for field in ("position", "velocity", "effort"):
+                    first, second = getattr(message, field)
+                    setattr(message, field, [second, 9.0, first])
+            elif 200 <= row < 300:
+                message.effort = [] if row % 2 else [float("nan")] * 2
+            elif 300 <= row < 305:
+                return None  # lost on the way
+            return message
+
+        recording = motion(REAL, 4.0, 250.0)
+        ros.stream(recording, change=spoil)
+        wait_until(lambda: told("samples_received") == 1000 - 5 - 1)
+        wait_until(lambda: told("samples_lost") > 0)
+        assert told("rejected_not_finite") == 2
+        assert told("rejected_wrong_length") == 1
+        assert told("rejected_joints_missing") == 1
+        assert told("rejected_stamp_backwards") == 1
+        assert told("rejected_effort_missing") == 100
+        assert told("samples_rejected") == 105
+        # five never came, and five more left gaps as they were rejected
+        assert 5 <= told("samples_lost") <= 11
+        # the publisher dies and returns; the clock jumps back, then forward; learning goes on
+        version = told("model_version")
+        ros.stream(recording, start=900 * SECOND)
+        wait_until(lambda: told("stream_clock_restarts") == 1)
+        ros.stream(recording, start=5000 * SECOND)
+        wait_until(lambda: told("stream_pauses") == 1)
+        wait_until(lambda: told("model_version") > version)
+        received = told("samples_received")
+        answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM))
+        asked = {key: np.array(value) for key, value in pose(ARM).items()}
+        np.testing.assert_allclose(answer.effort, REAL.inverse_dynamics(**asked), rtol=0.03, atol=0.03)
+        # a burst, five times as fast as the robot's own 1 kHz: nothing is lost
+        ros.stream(motion(REAL, 4.0, 1000.0), speed=5.0, start=6000 * SECOND)
+        wait_until(lambda: told("samples_received") == received + 4000)
+        assert told("stream_messages_lost") == 0
+        # a description of another robot does not replace the one in use
+        description.publish(String(data=Robot.bundled("arm6").urdf))
+        wait_until(lambda: "another robot" in node.output)
+        assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
+
+
+def test_a_model_that_cannot_be_written(tmp_path):
+    """A disk that is full and a directory that is a file: refused with a sentence, the old model stays whole."""
+    blocked = tmp_path / "blocked"
+    blocked.write_text("a file")
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}
+    with node_process(tmp_path, 133, model_directory=blocked, **parameters) as node, Robotics(133) as ros:
+        ros.stream(motion(REAL, 3.0, 250.0))
+        answer = ros.call(SaveModel, f"{NODE}/save_model", name="x")
+        assert answer.success is False and "cannot be written" in answer.message
+        assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
+        assert node.end() == 0
+        assert "cannot be written" in node.output
+    assert blocked.read_text() == "a file"
+    full = Path("/dev/full")
+    if full.exists():
+        kept = tmp_path / "kept"
+        kept.mkdir()
+        (kept / "model.bdnn").symlink_to(full)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_nothing_behind(tmp_path, number):
+    """No process, no shared memory of ours, and a whole model file."""
+    before = {name for name in os.listdir("/dev/shm") if "fastrtps" not in name and "fastdds" not in name}
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "diagnosis_period": 0.0}
+    with node_process(tmp_path, 134 + (number == signal.SIGTERM), **parameters) as node:
+        with Robotics(134 + (number == signal.SIGTERM)) as ros:
+            publisher = ros.publisher(JointState, "joint_states")
+            ros.stream(motion(REAL, 2.5, 250.0))
+            assert publisher is not None
+            trainer = node.children()
+            began = time.monotonic()
+            assert node.end(number) == 0
+            assert time.monotonic() - began < 10.0
+    assert trainer and all(gone(pid) for pid in trainer)
+    after = {name for name in os.listdir("/dev/shm") if "fastrtps" not in name and "fastdds" not in name}
+    assert after <= before
+    assert load_model(tmp_path).joints == ARM.joints
+    assert [path.name for path in tmp_path.glob(".model*")] == []
+
+
+def test_the_node_is_killed(tmp_path):
+    """The trainer does not outlive it."""
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}
+    with node_process(tmp_path, 136, **parameters) as node:
+        trainer = wait_until(node.children, 20.0)
+        time.sleep(2.0)
+        os.kill(node.pid, signal.SIGKILL)
+        node.process.wait()
+        wait_until(lambda: all(gone(pid) for pid in trainer), 10.0)
