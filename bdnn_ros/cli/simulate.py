@@ -9,10 +9,12 @@ import yaml
 
 from bdnn_ros import bags
 from bdnn_ros.cli import options
+from bdnn_ros.diagnosis.effects_file import read_effects
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.simulation.scenario import Scenario
+from bdnn_ros.simulation.trajectory_file import read_trajectory
 
 HELP = "record a simulated robot with chosen or hidden effects"
 BAG, TRUTH = "bag", "truth.yaml"
@@ -28,6 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         help="effect[@joint or link][:key=value,...], repeatable; effects: " + ", ".join(EFFECTS),
+    )
+    parser.add_argument(
+        "--effects", metavar="FILE", type=Path, help="effects.yaml of an extended model (or a truth.yaml)"
     )
     parser.add_argument("--hide", metavar="N", type=int, default=0, help="N random effects more, not printed")
     parser.add_argument(
@@ -62,6 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--worn", action="store_true", help="friction and rotor inertia on every joint")
     parser.add_argument("--poor", action="store_true", help="move one joint slowly and a little")
+    parser.add_argument(
+        "--trajectory", metavar="CSV", type=Path, help="follow this motion, as bdnn excite writes it"
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help=f"directory for {BAG}/ (rosbag2) and {TRUTH}"
@@ -70,8 +78,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, write the bag and the truth, say where."""
+    robot = _robot(args)
+    installed = read_effects(args.effects, robot) if args.effects else []
     scenario = Scenario(
-        _robot(args),
+        robot,
         effects=args.effect,
         hide=args.hide,
         seed=args.seed,
@@ -85,6 +95,8 @@ def run(args: argparse.Namespace) -> int:
         worn=args.worn,
         poor=args.poor,
         name=args.robot or args.urdf.stem,
+        installed=installed,
+        plan=read_trajectory(args.trajectory, robot, args.rate) if args.trajectory else None,
     )
     if args.seed < 0:
         raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
@@ -96,11 +108,11 @@ def run(args: argparse.Namespace) -> int:
     bags.write(simulated.recording, bag, overwrite=args.overwrite)
     with options.written_whole(truth) as file:
         yaml.safe_dump(content, file, sort_keys=False)
-    for one in simulated.effects[: len(args.effect)]:
-        print(one.effect.sentence(one.place(scenario.robot), one.values))
+    for one in simulated.effects[: len(installed) + len(args.effect)]:
+        print(one.effect.sentence(one.place(robot), one.values))
     if args.hide:
         print(f"{args.hide} hidden: see {truth}, after a guess.")
-    print(f"{bag}: {len(simulated.recording)} samples of {scenario.robot.width} joints.")
+    print(f"{bag}: {len(simulated.recording)} samples of {robot.width} joints.")
     return 0
 
 

@@ -15,14 +15,18 @@ from bdnn_ros.robot import Robot
 
 FORMAT = "bdnn_ros/effects"
 VERSION = 1
-MJCF_TOO = "also_in"
+ALSO_IN = "also_in"
 """Key of an entry that says which other file carries the effect as well."""
-PREAMBLE = """\
-# What extended.urdf cannot say. Nothing is to be applied twice:
-#   extended.urdf      carries the links' corrected inertias, payloads, the base's tilt, damping and friction
-#   this file          carries all the rest; with extended.urdf it is the whole model:
-#                      bdnn simulate --urdf extended.urdf --effects effects.yaml
-#   extended.mjcf.xml  stands alone: what extended.urdf carries, and of this file what says so under also_in
+
+
+def preamble(stem: str) -> str:
+    """Which file carries what, as comments."""
+    return f"""\
+# What {stem}.urdf cannot say. Nothing is to be applied twice:
+#   {stem}.urdf      carries the links' inertias, payloads, the base's tilt, damping and friction
+#   this file          carries all the rest; with {stem}.urdf it is the whole model:
+#                      bdnn simulate --urdf {stem}.urdf --effects effects.yaml
+#   {stem}.mjcf.xml  stands alone: what {stem}.urdf carries, and of this file what says so under {ALSO_IN}
 # Effort that really acts(t) = scale * measured(t - delay) + offset. SI units and radians.
 """
 
@@ -62,21 +66,24 @@ def from_entry(one: Mapping[str, Any], robot: Robot) -> Installed:
     return Installed(effect, target, None if link is None else str(link), values)
 
 
-def effects_text(effects: Sequence[Installed], robot: Robot, in_mjcf: Sequence[Installed] = ()) -> str:
+def effects_text(
+    effects: Sequence[Installed], robot: Robot, in_mjcf: Sequence[Installed] = (), stem: str = "extended"
+) -> str:
     """The text of an effects.yaml.
 
     Args:
         effects: what the extended URDF does not carry.
-        in_mjcf: those of them that the extended MJCF carries.
+        in_mjcf: those of them that the MuJoCo model carries.
+        stem: of the names of the URDF and the MuJoCo model.
     """
     entries = []
     for effect in effects:
         one = entry(effect, robot)
         if effect in in_mjcf:
-            one[MJCF_TOO] = ["extended.mjcf.xml"]
+            one[ALSO_IN] = [f"{stem}.mjcf.xml"]
         entries.append(one)
     document = {"format": FORMAT, "version": VERSION, "joints": list(robot.joints), "effects": entries}
-    return PREAMBLE + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    return preamble(stem) + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
 
 
 def read_effects(path: str | Path, robot: Robot) -> list[Installed]:

@@ -1,4 +1,4 @@
-"""The files of an extension: extended.urdf, extended.mjcf.xml, effects.yaml."""
+"""A model's files for other programs: URDF, MuJoCo model, effects.yaml."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.urdf import beside_urdf, extended_urdf
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination
 
-URDF, MJCF, EFFECTS = "extended.urdf", "extended.mjcf.xml", "effects.yaml"
+EFFECTS = "effects.yaml"
 
 
 def write_extension(examination: Examination, out: Path) -> list[Path]:
@@ -24,13 +24,13 @@ def write_extension(examination: Examination, out: Path) -> list[Path]:
     return write_model_files(extend(examination), out)
 
 
-def write_model_files(model: ExtendedModel, out: Path) -> list[Path]:
+def write_model_files(model: ExtendedModel, out: Path, stem: str = "extended") -> list[Path]:
     """Write an extended model as URDF, MuJoCo model and effects; each file whole or not at all."""
     beside = beside_urdf(model)
     texts = {
-        URDF: extended_urdf(model),
-        MJCF: extended_mjcf(model),
-        EFFECTS: effects_text(beside, model.robot, beside_mjcf(beside)),
+        f"{stem}.urdf": extended_urdf(model),
+        f"{stem}.mjcf.xml": extended_mjcf(model),
+        EFFECTS: effects_text(beside, model.robot, beside_mjcf(beside), stem),
     }
     out.mkdir(parents=True, exist_ok=True)
     return [write_text(out / name, text) for name, text in texts.items()]
@@ -38,10 +38,15 @@ def write_model_files(model: ExtendedModel, out: Path) -> list[Path]:
 
 def write_text(path: Path, text: str) -> Path:
     """Write a text file, whole or not at all."""
+    return write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, content: bytes) -> Path:
+    """Write a file, whole or not at all."""
     handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
         mask = os.umask(0o077)  # it can only be read by setting it
         os.umask(mask)
         os.chmod(beside, 0o666 & ~mask)

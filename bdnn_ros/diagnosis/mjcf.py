@@ -151,7 +151,7 @@ def _preamble(model: ExtendedModel) -> str:
     names = dict.fromkeys(effect.effect.name for effect in model.effects)
     rest = [name for name in names if name not in IN_URDF | IN_MJCF]
     missing = f" It leaves out {', '.join(rest)}: see effects.yaml." if rest else ""
-    return f" Extended model; stands alone, without extended.urdf.{missing} "
+    return f" Stands alone, without the URDF.{missing} "
 
 
 def _upright(robot: Robot) -> np.ndarray:

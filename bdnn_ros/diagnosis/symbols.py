@@ -1,8 +1,8 @@
 """NumPy expressions as ONNX graphs: arrays that remember how they were made.
 
 A `Symbol` stands for an array whose first axis is a batch of any size. What is computed from it with NumPy is
-computed on an example and written down as nodes of a graph, so formulas are written once. Only what the models
-need is known.
+computed on an example and written down as nodes of a graph, so formulas are written once. Only what the
+models need is known.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from onnx import TensorProto, helper, numpy_helper
 
 OPSET = 17
-UNARY = {
+UNARY: dict[Any, str] = {
     np.negative: "Neg",
     np.sin: "Sin",
     np.cos: "Cos",
@@ -25,8 +25,9 @@ UNARY = {
     np.absolute: "Abs",
     np.exp: "Exp",
     np.sqrt: "Sqrt",
+    np.log: "Log",
 }
-BINARY = {
+BINARY: dict[Any, str] = {
     np.add: "Add",
     np.subtract: "Sub",
     np.multiply: "Mul",
@@ -61,7 +62,7 @@ class Graph:
             self.tensors.append(numpy_helper.from_array(array, self.constants[key]))
         return self.constants[key]
 
-    def node(self, kind: str, inputs: Sequence[str], example: np.ndarray, **attributes: object) -> Symbol:
+    def node(self, kind: str, inputs: Sequence[str], example: np.ndarray, **attributes: Any) -> Symbol:
         """What a node makes of its inputs."""
         name = f"v{len(self.nodes)}"
         self.nodes.append(helper.make_node(kind, list(inputs), [name], **attributes))
@@ -159,6 +160,15 @@ class Symbol(NDArrayOperatorsMixin):
                 result, axis = result.taken(np.asarray(one), axis), axis + 1
         return result
 
+    def __setitem__(self, key: Any, value: Any) -> None:
+        """Put values in the place of a slice of the second axis."""
+        if not (isinstance(key, tuple) and len(key) == 2 and key[0] == slice(None) and key[1].step is None):
+            raise TypeError("only a slice of the second axis can be replaced")
+        start, stop, _ = key[1].indices(self.shape[1])
+        parts = [self[:, :start], value, self[:, stop:]]
+        new = _concatenate(self.graph, [part for part in parts if part.shape[1]], 1)
+        self.name, self.example = new.name, new.example
+
     def taken(self, index: np.ndarray, axis: int) -> Symbol:
         """Entries along an axis; a single one without its axis."""
         if axis == 0:
@@ -174,10 +184,10 @@ class Symbol(NDArrayOperatorsMixin):
     def reshape(self, *shape: Any) -> Symbol:
         """The same entries in another shape, the batch first."""
         sizes = shape[0] if len(shape) == 1 and isinstance(shape[0], (tuple, list)) else shape
-        example = self.example.reshape(sizes)
-        if example.shape[0] != len(self):
+        example: np.ndarray = np.reshape(self.example, sizes)
+        if len(example) != len(self):
             raise TypeError("the batch keeps its axis")
-        target = self.graph.constant(np.array([-1, *example.shape[1:]]))
+        target = self.graph.constant(np.array([-1, *np.shape(example)[1:]]))
         return self.graph.node("Reshape", [self.name, target], example)
 
     def sum(self, axis: int) -> Symbol:

@@ -42,6 +42,8 @@ class Scenario:
         wrong: the real links are off by about this share.
         worn: Coulomb and viscous friction and rotor inertia on every joint.
         poor: one joint moves slowly and a little instead of all joints over their range.
+        installed: effects that are already made, as those of an effects.yaml.
+        plan: the motion, with its own duration and rate; None draws one.
         name: of the robot, for the truth.
     """
 
@@ -62,6 +64,8 @@ class Scenario:
     worn: bool = False
     poor: bool = False
     name: str = "robot"
+    installed: Sequence[Installed] = ()
+    plan: Trajectory | None = None
 
     def run(self, progress: Progress | None = None) -> tuple[Simulated, dict[str, object]]:
         """The simulated recording, and its truth as truth.yaml holds it.
@@ -78,11 +82,9 @@ class Scenario:
             raise UsageError(
                 f"An encoder step of {self.resolution:g} rad makes no sense.", "Use up to 0.1 rad."
             )
-        check(self.duration, self.rate)
-        time = np.arange(round(self.duration * self.rate)) / self.rate
-        plan = (poor if self.poor else fourier)(self.robot, time, self._stream("motion"))
+        plan = self._planned()
         reality = self._reality(plan)
-        effects = [parse_spec(spec, self.robot) for spec in self.effects]
+        effects = [*self.installed, *(parse_spec(spec, self.robot) for spec in self.effects)]
         effects += self._hidden(reality, plan, effects)
         simulated = simulate(
             self.robot,
@@ -96,6 +98,19 @@ class Scenario:
             progress=progress,
         )
         return simulated, self._truth(simulated, reality)
+
+    def _planned(self) -> Trajectory:
+        if self.plan is not None and self.poor:
+            raise UsageError("A given motion cannot be a poor one too.", "Leave one of them out.")
+        check(self._duration, self.rate)
+        if self.plan is not None:
+            return self.plan
+        time = np.arange(round(self.duration * self.rate)) / self.rate
+        return (poor if self.poor else fourier)(self.robot, time, self._stream("motion"))
+
+    @property
+    def _duration(self) -> float:
+        return self.duration if self.plan is None else float(self.plan.time[-1])
 
     def _stream(self, purpose: str) -> np.random.Generator:
         return np.random.default_rng([self.seed, *purpose.encode()])
@@ -152,9 +167,9 @@ class Scenario:
                 }
                 for name in changed
             },
-            "excitation": "poor" if self.poor else "fourier",
+            "excitation": "given" if self.plan else "poor" if self.poor else "fourier",
             "seed": self.seed,
-            "duration": self.duration,
+            "duration": self._duration,
             "rate": self.rate,
             "noise": {"effort": self.noise, "coloured": self.coloured, "resolution": self.resolution},
         }
