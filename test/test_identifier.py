@@ -58,6 +58,7 @@ def test_how_samples_are_packed_makes_no_difference(real):
     for k in range(0, len(recording), 7):
         live.feed(recording.time[k : k + 7], recording.position[k : k + 7], recording.effort[k : k + 7])
     live.finish()
+    live.settle()
     again = live.model(iterations=10)
     np.testing.assert_allclose(again.parameters.vector(), whole.parameters.vector(), rtol=1e-6, atol=1e-9)
 

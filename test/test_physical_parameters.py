@@ -4,7 +4,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from bdnn_ros.physical.columns import parameter_columns, parameter_index
 from bdnn_ros.physical.parameters import (
     Parameters,
     Spread,
@@ -97,21 +96,6 @@ def test_parameters_go_through_a_vector():
     names = parameter_names(("a", "b"))
     assert len(names) == len(vector)
     assert names[10] == "b.mass" and names[20] == "a.armature" and names[-1] == "b.offset"
-
-
-def test_columns_times_parameters_is_the_effort():
-    from bdnn_ros.recording import Recording
-    from bdnn_ros.signals import prepare
-
-    robot = Robot.bundled("arm6").with_joint_parameters(*np.random.default_rng(4).uniform(0.1, 1.0, (3, 6)))
-    time = np.arange(0.0, 3.0, 0.005)
-    position = np.sin(time[:, None] * np.linspace(0.7, 2.1, 6)) * 0.8
-    signals = prepare(Recording(time, robot.joints, position))
-    columns = parameter_columns(robot, signals)
-    effort = np.einsum("njk,jk->nj", columns, of_robot(robot).vector()[parameter_index(6)])
-    moving = np.abs(signals.sign) == 1.0
-    expected = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
-    np.testing.assert_allclose(effort[moving], expected[moving], atol=1e-9)
 
 
 def test_a_step_of_dry_friction_is_as_soft_in_the_column_as_in_the_effort():

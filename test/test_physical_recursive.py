@@ -1,79 +1,105 @@
 """Bayesian least squares: against batch least squares, and its own noise."""
 
 import numpy as np
+import pytest
 
-from bdnn_ros.physical.recursive import MOST_BLOCKS, Recursion, Statistics, solve
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.parameters import Prior
+from bdnn_ros.physical.recursive import MOST_BLOCKS, Recursion, inverse, solve
+from bdnn_ros.physical.statistics import Statistics
+from bdnn_ros.physical.structure import Layout
+
+INDEX = np.array([[0, 1, 2], [0, 3, 4]])
+TRUTH = np.array([1.0, -2.0, 0.5, 3.0, 0.1])
+LAYOUT = Layout(
+    columns=(np.arange(3), np.arange(3)),
+    parameters=tuple(INDEX),
+    deviation=np.empty(0),
+    base=5,
+    positive=np.empty(0, int),
+    motors=(),
+    weights=(slice(5, 5), slice(5, 5)),
+    straight=(np.empty((0, 3)), np.empty((0, 3))),
+)
 
 
 def problem(seed=0, rows=400, correlation=0.0):
     """Two joints with three coefficients each, the first of which they share."""
     generator = np.random.default_rng(seed)
-    index = np.array([[0, 1, 2], [0, 3, 4]])
-    truth = np.array([1.0, -2.0, 0.5, 3.0, 0.1])
     columns = np.cumsum(generator.normal(size=(rows, 2, 3)), axis=0) * 0.1
     columns -= columns.mean(axis=0)
     noise = generator.normal(size=(rows, 2))
     for k in range(1, rows):
         noise[k] = correlation * noise[k - 1] + np.sqrt(1 - correlation**2) * noise[k]
     noise *= np.array([0.1, 1.0])
-    effort = np.einsum("njk,jk->nj", columns, truth[index]) + noise
-    return index, truth, columns, effort
+    return columns, np.einsum("njk,jk->nj", columns, TRUTH[INDEX]) + noise
 
 
-def recursion(index, size=5, spread=100.0):
-    return Recursion(np.zeros(size), spread**2 * np.eye(size), index, np.ones(len(index)))
+def recursion(spread=100.0, mean=None):
+    mean = np.zeros(5) if mean is None else mean
+    return Recursion(Prior(mean, spread**2 * np.eye(5), np.ones(2)))
 
 
 def test_it_equals_weighted_least_squares_under_a_wide_prior():
-    index, _, columns, effort = problem()
-    filter_ = recursion(index, spread=1e5)
+    columns, effort = problem()
+    sums = recursion(spread=1e5)
     for k in range(0, 400, 10):
-        filter_.update(columns[k : k + 10], effort[k : k + 10])
-    noise = np.array([0.1, 1.0])
-    assert filter_.total is not None
-    mean = solve(filter_.total, filter_, noise, np.ones(2)).mean
+        sums.update(columns[k : k + 10], effort[k : k + 10])
+    sums.noise, sums.correlation = np.array([0.1, 1.0]), np.ones(2)
+    mean = sums.solve(LAYOUT, iterations=0).mean
     full = np.zeros((400, 2, 5))
     for joint in range(2):
-        full[:, joint, index[joint]] = columns[:, joint] / noise[joint]
-    expected = np.linalg.lstsq(full.reshape(-1, 5), (effort / noise).ravel(), rcond=None)[0]
+        full[:, joint, INDEX[joint]] = columns[:, joint] / sums.noise[joint]
+    expected = np.linalg.lstsq(full.reshape(-1, 5), (effort / sums.noise).ravel(), rcond=None)[0]
     np.testing.assert_allclose(mean, expected, rtol=1e-6)
 
 
 def test_with_no_data_worth_naming_the_prior_stays():
-    index = np.array([[0, 1]])
-    filter_ = Recursion(np.array([1.0, 2.0]), 1e-12 * np.eye(2), index, np.ones(1))
-    filter_.update(np.ones((5, 1, 2)), np.full((5, 1), 50.0))
-    np.testing.assert_allclose(filter_.solve().mean, [1.0, 2.0], atol=1e-6)
+    sums = recursion(spread=1e-6, mean=TRUTH)
+    sums.update(np.ones((5, 2, 3)), np.full((5, 2), 50.0))
+    np.testing.assert_allclose(sums.solve(LAYOUT).mean, TRUTH, atol=1e-6)
+    with pytest.raises(RecordingError, match="No motion"):
+        recursion().solve(LAYOUT)
 
 
 def test_the_noise_of_each_joint_is_found():
-    index, _, columns, effort = problem(rows=4000)
-    filter_ = recursion(index)
+    columns, effort = problem(rows=4000)
+    sums = recursion()
     for k in range(0, 4000, 100):
-        filter_.update(columns[k : k + 100], effort[k : k + 100])
-    posterior = filter_.solve(10)
+        sums.update(columns[k : k + 100], effort[k : k + 100])
+    posterior = sums.solve(LAYOUT, 10)
     np.testing.assert_allclose(posterior.noise, [0.1, 1.0], rtol=0.05)
     assert (posterior.correlation < 2.5).all()
 
 
 def test_correlated_noise_widens_the_intervals():
-    index, truth, columns, effort = problem(rows=4000, correlation=0.9)
-    filter_ = recursion(index)
+    columns, effort = problem(rows=4000, correlation=0.9)
+    sums = recursion()
     for k in range(0, 4000, 100):
-        filter_.update(columns[k : k + 100], effort[k : k + 100])
-    posterior = filter_.solve(10)
+        sums.update(columns[k : k + 100], effort[k : k + 100])
+    posterior = sums.solve(LAYOUT, 10)
     assert (posterior.correlation > 4.0).all()
-    assert (np.abs(posterior.mean - truth) < 4.0 * posterior.std).all()
+    assert (np.abs(posterior.mean - TRUTH) < 4.0 * posterior.std).all()
+
+
+def test_a_row_of_half_weight_counts_half():
+    columns, effort = problem()
+    half = Statistics.of(columns, effort, np.full(effort.shape, 0.5))
+    whole = Statistics.of(columns, effort)
+    np.testing.assert_allclose(2.0 * half.gram, whole.gram)
+    np.testing.assert_allclose(2.0 * half.moment, whole.moment)
+    np.testing.assert_allclose(2.0 * half.energy, whole.energy)
+    np.testing.assert_allclose(2.0 * half.count, whole.count)
 
 
 def test_blocks_are_joined_and_nothing_is_lost():
-    index, _, columns, effort = problem(rows=1000)
-    filter_ = recursion(index)
+    columns, effort = problem(rows=1000)
+    sums = recursion()
     for k in range(1000):
-        filter_.update(columns[k : k + 1], effort[k : k + 1])
-    assert len(filter_.blocks) <= MOST_BLOCKS
-    kept = filter_.blocks[0]
-    for block in [*filter_.blocks[1:], *filter_._parts]:
+        sums.update(columns[k : k + 1], effort[k : k + 1])
+    assert len(sums.blocks) <= MOST_BLOCKS + 1
+    kept = sums.blocks[0]
+    for block in sums.blocks[1:]:
         kept = kept + block
     expected = Statistics.of(columns, effort)
     np.testing.assert_allclose(kept.gram, expected.gram, rtol=1e-9)
@@ -81,11 +107,41 @@ def test_blocks_are_joined_and_nothing_is_lost():
 
 
 def test_squared_error_and_score_are_those_of_the_rows():
-    index, truth, columns, effort = problem()
-    coefficients = truth[index] + 0.1
-    residual = effort - np.einsum("njk,jk->nj", columns, coefficients)
+    columns, effort = problem()
     statistics = Statistics.of(columns, effort)
-    np.testing.assert_allclose(statistics.squared_error(coefficients), (residual**2).sum(axis=0), rtol=1e-6)
+    chosen = np.array([0, 2])
+    for joint in range(2):
+        coefficients = np.array([0.7, -0.2])
+        residual = effort[:, joint] - columns[:, joint, chosen] @ coefficients
+        regression = statistics.of_joint(joint, chosen)
+        error = regression.squared_error(coefficients)
+        np.testing.assert_allclose(error, (residual**2).sum(), rtol=1e-6)
+        score = regression.score(coefficients)
+        np.testing.assert_allclose(score, columns[:, joint, chosen].T @ residual, rtol=1e-6, atol=1e-8)
+
+
+def test_what_the_other_joints_say_is_the_posterior_without_one():
+    columns, effort = problem()
+    sums = recursion()
+    sums.update(columns, effort)
+    information, vector = sums.without_joint(LAYOUT, 0)
+    weight = sums.weights()[1]
+    sums_of_joint = sums.total.of_joint(1, np.arange(3))
+    full = np.eye(5) / 100.0**2
+    full[np.ix_(INDEX[1], INDEX[1])] += weight * sums_of_joint.gram
+    right = np.zeros(5)
+    right[INDEX[1]] = weight * sums_of_joint.moment
+    covariance = np.linalg.inv(full)[:3, :3]
+    np.testing.assert_allclose(np.linalg.inv(information), covariance, rtol=1e-6)
     np.testing.assert_allclose(
-        statistics.score(coefficients), np.einsum("njk,nj->jk", columns, residual), rtol=1e-6, atol=1e-8
+        np.linalg.solve(information, vector), np.linalg.solve(full, right)[:3], rtol=1e-6, atol=1e-9
     )
+
+
+def test_badly_scaled_systems_are_solved():
+    generator = np.random.default_rng(0)
+    root = generator.normal(size=(6, 6)) * 10.0 ** np.arange(-6, 6, 2)
+    matrix, x = root.T @ root, generator.normal(size=(6, 2))
+    np.testing.assert_allclose(solve(matrix, matrix @ x), x, rtol=1e-4)
+    np.testing.assert_allclose(solve(matrix, matrix @ x[:, 0]), x[:, 0], rtol=1e-4)
+    np.testing.assert_allclose(inverse(matrix) @ matrix, np.eye(6), atol=1e-3)

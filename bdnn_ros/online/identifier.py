@@ -3,33 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.errors import RecordingError, UpdateRejected, UsageError
-from bdnn_ros.physical.columns import parameter_columns, parameter_index
-from bdnn_ros.physical.consistency import consistent, feasible
+from bdnn_ros.errors import UsageError
+from bdnn_ros.online.chunks import Chunks
+from bdnn_ros.physical.columns import low_passed, sharp_columns, smooth_columns
+from bdnn_ros.physical.dictionary import Scales
+from bdnn_ros.physical.handover import physical_model
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import Parameters, Prior, Spread, prior
-from bdnn_ros.physical.recursive import Posterior, Recursion
+from bdnn_ros.physical.parameters import Prior, Spread, prior
+from bdnn_ros.physical.presliding import Directions, directions
+from bdnn_ros.physical.recursive import Recursion
+from bdnn_ros.physical.selection import choose
+from bdnn_ros.physical.structure import Layout, Structure, layout, straightened
 from bdnn_ros.recording import Recording
-from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.signals import CUTOFF_PER_RATE, DEFAULT_CUTOFF, KERNEL_WIDTHS, Signals, gaussian_std, prepare
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
 
-CHUNK_SECONDS = 1.0
-CHUNK_SAMPLES = 40
-"""A chunk lasts at least one second and this many samples."""
-ROWS_PER_CUTOFF = 5.0
-"""Rows kept per second and Hz of the cut-off: what passes the low-pass has no more to say."""
+REST_WEIGHT = 0.1
+"""What a row counts for a joint at rest: dry friction may then hold anything up to its breakaway."""
+MOST_KEPT = 300
+"""Chunks of motion kept to be gone through again; what later ones say is only summed up."""
+ITERATIONS = 10
+"""Of noise and parameters, where there is time."""
+VELOCITY = 2.0
+"""Velocity limit of a joint whose URDF has none [rad/s]: only a unit."""
 Progress = Callable[[float, str], None]
 """(share done, what is being done)."""
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A chunk of motion: its signals, its rows, and the state of friction at its start."""
+
+    signals: Signals
+    rows: np.ndarray
+    start: Directions | None
 
 
 class Identifier:
     """Identifies a robot from raw samples fed in order, live or from recordings, with the same result.
 
-    Samples are gathered into chunks of time counted from the first stamp, each low-passed with the samples
-    around it; how many samples a call brings makes no difference.
+    Parameters are solved for whenever a model is asked for. Whenever the chunks of motion have doubled in
+    number,
+    they are gone through again: what is known by then of the load, and which terms lower the error on
+        stretches left
+    out, is settled anew.
 
     Args:
         robot: the simulation's robot, the prior.
@@ -38,6 +59,9 @@ class Identifier:
         belief: what is known already, instead of the robot and the spread.
 
     Attributes:
+        samples: taken in so far.
+        chunks: of time completed so far.
+        structure: terms that are switched on.
         latest: motion of the last chunk and its rows, until somebody takes them; None before.
     """
 
@@ -49,22 +73,35 @@ class Identifier:
         belief: Prior | None = None,
     ) -> None:
         self.robot = robot
-        self.cutoff = cutoff
-        belief = belief or prior(robot, spread)
-        self.recursion = Recursion(
-            belief.mean, belief.covariance, parameter_index(robot.width), belief.effort_scale
+        self.recursion = Recursion(belief or prior(robot, spread))
+        limit = robot.limits.velocity
+        self.scales = Scales(
+            self.recursion.belief.effort_scale, np.where(np.isfinite(limit), limit, VELOCITY)
         )
+        self.structure = Structure.plain(robot.width)
         self.version = 0
         self.samples = 0
         self.chunks = 0
-        self.left_out = 0
         self.latest: tuple[Signals, np.ndarray] | None = None
-        self._pending: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self._chunk: float | None = None
-        self._start = 0.0
-        self._due = np.inf
+        self._stream = Chunks(robot.joints, cutoff)
+        self._straight: tuple[np.ndarray, ...] = ()
+        self._carrier = robot
+        self._kept: list[_Motion] = []
+        self._used = 0
+        self._settle_at = 4
+        self._state: tuple[np.ndarray, Directions] | None = None
 
-    # -- samples in --------------------------------------------------------------------------------
+    @property
+    def cutoff(self) -> float | None:
+        """-3 dB frequency of the low-pass [Hz], None before it is known."""
+        return self._stream.cutoff
+
+    @property
+    def left_out(self) -> int:
+        """Samples in stretches too short for the low-pass."""
+        return self._stream.left_out
+
+    # -- samples in ------------------------------------------------------------------------------
 
     def feed(self, time: np.ndarray, position: np.ndarray, effort: np.ndarray) -> int:
         """Take in samples in order of their stamps.
@@ -76,24 +113,17 @@ class Identifier:
         Returns:
             The number of chunks that were completed: above zero, `model` has news.
         """
-        if len(time) == 0:
-            return 0
-        self._pending.append((time, position, effort))
         self.samples += len(time)
-        if self._chunk is None and not self._settle(final=False):
-            return 0
         before = self.chunks
-        while time[-1] >= self._due:
-            self._complete()
+        for chunk in self._stream.add(time, position, effort):
+            self._take_in(chunk)
         return self.chunks - before
 
     def finish(self) -> None:
         """Take in what is left: the recording ends here, and what comes next may have any stamps."""
-        if self._pending and (self._chunk is not None or self._settle(final=True)):
-            last = self._pending[-1][0][-1]
-            while self._pending and self._start <= last:
-                self._complete()
-        self._pending, self._chunk, self._due = [], None, np.inf
+        for chunk in self._stream.end():
+            self._take_in(chunk)
+        self._state = None
 
     def fit(self, recordings: Sequence[Recording], progress: Progress | None = None) -> PhysicalModel:
         """The model of one or several recordings of the robot.
@@ -114,15 +144,18 @@ class Identifier:
                 self.feed(recording.time[rows], recording.position[rows], effort[rows])
                 if progress:
                     share = (done + float(recording.time[rows][-1] - recording.time[0])) / total
-                    progress(0.9 * share, f"reading {recording.name}")
+                    progress(0.8 * share, f"reading {recording.name}")
             self.finish()
             done += recording.duration
-        model = self.model(iterations=10)
+        if progress:
+            progress(0.8, "choosing terms")
+        self.settle()
+        model = self.model(ITERATIONS)
         if progress:
             progress(1.0, "done")
         return model
 
-    # -- models out --------------------------------------------------------------------------------
+    # -- models out ------------------------------------------------------------------------------
 
     def model(self, iterations: int = 1) -> PhysicalModel:
         """The robot as known now, checked.
@@ -131,79 +164,67 @@ class Identifier:
             RecordingError: no motion came yet.
             UpdateRejected: the result is not finite or not feasible.
         """
-        posterior = self.recursion.solve(iterations)
+        posterior = self.recursion.solve(self._layout, iterations)
         self.version += 1
-        return physical_model(self.robot, posterior, self.version)
+        return physical_model(self.robot, posterior, self.structure, self.scales, self.version)
 
-    # -- chunks ------------------------------------------------------------------------------------
-
-    def _settle(self, final: bool) -> bool:
-        """Fix the chunk's length from the first second of samples; False while there are too few."""
-        time = np.concatenate([part[0] for part in self._pending])
-        if not final and (len(time) < CHUNK_SAMPLES or time[-1] - time[0] < CHUNK_SECONDS):
-            return False
-        if len(time) < 2:
-            return False
-        early = np.diff(time[: max(int(np.searchsorted(time, time[0] + CHUNK_SECONDS)), CHUNK_SAMPLES)])
-        rate = 1.0 / float(np.median(early))
-        if self.cutoff is None:
-            self.cutoff = min(DEFAULT_CUTOFF, rate * CUTOFF_PER_RATE)
-        self._chunk = max(CHUNK_SECONDS, CHUNK_SAMPLES / rate)
-        self._margin = 2.0 * KERNEL_WIDTHS * gaussian_std(self.cutoff) + 2.0 / rate
-        self._start = float(time[0])
-        self._due = self._start + self._chunk + self._margin
-        return True
-
-    def _complete(self) -> None:
-        """Take in the chunk that starts at `_start`."""
-        assert self._chunk is not None
-        end = self._start + self._chunk
-        time, position, effort = (np.concatenate(parts) for parts in zip(*self._pending, strict=True))
-        inside = (time >= self._start - self._margin) & (time < end + self._margin)
-        if np.count_nonzero(inside) > 3:
-            window = Recording(time[inside], self.robot.joints, position[inside], None, effort[inside])
-            try:
-                signals = prepare(window, self.cutoff)
-            except RecordingError:
-                self.left_out += int(np.count_nonzero((time >= self._start) & (time < end)))
-            else:
-                self._take_in(signals, self._start, end)
-        keep = time >= end - self._margin
-        self._pending = [(time[keep], position[keep], effort[keep])] if keep.any() else []
-        self.chunks += 1
-        self._start = end
-        self._due = end + self._chunk + self._margin
-
-    def _take_in(self, signals: Signals, start: float, end: float) -> None:
-        assert signals.effort is not None
-        thinning = max(int(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
-        own = signals.interior & (signals.time >= start) & (signals.time < end)
-        rows = np.flatnonzero(own)[::thinning]
-        if len(rows) == 0:
+    def settle(self) -> None:
+        """Go through the motion again with the load as known now, and choose the terms that it supports."""
+        if self.recursion.total is None:
             return
-        columns = signals.smooth(parameter_columns(self.robot, signals))
-        self.recursion.update(columns[rows], signals.smooth(signals.effort)[rows])
-        self.latest = signals, rows
+        model = physical_model(
+            self.robot, self.recursion.solve(self._layout, ITERATIONS), self.structure, self.scales
+        )
+        if len(self._kept) == self._used:
+            self._carrier = model.robot
+            self.recursion.clear()
+            for motion in self._kept:
+                self._sum(motion)
+        self.recursion.solve(self._layout, 2)
+        self.structure = choose(self.recursion, self.structure, self._layout)
+        self._straight = straightened(self.structure, self.recursion.total)
 
+    @property
+    def _layout(self) -> Layout:
+        return layout(self.structure, self.recursion.belief, self._straight)
 
-def physical_model(robot: Robot, posterior: Posterior, version: int = 1) -> PhysicalModel:
-    """The feasible model of a posterior.
+    # -- chunks ----------------------------------------------------------------------------------
 
-    Raises:
-        UpdateRejected: the posterior is not finite, or no feasible robot is near it.
-    """
-    width = robot.width
-    if not np.isfinite(posterior.mean).all():
-        raise UpdateRejected("The identified parameters are not finite.", "Check the efforts for outliers.")
-    positive = width * PER_LINK + np.arange(3 * width)
-    vector = consistent(posterior.mean, posterior.information, width, positive)
-    values = Parameters.from_vector(vector)
-    if not feasible(values.inertials):
-        raise UpdateRejected("The identified inertias are not physically possible.", "Check units and signs.")
-    identified = robot.with_inertials(values.inertials).with_joint_parameters(
-        values.armature, values.viscous, values.coulomb
-    )
-    return PhysicalModel(identified, values.offset, posterior.covariance, posterior.noise, version)
+    def _take_in(self, chunk: tuple[Signals, np.ndarray] | None) -> None:
+        self.chunks += 1
+        if chunk is None:
+            self._state = None
+            return
+        motion = _Motion(*chunk, self._state_at(chunk[0].time[0]))
+        state = self._sum(motion)
+        self._state = motion.signals.time, state
+        self._used += 1
+        if len(self._kept) < MOST_KEPT:
+            self._kept.append(motion)
+        self.latest = chunk
+        if self._used >= self._settle_at:
+            self._settle_at *= 2
+            self.settle()
+
+    def _sum(self, motion: _Motion) -> Directions:
+        """Add a chunk to the statistics; returns the directions of friction along it."""
+        signals, rows = motion.signals, motion.rows
+        assert signals.effort is not None
+        state = directions(signals, motion.start)
+        smooth = smooth_columns(self.robot, signals)
+        bodies = self._carrier.inertials.size
+        load = smooth[:, :, :bodies] @ self._carrier.inertials.ravel()
+        sharp = sharp_columns(signals, state, load, self.scales)
+        columns = low_passed(signals, smooth, sharp, rows)
+        weights = np.where(signals.at_rest[rows], REST_WEIGHT, 1.0)
+        self.recursion.update(columns, signals.smooth(signals.effort)[rows], weights)
+        return state
+
+    def _state_at(self, time: float) -> Directions | None:
+        """State of friction at a time within the last chunk's motion, None where there is none."""
+        if self._state is None or not self._state[0][0] <= time <= self._state[0][-1]:
+            return None
+        return self._state[1].at(int(np.searchsorted(self._state[0], time, side="right")) - 1)
 
 
 def _stretches(recording: Recording, seconds: float) -> list[slice]:

@@ -1,23 +1,71 @@
-"""What one unit of each physical parameter adds to the effort along a motion."""
+"""What one unit of each coefficient adds to the effort along a motion."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bdnn_ros.physical.parameters import PER_JOINT
-from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.physical.dictionary import Scales, curve, features
+from bdnn_ros.physical.presliding import COUPLING_SIGNS, USUAL, Directions, coupled
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals, gaussian_kernel
 
 
-def parameter_columns(robot: Robot, signals: Signals) -> np.ndarray:
-    """Columns of each joint's effort, (N, n, n · PER_LINK + PER_JOINT), unsmoothed: bodies, then its own."""
-    regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
-    own = [signals.acceleration, signals.velocity, signals.sign, np.ones_like(signals.position)]
-    return np.concatenate([regressor, np.stack(own, axis=-1)], axis=-1)
+def smooth_columns(robot: Robot, signals: Signals) -> np.ndarray:
+    """Columns that are linear in the motion's derivatives, (N, n, `Columns.coulomb`): low-passed with it."""
+    q, v, a = signals.position, signals.velocity, signals.acceleration
+    own = np.stack([a, v, np.ones_like(q)], axis=-1)
+    motors = np.stack([coupled(a), coupled(v)], axis=-1)
+    return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors)], axis=-1)
 
 
-def parameter_index(width: int) -> np.ndarray:
-    """Which of the P parameters each of those columns belongs to, (n, n · PER_LINK + PER_JOINT)."""
-    bodies = np.arange(width * PER_LINK)
-    own = width * PER_LINK + np.arange(PER_JOINT) * width
-    return np.array([np.concatenate([bodies, own + joint]) for joint in range(width)])
+def sharp_columns(signals: Signals, direction: Directions, load: np.ndarray, scales: Scales) -> np.ndarray:
+    """The other columns, (N, n, `Columns.count` − `Columns.coulomb`): not low-passed yet.
+
+    Args:
+        load: effort that the rigid bodies ask of each joint, (N, n) [N·m].
+    """
+    learned = features(signals.position, signals.velocity, direction.joints[:, :, USUAL], load, scales)
+    limit = scales.velocity[1:, None] + scales.velocity[:-1, None]
+    speed = coupled(signals.velocity) / limit
+    motors = np.stack([direction.pairs, *curve(speed, direction.pairs)], axis=-1)
+    return np.concatenate([direction.joints, learned, _of_pairs(motors)], axis=-1)
+
+
+def low_passed(signals: Signals, smooth: np.ndarray, sharp: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """All columns at the chosen samples, low-passed as `signals.smooth(signals.effort)` is, (len(rows), n,
+    K).
+
+    Sharp columns pass the low-pass twice, as the effort has.
+    """
+    weights = gaussian_kernel(signals.kernel_std, signals.rate)[0]
+    once, twice = (_filter(signals, kernel, rows) for kernel in (weights, np.convolve(weights, weights)))
+    parts = [
+        (matrix @ values.reshape(len(signals), -1)).reshape(len(rows), *values.shape[1:])
+        for matrix, values in ((once, smooth), (twice, sharp))
+    ]
+    return np.concatenate(parts, axis=-1)
+
+
+def _filter(signals: Signals, kernel: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Matrix that low-passes along time at the chosen samples only, (len(rows), N); ends are held."""
+    half = len(kernel) // 2
+    result = np.zeros((len(rows), len(signals)))
+    for segment in signals.segments:
+        inside = np.flatnonzero((rows >= segment.start) & (rows < segment.stop))
+        taps = np.clip(rows[inside, None] + np.arange(-half, half + 1), segment.start, segment.stop - 1)
+        np.add.at(result, (inside[:, None], taps), kernel)
+    return result
+
+
+def _of_pairs(values: np.ndarray) -> np.ndarray:
+    """Columns of coupled motors as each joint sees them, from values (N, n - 1, signs, k), (N, n, 2 · signs
+    · k).
+
+    First the motor shared with the joint before, then with the joint after, which counts with its sign.
+    """
+    count, pairs, signs, terms = values.shape
+    before = np.zeros((count, pairs + 1, signs, terms))
+    after = np.zeros_like(before)
+    before[:, 1:] = values
+    after[:, :-1] = values * np.array(COUPLING_SIGNS)[:, None]
+    return np.concatenate([before, after], axis=2).reshape(count, pairs + 1, -1)

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from bdnn_ros.errors import ModelFileError
+from bdnn_ros.physical.couplings import CoupledMotors
+from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.parameters import Parameters, parameter_names
+from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
+
+LOAD_ITERATIONS = 50
+LOAD_TOLERANCE = 1e-10
+"""Friction by load depends on the acceleration it lets through: iterated, to this share of the load."""
 
 
 @dataclass(frozen=True)
 class PhysicalModel:
-    """An identified robot: rigid bodies, armature, friction, offset.
+    """An identified robot: rigid bodies, armature, friction, offset, and what the joints add to them.
 
     Attributes:
         robot: bodies, armature and friction as identified; feasible, so M is positive-definite everywhere.
@@ -24,6 +32,9 @@ class PhysicalModel:
             for.
         noise: standard deviation of the low-passed residual effort, (n,) [N·m].
         version: counts the updates of a live model.
+        breakaway: index into `BREAKAWAYS` of each joint: the travel in which dry friction turns round.
+        motors: motors that turn with two joints.
+        learned: what the joints' networks add, or None.
     """
 
     kind: ClassVar[str] = "physical"
@@ -33,6 +44,9 @@ class PhysicalModel:
     covariance: np.ndarray
     noise: np.ndarray
     version: int = 0
+    breakaway: tuple[int, ...] = ()
+    motors: CoupledMotors = field(default_factory=CoupledMotors)
+    learned: LocalResiduals | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -45,7 +59,7 @@ class PhysicalModel:
         robot = self.robot
         return Parameters(robot.inertials, robot.armature, robot.viscous, robot.coulomb, self.offset)
 
-    @property
+    @cached_property
     def std(self) -> Parameters:
         """Standard deviations of the parameters."""
         return Parameters.from_vector(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
@@ -55,21 +69,35 @@ class PhysicalModel:
         names, values = parameter_names(self.joints), self.parameters.vector()
         return list(zip(names, values.tolist(), self.std.vector().tolist(), strict=True))
 
-    # -- dynamics --------------------------------------------------------------------------------------------
+    # -- dynamics --------------------------------------------------------------------------------
 
     def inverse_dynamics(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> np.ndarray:
         """Effort [N·m], (..., n)."""
-        return self.robot.inverse_dynamics(position, velocity, acceleration) + self.offset
+        load = self.robot.rigid_effort(position, velocity, acceleration)
+        inertial = self.robot.armature * acceleration + self.motors.inertial(acceleration)
+        return load + inertial + self._friction(position, velocity, load)
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Acceleration [rad/s²], (..., n)."""
-        return self.robot.forward_dynamics(position, velocity, effort - self.offset)
+        M = self.mass_matrix(position)
+        load = bias = self.robot.rigid_effort(position, velocity, np.zeros_like(position))
+        for _ in range(LOAD_ITERATIONS):
+            drive = effort - bias - self._friction(position, velocity, load)
+            acceleration = np.linalg.solve(M, drive[..., None])[..., 0]
+            if self.learned is None or not self.learned.by_load:
+                break
+            before, load = load, self.robot.rigid_effort(position, velocity, acceleration)
+            if np.abs(load - before).max(initial=0.0) <= LOAD_TOLERANCE * (
+                1.0 + np.abs(load).max(initial=0.0)
+            ):
+                break
+        return np.asarray(acceleration)
 
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         """M(q) [kg·m²], (..., n, n), symmetric positive-definite."""
-        return self.robot.mass_matrix(position)
+        return self.robot.mass_matrix(position) + self.motors.mass_matrix(self.robot.width)
 
     def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """C(q, q̇) q̇ [N·m], (..., n)."""
@@ -80,17 +108,49 @@ class PhysicalModel:
         return self.robot.gravity(position)
 
     def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Friction and offset [N·m], (..., n)."""
-        return self.robot.friction(position, velocity) + self.offset
+        """Friction, offset and what is learned, at zero acceleration [N·m], (..., n)."""
+        load = self.robot.rigid_effort(position, velocity, np.zeros_like(position))
+        return self._friction(position, velocity, load)
+
+    def _friction(self, position: np.ndarray, velocity: np.ndarray, load: np.ndarray) -> np.ndarray:
+        way = np.sign(velocity)
+        result = self.robot.friction(position, velocity) + self.offset
+        result = result + self.motors.friction(velocity, np.sign(self.motors.speeds(velocity)))
+        if self.learned is not None:
+            result = result + self.learned.effort(position, velocity, way, way, load)
+        return np.asarray(result)
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort along a motion, (N, n) [N·m], not low-passed."""
-        robot = self.robot
-        rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-        friction = robot.viscous * signals.velocity + robot.coulomb * signals.sign + self.offset
-        return rigid + robot.armature * signals.acceleration + friction
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is.
 
-    # -- files -----------------------------------------------------------------------------------------------
+        Unlike `inverse_dynamics` it knows the motion before: dry friction takes its travel to turn round.
+        """
+        robot, q, v, a = self.robot, signals.position, signals.velocity, signals.acceleration
+        state = directions(signals)
+        chosen = self.breakaway or (USUAL,) * robot.width
+        load = robot.rigid_effort(q, v, a)
+        dry = np.take_along_axis(state.joints, np.array(chosen)[None, :, None], axis=2)[..., 0]
+        sharp = robot.coulomb * dry + self.motors.dry(v, self.motors.of_pairs(state.pairs))
+        if self.learned is not None:
+            sharp = sharp + self.learned.effort(q, v, state.joints[:, :, USUAL], dry, load)
+        linear = robot.armature * a + robot.viscous * v + self.offset
+        linear = linear + self.motors.inertial(a) + self.motors.viscous(v)
+        return load + linear + signals.smooth(sharp)
+
+    def effort_std(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Standard deviation of the effort by parameters and residual, (N, n) [N·m]; all (N, n)."""
+        regressor = self.robot.regressor(position, velocity, acceleration)
+        own = np.stack([acceleration, velocity, np.sign(velocity), np.ones_like(position)], axis=-1)
+        result, width = np.empty(np.shape(position)), self.robot.width
+        bodies = np.arange(regressor.shape[-1])
+        for joint in range(width):
+            index = np.concatenate([bodies, len(bodies) + np.arange(own.shape[-1]) * width + joint])
+            rows = np.concatenate([regressor[:, joint], own[:, joint]], axis=-1)
+            spread = np.einsum("tk,kl,tl->t", rows, self.covariance[np.ix_(index, index)], rows)
+            result[:, joint] = np.sqrt(np.maximum(spread, 0.0) + self.noise[joint] ** 2)
+        return result
+
+    # -- files -----------------------------------------------------------------------------------
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest that make the model again."""
@@ -105,7 +165,19 @@ class PhysicalModel:
             "covariance": self.covariance,
             "noise": self.noise,
         }
-        return arrays, {"urdf": robot.urdf, "joints": list(robot.joints), "version": self.version}
+        motors, pairs = self.motors.to_state()
+        arrays |= {f"motors.{key}": value for key, value in motors.items()}
+        info: dict[str, Any] = {
+            "urdf": robot.urdf,
+            "joints": list(robot.joints),
+            "version": self.version,
+            "breakaway": list(self.breakaway),
+            "motors": pairs,
+        }
+        if self.learned is not None:
+            learned, info["learned"] = self.learned.to_state()
+            arrays |= {f"learned.{key}": value for key, value in learned.items()}
+        return arrays, info
 
     @classmethod
     def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> PhysicalModel:
@@ -115,17 +187,28 @@ class PhysicalModel:
             ModelFileError: something is missing or does not fit.
         """
         try:
+            motors, learned = (_under(arrays, name) for name in ("motors.", "learned."))
+            breakaway = tuple(int(index) for index in info["breakaway"])
+            if breakaway and not 0 <= min(breakaway) <= max(breakaway) < len(BREAKAWAYS):
+                raise ValueError("breakaway")
             return cls(
                 robot=robot_from_state(arrays, info),
                 offset=arrays["offset"],
                 covariance=arrays["covariance"],
                 noise=arrays["noise"],
                 version=int(info["version"]),
+                breakaway=breakaway,
+                motors=CoupledMotors.from_state(motors, info["motors"]),
+                learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, IndexError) as error:
             raise ModelFileError(
                 f"The physical model is incomplete ({error!r}).", "Identify it again."
             ) from None
+
+
+def _under(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
 
 
 def robot_from_state(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Robot:

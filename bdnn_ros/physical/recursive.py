@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,53 +9,20 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.parameters import Prior
+from bdnn_ros.physical.statistics import Statistics, summed
+from bdnn_ros.physical.structure import Layout
 
 SMALLEST_NOISE = 1e-5
 """Smallest standard deviation of a joint's residual, relative to its effort scale."""
+FIRST_NOISE = 0.1
+"""The residual's standard deviation before any is known, relative to the effort scale."""
+FIRST_CORRELATION = 8.0
+"""Rows that say as much as one independent row, before the residual is known: about those of the low-pass."""
 MOST_BLOCKS = 32
 """Blocks of time kept apart; beyond that, neighbours are joined and a block covers twice the time."""
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """What a stretch of motion says about each joint's K coefficients.
-
-    Attributes:
-        gram: Σ φ φᵀ, (n, K, K).
-        moment: Σ φ y, (n, K).
-        energy: Σ y², (n,).
-        count: number of rows.
-    """
-
-    gram: np.ndarray
-    moment: np.ndarray
-    energy: np.ndarray
-    count: float
-
-    @classmethod
-    def of(cls, columns: np.ndarray, effort: np.ndarray) -> Statistics:
-        """Statistics of columns (N, n, K) against effort (N, n)."""
-        phi = np.ascontiguousarray(columns.transpose(1, 0, 2))
-        gram = phi.transpose(0, 2, 1) @ phi
-        moment = np.einsum("jtk,tj->jk", phi, effort)
-        return cls(gram, moment, np.einsum("tj,tj->j", effort, effort), float(len(effort)))
-
-    def __add__(self, other: Statistics) -> Statistics:
-        return Statistics(
-            self.gram + other.gram,
-            self.moment + other.moment,
-            self.energy + other.energy,
-            self.count + other.count,
-        )
-
-    def squared_error(self, coefficients: np.ndarray) -> np.ndarray:
-        """Σ (y − φᵀ x)² of each joint under coefficients (n, K), (n,)."""
-        fitted = np.einsum("jk,jkl,jl->j", coefficients, self.gram, coefficients)
-        return np.maximum(self.energy - 2.0 * np.einsum("jk,jk->j", coefficients, self.moment) + fitted, 0.0)
-
-    def score(self, coefficients: np.ndarray) -> np.ndarray:
-        """Σ φ (y − φᵀ x) of each joint, (n, K)."""
-        return self.moment - np.einsum("jkl,jl->jk", self.gram, coefficients)
+FEWEST_BLOCKS = 6
+"""Blocks it takes to tell how the residual is correlated."""
 
 
 @dataclass(frozen=True)
@@ -68,63 +34,72 @@ class Posterior:
         information: inverse of the covariance, (P, P).
         noise: standard deviation of each joint's residual, (n,) [N·m].
         correlation: rows that say as much as one independent row, of each joint, (n,).
+        layout: what the parameters are.
     """
 
     mean: np.ndarray
     information: np.ndarray
     noise: np.ndarray
     correlation: np.ndarray
+    layout: Layout
 
     @cached_property
     def covariance(self) -> np.ndarray:
         """(P, P)."""
-        return _inverse(self.information)
+        return inverse(self.information)
 
     @cached_property
     def std(self) -> np.ndarray:
         """Standard deviation of each parameter, (P,)."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
 
+    def coefficients(self, joint: int) -> np.ndarray:
+        """Coefficients of the joint's columns."""
+        return self.mean[self.layout.parameters[joint]]
+
 
 class Recursion:
     """Sums statistics block by block and solves for the parameters of all joints at once.
 
     Args:
-        mean, covariance: Gaussian prior of the P parameters, (P,) and (P, P).
-        index: which parameters the K coefficients of each joint are, (n, K); several joints may share one.
-        scale: typical effort of each joint, (n,) [N·m].
+        belief: Gaussian prior of the base parameters.
     """
 
-    def __init__(
-        self, mean: np.ndarray, covariance: np.ndarray, index: np.ndarray, scale: np.ndarray
-    ) -> None:
-        self.mean = mean
-        self.prior_information = _inverse(covariance)
-        self.index = index
-        self.scale = scale
-        self.blocks: list[Statistics] = []
-        self.total: Statistics | None = None
-        self._noise = 0.1 * scale
-        self._correlation = np.ones(len(scale))
-        self._per_block = 1
-        self._parts: list[Statistics] = []
+    def __init__(self, belief: Prior) -> None:
+        self.belief = belief
+        self.prior_information = inverse(belief.covariance)
+        self.clear()
+        self.noise = FIRST_NOISE * belief.effort_scale
+        self.correlation = np.full(len(belief.effort_scale), FIRST_CORRELATION)
 
-    def update(self, columns: np.ndarray, effort: np.ndarray) -> None:
-        """Take in rows: columns (N, n, K) and effort (N, n), both low-passed alike."""
-        statistics = Statistics.of(columns, effort)
+    def clear(self) -> None:
+        """Forget all data; what is known of the residual stays."""
+        self.total: Statistics | None = None
+        self._blocks: list[Statistics] = []
+        self._parts: list[Statistics] = []
+        self._per_block = 1
+
+    @property
+    def blocks(self) -> list[Statistics]:
+        """Statistics of successive stretches of time."""
+        return [*self._blocks, *([summed(self._parts)] if self._parts else [])]
+
+    def update(self, columns: np.ndarray, effort: np.ndarray, weights: np.ndarray | None = None) -> None:
+        """Take in rows: columns (N, n, K) and effort (N, n), low-passed alike, and their weights (N, n)."""
+        statistics = Statistics.of(columns, effort, weights)
         self.total = statistics if self.total is None else self.total + statistics
         self._parts.append(statistics)
         if len(self._parts) >= self._per_block:
-            self.blocks.append(summed(self._parts))
+            self._blocks.append(summed(self._parts))
             self._parts = []
-        if len(self.blocks) > MOST_BLOCKS:
-            pairs = zip(self.blocks[::2], self.blocks[1::2], strict=False)
-            odd = self.blocks[-1:] if len(self.blocks) % 2 else []
-            self.blocks = [a + b for a, b in pairs]
-            self._parts = [*odd, *self._parts]
+        if len(self._blocks) > MOST_BLOCKS:
+            # an odd block at the end goes on growing
+            self._parts = self._blocks[len(self._blocks) // 2 * 2 :]
+            pairs = zip(self._blocks[::2], self._blocks[1::2], strict=False)
+            self._blocks = [first + second for first, second in pairs]
             self._per_block *= 2
 
-    def solve(self, iterations: int = 1) -> Posterior:
+    def solve(self, layout: Layout, iterations: int = 1) -> Posterior:
         """The parameters after all data so far.
 
         Noise and parameters are estimated in turn (EM: Dempster, Laird and Rubin 1977); the noise of the
@@ -135,84 +110,95 @@ class Recursion:
         """
         if self.total is None:
             raise RecordingError("No motion has been seen yet.", "Move the robot.")
-        posterior = solve(self.total, self, self._noise, self._correlation)
-        for _ in range(max(iterations, 1)):
-            self._noise = self.noise(posterior)
-            self._correlation = self.correlation(posterior)
-            posterior = solve(self.total, self, self._noise, self._correlation)
+        posterior = self._posterior(layout)
+        for _ in range(iterations):
+            self.noise = self._noise(posterior)
+            self.correlation = self._correlation(posterior)
+            posterior = self._posterior(layout)
         return posterior
 
-    def coefficients(self, mean: np.ndarray) -> np.ndarray:
-        """Coefficients (n, K) of each joint in a parameter vector (P,)."""
-        return mean[self.index]
+    def weights(self) -> np.ndarray:
+        """Information of a row of each joint, (n,) [1/(N·m)²]."""
+        return 1.0 / (self.noise**2 * self.correlation)
 
-    def noise(self, posterior: Posterior) -> np.ndarray:
+    def without_joint(self, layout: Layout, joint: int) -> tuple[np.ndarray, np.ndarray]:
+        """What all other joints say of the first `base` parameters this joint has: information and vector."""
+        information, vector = self._accumulated(layout, joint)
+        own = layout.parameters[joint]
+        kept = own[own < layout.base]
+        rest = np.setdiff1d(np.arange(layout.size), kept)
+        cross = information[np.ix_(kept, rest)]
+        gain = solve(information[np.ix_(rest, rest)], np.column_stack([cross.T, vector[rest]]))
+        return information[np.ix_(kept, kept)] - cross @ gain[:, :-1], vector[kept] - cross @ gain[:, -1]
+
+    def _posterior(self, layout: Layout) -> Posterior:
+        information, vector = self._accumulated(layout)
+        mean = solve(information, vector)
+        return Posterior(mean, information, self.noise, self.correlation, layout)
+
+    def _accumulated(self, layout: Layout, left_out: int = -1) -> tuple[np.ndarray, np.ndarray]:
+        """Information matrix and vector of prior and data, without one joint's data."""
+        assert self.total is not None
+        information = np.zeros((layout.size, layout.size))
+        information[: layout.base, : layout.base] = self.prior_information
+        extra = np.arange(layout.base, layout.size)
+        information[extra, extra] = 1.0 / layout.deviation**2
+        vector = np.zeros(layout.size)
+        vector[: layout.base] = self.prior_information @ self.belief.mean
+        for joint, weight in enumerate(self.weights()):
+            if joint != left_out:
+                sums, rows = layout.regression(self.total, joint), layout.parameters[joint]
+                information[np.ix_(rows, rows)] += weight * sums.gram
+                vector[rows] += weight * sums.moment
+        return information, vector
+
+    def _noise(self, posterior: Posterior) -> np.ndarray:
         """Standard deviation of the residual, allowing for what is still unknown of the parameters, (n,)."""
         assert self.total is not None
-        error = self.total.squared_error(self.coefficients(posterior.mean))
-        spread = [
-            np.sum(gram * posterior.covariance[np.ix_(rows, rows)])
-            for gram, rows in zip(self.total.gram, self.index, strict=True)
-        ]
-        variance = (error + np.array(spread)) / self.total.count
-        return np.maximum(np.sqrt(variance), SMALLEST_NOISE * self.scale)
+        layout = posterior.layout
+        result = np.empty(len(layout.columns))
+        for joint, rows in enumerate(layout.parameters):
+            sums = layout.regression(self.total, joint)
+            unknown = float(np.sum(sums.gram * posterior.covariance[np.ix_(rows, rows)]))
+            error = sums.squared_error(posterior.coefficients(joint))
+            result[joint] = np.sqrt((error + unknown) / max(sums.count, 1.0))
+        return np.maximum(result, SMALLEST_NOISE * self.belief.effort_scale)
 
-    def correlation(self, posterior: Posterior) -> np.ndarray:
-        """How many rows say as much as one independent one, (n,): the design effect of a cluster-robust
-        covariance.
+    def _correlation(self, posterior: Posterior) -> np.ndarray:
+        """How many rows say as much as one independent one, (n,).
 
         Rows are correlated in time by the low-pass, by coloured noise and by what the model lacks. Were they
-        not, the squared scores of blocks of time would add up to what the noise alone gives (Liang and Zeger
-        1986).
+        not, the squared scores of blocks of time would add up to what the noise alone gives: the design
+        effect of a cluster-robust covariance (Liang and Zeger 1986).
         """
         assert self.total is not None
-        blocks = [*self.blocks, *self._parts]
-        if len(blocks) < 4:
-            return self._correlation
-        coefficients = self.coefficients(posterior.mean)
-        scores = np.array([block.score(coefficients) for block in blocks])
-        result = np.empty(len(self.scale))
-        for joint, gram in enumerate(self.total.gram):
-            values, vectors = _principal(gram)
-            whitened = scores[:, joint] @ vectors / np.sqrt(values)
-            free = max(len(blocks) - 1, 1) / len(blocks)
+        blocks = self.blocks
+        if len(blocks) < FEWEST_BLOCKS:
+            return self.correlation
+        layout, result = posterior.layout, np.empty(len(self.correlation))
+        for joint in range(len(result)):
+            coefficients = posterior.coefficients(joint)
+            scores = np.array([layout.regression(block, joint).score(coefficients) for block in blocks])
+            values, vectors = _principal(layout.regression(self.total, joint).gram)
+            whitened = scores @ vectors / np.sqrt(values)
+            free = (len(blocks) - 1) / len(blocks)
             ratio = float(np.sum(whitened**2)) / (len(values) * free * posterior.noise[joint] ** 2)
             result[joint] = max(ratio, 1.0)
         return result
 
 
-def solve(
-    statistics: Statistics, recursion: Recursion, noise: np.ndarray, correlation: np.ndarray
-) -> Posterior:
-    """Posterior of the parameters for known noise (n,) [N·m] and correlation (n,)."""
-    information = recursion.prior_information.copy()
-    vector = recursion.prior_information @ recursion.mean
-    weights = 1.0 / (noise**2 * correlation)
-    for weight, gram, moment, rows in zip(
-        weights, statistics.gram, statistics.moment, recursion.index, strict=True
-    ):
-        information[np.ix_(rows, rows)] += weight * gram
-        vector[rows] += weight * moment
-    return Posterior(_solve(information, vector), information, noise, correlation)
+def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Solution of a positive-definite system whose unknowns differ in scale."""
+    factor, size = _scaled(matrix)
+    if vector.ndim == 2:
+        size = size[:, None]
+    return np.asarray(size * cho_solve(factor, size * vector, check_finite=False))
 
 
-def summed(parts: Sequence[Statistics]) -> Statistics:
-    """The statistics of several stretches together."""
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return total
-
-
-def _principal(gram: np.ndarray, threshold: float = 1e-8) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues and vectors of the excited directions, after scaling columns to one size."""
-    size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-    used = size > 1e-9 * size.max()
-    values, vectors = np.linalg.eigh(gram[np.ix_(used, used)] / np.outer(size[used], size[used]))
-    keep = values > threshold * values[-1]
-    full = np.zeros((len(gram), np.count_nonzero(keep)))
-    full[used] = vectors[:, keep] / size[used, None]
-    return values[keep], full
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a positive-definite matrix whose rows differ in scale."""
+    factor, size = _scaled(matrix)
+    return np.asarray(cho_solve(factor, np.diag(size), check_finite=False) * size[:, None])
 
 
 def _scaled(matrix: np.ndarray) -> tuple[tuple[np.ndarray, bool], np.ndarray]:
@@ -221,11 +207,12 @@ def _scaled(matrix: np.ndarray) -> tuple[tuple[np.ndarray, bool], np.ndarray]:
     return cho_factor(matrix * np.outer(size, size), lower=True, check_finite=False), size
 
 
-def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    factor, size = _scaled(matrix)
-    return np.asarray(size * cho_solve(factor, size * vector, check_finite=False))
-
-
-def _inverse(matrix: np.ndarray) -> np.ndarray:
-    factor, size = _scaled(matrix)
-    return np.asarray(cho_solve(factor, np.diag(size), check_finite=False) * size[:, None])
+def _principal(gram: np.ndarray, threshold: float = 1e-8) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of the excited directions, after scaling columns to one size."""
+    size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    used = size > 1e-9 * size.max()
+    values, vectors = np.linalg.eigh(gram[np.ix_(used, used)] / np.outer(size[used], size[used]))
+    keep = values > threshold * values[-1]
+    full = np.zeros((len(gram), int(np.count_nonzero(keep))))
+    full[used] = vectors[:, keep] / size[used, None]
+    return values[keep], full

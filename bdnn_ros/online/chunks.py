@@ -1,0 +1,109 @@
+"""A stream of samples cut into chunks of time, each with the samples around it that its low-pass needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.recording import Recording
+from bdnn_ros.repeats import without_repeats
+from bdnn_ros.signals import KERNEL_WIDTHS, Signals, gaussian_std, prepare, suitable_cutoff
+
+CHUNK_SECONDS = 1.0
+CHUNK_SAMPLES = 40
+"""A chunk lasts at least one second and this many samples."""
+CONTEXT_SECONDS = 4.0
+"""Samples kept from before a chunk: repeated messages are judged by those before them."""
+ROWS_PER_CUTOFF = 5.0
+"""Rows kept per second and Hz of the cut-off: what passes the low-pass has no more to say."""
+
+
+class Chunks:
+    """Cuts samples into chunks counted from the first stamp; how many come at once makes no difference.
+
+    Args:
+        joints: the columns of the samples.
+        cutoff: of the low-pass [Hz], None for what suits the rate of the first second.
+
+    Attributes:
+        left_out: samples in chunks too short for the low-pass.
+    """
+
+    def __init__(self, joints: tuple[str, ...], cutoff: float | None = None) -> None:
+        self.joints = joints
+        self.cutoff = cutoff
+        self.left_out = 0
+        self._pending: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._length: float | None = None
+        self._margin = self._start = 0.0
+        self._due = np.inf
+
+    def add(
+        self, time: np.ndarray, position: np.ndarray, effort: np.ndarray
+    ) -> Iterator[tuple[Signals, np.ndarray] | None]:
+        """Take in samples; yields the motion around each chunk that is complete, and the chunk's rows.
+
+        None stands for a chunk without motion that can be used.
+
+        Args:
+            time: [s], (N,), later than all before.
+            position, effort: [rad], [N·m], (N, n).
+        """
+        if len(time) == 0:
+            return
+        self._pending.append((time, position, effort))
+        if self._length is None and not self._settled(final=False):
+            return
+        while time[-1] >= self._due:
+            yield self._next()
+
+    def end(self) -> Iterator[tuple[Signals, np.ndarray] | None]:
+        """The stream ends: yields the chunks that are left; what comes next may have any stamps."""
+        if self._pending and (self._length is not None or self._settled(final=True)):
+            last = self._pending[-1][0][-1]
+            while self._start <= last:
+                yield self._next()
+        self._pending, self._length, self._due = [], None, np.inf
+
+    def _settled(self, final: bool) -> bool:
+        """Fix the length of chunks by the first second of samples; False while there are too few."""
+        time = np.concatenate([part[0] for part in self._pending])
+        if len(time) < 2 or (not final and (len(time) < CHUNK_SAMPLES or time[-1] - time[0] < CHUNK_SECONDS)):
+            return False
+        early = max(int(np.searchsorted(time, time[0] + CHUNK_SECONDS)), CHUNK_SAMPLES)
+        rate = 1.0 / float(np.median(np.diff(time[:early])))
+        self.cutoff = suitable_cutoff(rate, self.cutoff)
+        self._length = max(CHUNK_SECONDS, CHUNK_SAMPLES / rate)
+        self._margin = 2.0 * KERNEL_WIDTHS * gaussian_std(self.cutoff) + 2.0 / rate
+        self._start = float(time[0])
+        self._due = self._start + self._length + self._margin
+        return True
+
+    def _next(self) -> tuple[Signals, np.ndarray] | None:
+        """The chunk that starts at `_start`."""
+        assert self._length is not None
+        start, end = self._start, self._start + self._length
+        time, position, effort = (np.concatenate(parts) for parts in zip(*self._pending, strict=True))
+        known = slice(0, int(np.searchsorted(time, end + self._margin)))
+        keep = int(np.searchsorted(time, end - self._margin - CONTEXT_SECONDS))
+        self._pending = [(time[keep:], position[keep:], effort[keep:])]
+        self._start, self._due = end, end + self._length + self._margin
+        recording = without_repeats(Recording(time[known], self.joints, position[known], None, effort[known]))
+        chunk = self._signals(recording.between(start - self._margin, end + self._margin), start, end)
+        if chunk is None:
+            self.left_out += int(np.count_nonzero((time >= start) & (time < end)))
+        return chunk
+
+    def _signals(self, window: Recording, start: float, end: float) -> tuple[Signals, np.ndarray] | None:
+        if len(window) < 4:
+            return None
+        try:
+            signals = prepare(window, self.cutoff)
+        except RecordingError:
+            return None
+        thinning = max(int(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
+        own = signals.interior & (signals.time >= start) & (signals.time < end)
+        rows = np.flatnonzero(own)[::thinning]
+        return (signals, rows) if len(rows) else None

@@ -1,0 +1,96 @@
+"""What a joint's effort may hold beyond rigid bodies: friction's curve, load, position, neighbours.
+
+Each joint has its own small network: one hidden layer of fixed features, below, and output weights that are
+identified together with the rigid body, so that neither takes what the other explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+CURVE = (0.003, 0.01, 0.03, 0.1, 0.3)
+"""Speeds, in units of the limit, below which friction may differ from Coulomb and viscous friction."""
+HARMONICS = 30
+"""Highest number of periods per radian of an effort that depends on the position."""
+DIRECTED_HARMONICS = 3
+"""The same, of an effort that also depends on the direction."""
+CURVE_FEATURES = len(CURVE) + 1
+GROUPS = {
+    "curve": CURVE_FEATURES,
+    "load": 2,
+    "direction": 2 * DIRECTED_HARMONICS,
+    "position": 2 * HARMONICS,
+    "neighbours": 4,
+}
+"""Groups of features that are switched on together, and how many features each has."""
+FEATURES = sum(GROUPS.values())
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What features are measured in: typical effort [N·m] and velocity limit [rad/s] of each joint, (n,)."""
+
+    effort: np.ndarray
+    velocity: np.ndarray
+
+
+def group_slices() -> dict[str, slice]:
+    """Where each group is among the features."""
+    edges = np.cumsum([0, *GROUPS.values()])
+    return {name: slice(int(a), int(b)) for name, a, b in zip(GROUPS, edges[:-1], edges[1:], strict=True)}
+
+
+def features(
+    position: np.ndarray, velocity: np.ndarray, direction: np.ndarray, load: np.ndarray, scales: Scales
+) -> np.ndarray:
+    """All features of each joint, (N, n, FEATURES), of the order of one.
+
+    Args:
+        position, velocity: (N, n).
+        direction: state of dry friction, (N, n), -1 to 1.
+        load: effort that the rigid bodies ask of each joint, (N, n) [N·m].
+    """
+    speed = velocity / scales.velocity
+    burden = np.abs(load) / scales.effort
+    directed = [
+        direction * wave
+        for k in range(1, DIRECTED_HARMONICS + 1)
+        for wave in (np.sin(k * position), np.cos(k * position))
+    ]
+    phase = position[..., None] * np.arange(1, HARMONICS + 1)
+    waves = np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
+    neighbours = [_shifted(values, step) for values in (speed, direction) for step in (-1, 1)]
+    own = [*curve(speed, direction), burden * direction, burden * speed, *directed]
+    return np.concatenate([np.stack(own, axis=-1), waves, np.stack(neighbours, axis=-1)], axis=-1)
+
+
+def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
+    """Features of friction's curve: what it differs from Coulomb and viscous friction, CURVE_FEATURES of
+    them.
+
+    Args:
+        speed: velocity in units of its limit.
+        direction: state of dry friction, -1 to 1.
+    """
+    # what is left of a step when a softer one is taken from it
+    return [*(direction - np.tanh(speed / width) for width in CURVE), speed * np.abs(speed)]
+
+
+def feature_spread() -> np.ndarray:
+    """Prior standard deviation of each feature's weight, in units of the effort scale, (FEATURES,)."""
+    spread = np.full(FEATURES, 0.2)
+    waves = 1.0 / np.arange(1, HARMONICS + 1)
+    spread[group_slices()["position"]] = 0.2 * np.concatenate([waves, waves])
+    return spread
+
+
+def _shifted(values: np.ndarray, step: int) -> np.ndarray:
+    """Values of the joint before (step -1) or after (1); none beyond the ends."""
+    result = np.zeros_like(values)
+    if step < 0:
+        result[:, 1:] = values[:, :-1]
+    else:
+        result[:, :-1] = values[:, 1:]
+    return result

@@ -1,0 +1,73 @@
+"""From what is known to the model that is handed over: feasible, or not at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bdnn_ros.errors import UpdateRejected
+from bdnn_ros.physical.consistency import consistent, feasible
+from bdnn_ros.physical.couplings import PER_COUPLING, CoupledMotors
+from bdnn_ros.physical.dictionary import CURVE_FEATURES, Scales
+from bdnn_ros.physical.local import LocalResiduals, spread_weights
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import Parameters
+from bdnn_ros.physical.recursive import Posterior, inverse, solve
+from bdnn_ros.physical.structure import Structure
+from bdnn_ros.robot import Robot
+
+
+def physical_model(
+    robot: Robot, posterior: Posterior, structure: Structure, scales: Scales, version: int = 1
+) -> PhysicalModel:
+    """The most probable model that can exist.
+
+    Bodies and friction are moved to where they are possible; the weights learned beside them follow, as far
+    as what is known ties them together.
+
+    Raises:
+        UpdateRejected: the posterior is not finite, or no feasible robot is near it.
+    """
+    layout, width = posterior.layout, robot.width
+    if not np.isfinite(posterior.mean).all():
+        raise UpdateRejected("The identified parameters are not finite.", "Check the efforts for outliers.")
+    physical = np.arange(layout.base + PER_COUPLING * len(structure.couplings))
+    learned = np.arange(len(physical), layout.size)
+    cross = posterior.information[np.ix_(learned, physical)]
+    follow = solve(posterior.information[np.ix_(learned, learned)], cross) if len(learned) else cross
+    information = posterior.information[np.ix_(physical, physical)] - cross.T @ follow
+    mean = posterior.mean[physical]
+    vector = consistent(mean, information, width, layout.positive)
+    weights = posterior.mean[learned] - follow @ (vector - mean)
+    values = Parameters.from_vector(vector[: layout.base])
+    if not feasible(values.inertials):
+        raise UpdateRejected("The identified inertias are not physically possible.", "Check units and signs.")
+    identified = robot.with_inertials(values.inertials)
+    identified = identified.with_joint_parameters(values.armature, values.viscous, values.coulomb)
+
+    def part(where: slice) -> np.ndarray:
+        return weights[where.start - len(physical) : where.stop - len(physical)]
+
+    pairs = structure.couplings
+    motors = CoupledMotors(
+        pairs,
+        vector[layout.base :].reshape(-1, PER_COUPLING),
+        np.array([part(where) for where in layout.motors]).reshape(-1, CURVE_FEATURES),
+        np.array([scales.velocity[pair.joint] + scales.velocity[pair.joint + 1] for pair in pairs]),
+    )
+    of_joint = [part(where) for where in layout.weights]
+    learned_effort = None
+    if any(structure.groups):
+        taken = [w @ straight for w, straight in zip(of_joint, layout.straight, strict=True)]
+        learned_effort = LocalResiduals(
+            structure.groups, spread_weights(structure.groups, of_joint), np.array(taken), scales
+        )
+    return PhysicalModel(
+        identified,
+        values.offset,
+        inverse(information)[: layout.base, : layout.base],
+        posterior.noise,
+        version,
+        structure.breakaway,
+        motors,
+        learned_effort,
+    )

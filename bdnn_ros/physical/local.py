@@ -1,0 +1,99 @@
+"""What each joint adds to the effort of the rigid bodies, learned: one small network a joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.physical.dictionary import FEATURES, GROUPS, Scales, features, group_slices
+
+ROWS = 4000
+"""Samples whose features are held in memory at once."""
+
+
+@dataclass(frozen=True)
+class LocalResiduals:
+    """Effort of each joint from its position, velocity, load, and its neighbours' velocities.
+
+    Attributes:
+        groups: groups of features that are switched on, of each joint.
+        weights: of each joint's features, (n, FEATURES) [N·m]; zero where a group is off.
+        straight: viscous and Coulomb friction and offset that the features hold but the joint's parameters
+            stand for, so that they are taken away, (n, 3).
+        scales: what the features are measured in.
+    """
+
+    groups: tuple[tuple[str, ...], ...]
+    weights: np.ndarray
+    straight: np.ndarray
+    scales: Scales
+
+    @property
+    def active(self) -> bool:
+        """Whether any joint has any."""
+        return any(self.groups)
+
+    @property
+    def by_load(self) -> bool:
+        """Whether any joint's depends on the load."""
+        return any("load" in names for names in self.groups)
+
+    def effort(
+        self,
+        position: np.ndarray,
+        velocity: np.ndarray,
+        direction: np.ndarray,
+        own: np.ndarray,
+        load: np.ndarray,
+    ) -> np.ndarray:
+        """Learned effort, (..., n) [N·m].
+
+        Args:
+            position, velocity: (..., n).
+            direction: state of dry friction, (..., n), -1 to 1.
+            own: the same by each joint's own breakaway, (..., n).
+            load: effort that the rigid bodies ask of each joint, (..., n) [N·m].
+        """
+        if not self.active:
+            return np.zeros(np.shape(position))
+        width = len(self.weights)
+        q, v, z, tau = (np.reshape(x, (-1, width)) for x in (position, velocity, direction, load))
+        result = np.empty(q.shape)
+        for start in range(0, len(q), ROWS):
+            rows = slice(start, start + ROWS)
+            phi = features(q[rows], v[rows], z[rows], tau[rows], self.scales)
+            result[rows] = np.einsum("tjk,jk->tj", phi, self.weights)
+        viscous, coulomb, offset = self.straight.T
+        return result.reshape(np.shape(position)) - (viscous * velocity + coulomb * own + offset)
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and JSON-able rest that make them again."""
+        arrays = {
+            "weights": self.weights,
+            "straight": self.straight,
+            "scale_effort": self.scales.effort,
+            "scale_velocity": self.scales.velocity,
+        }
+        return arrays, {"groups": [list(names) for names in self.groups]}
+
+    @classmethod
+    def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> LocalResiduals:
+        """Those of `to_state`."""
+        groups = tuple(tuple(str(name) for name in names) for names in info["groups"])
+        if arrays["weights"].shape != (len(groups), FEATURES) or set().union(*groups) - set(GROUPS):
+            raise ValueError("unknown features")
+        scales = Scales(arrays["scale_effort"], arrays["scale_velocity"])
+        return cls(groups, arrays["weights"], arrays["straight"], scales)
+
+
+def spread_weights(groups: tuple[tuple[str, ...], ...], values: list[np.ndarray]) -> np.ndarray:
+    """Weights of all features, (n, FEATURES), from those of the groups that are on, by `GROUPS`."""
+    weights, where = np.zeros((len(groups), FEATURES)), group_slices()
+    for row, names, given in zip(weights, groups, values, strict=True):
+        start = 0
+        for name in (name for name in GROUPS if name in names):
+            row[where[name]] = given[start : start + GROUPS[name]]
+            start += GROUPS[name]
+    return weights

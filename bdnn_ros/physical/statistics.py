@@ -1,0 +1,85 @@
+"""What motion says about the coefficients of each joint, summed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a stretch of motion says about each joint's K coefficients.
+
+    Attributes:
+        gram: Σ w φ φᵀ, (n, K, K).
+        moment: Σ w φ y, (n, K).
+        energy: Σ w y², (n,).
+        count: Σ w, (n,).
+    """
+
+    gram: np.ndarray
+    moment: np.ndarray
+    energy: np.ndarray
+    count: np.ndarray
+
+    @classmethod
+    def of(cls, columns: np.ndarray, effort: np.ndarray, weights: np.ndarray | None = None) -> Statistics:
+        """Statistics of columns (N, n, K) against effort (N, n), each row weighted (N, n)."""
+        root = np.ones_like(effort) if weights is None else np.sqrt(weights)
+        phi = np.ascontiguousarray((columns * root[:, :, None]).transpose(1, 0, 2))
+        y = np.ascontiguousarray((effort * root).T)
+        gram = phi.transpose(0, 2, 1) @ phi
+        moment = (y[:, None, :] @ phi)[:, 0]
+        return cls(gram, moment, (y**2).sum(axis=1), (root**2).sum(axis=0))
+
+    def __add__(self, other: Statistics) -> Statistics:
+        return Statistics(
+            self.gram + other.gram,
+            self.moment + other.moment,
+            self.energy + other.energy,
+            self.count + other.count,
+        )
+
+    def __sub__(self, other: Statistics) -> Statistics:
+        return Statistics(
+            self.gram - other.gram,
+            self.moment - other.moment,
+            self.energy - other.energy,
+            self.count - other.count,
+        )
+
+    def of_joint(self, joint: int, columns: np.ndarray, change: np.ndarray | None = None) -> Regression:
+        """The regression of one joint on some of its columns, or on combinations of them (columns, terms)."""
+        gram, moment = self.gram[joint][np.ix_(columns, columns)], self.moment[joint, columns]
+        if change is not None:
+            gram, moment = change.T @ gram @ change, change.T @ moment
+        return Regression(gram, moment, float(self.energy[joint]), float(self.count[joint]))
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Statistics of one joint: gram (k, k), moment (k,), energy and count."""
+
+    gram: np.ndarray
+    moment: np.ndarray
+    energy: float
+    count: float
+
+    def squared_error(self, coefficients: np.ndarray) -> float:
+        """Σ w (y − φᵀ x)² under coefficients (k,)."""
+        fitted = float(coefficients @ self.gram @ coefficients)
+        return max(self.energy - 2.0 * float(coefficients @ self.moment) + fitted, 0.0)
+
+    def score(self, coefficients: np.ndarray) -> np.ndarray:
+        """Σ w φ (y − φᵀ x), (k,)."""
+        return self.moment - self.gram @ coefficients
+
+
+def summed(parts: Sequence[Statistics]) -> Statistics:
+    """The statistics of several stretches together."""
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total

@@ -1,0 +1,206 @@
+"""Which terms a robot's effort is made of, and where their coefficients are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.physical.couplings import PER_COUPLING, Coupling
+from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS, feature_spread, group_slices
+from bdnn_ros.physical.parameters import PER_JOINT, Prior
+from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
+from bdnn_ros.physical.statistics import Regression, Statistics
+from bdnn_ros.robot import PER_LINK
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What is switched on.
+
+    Attributes:
+        breakaway: index into `BREAKAWAYS` of each joint, n.
+        groups: names of the groups of features of each joint, n tuples.
+        couplings: motors that turn with two joints.
+    """
+
+    breakaway: tuple[int, ...]
+    groups: tuple[tuple[str, ...], ...]
+    couplings: tuple[Coupling, ...] = ()
+
+    @classmethod
+    def plain(cls, width: int) -> Structure:
+        """Rigid bodies, armature, viscous and Coulomb friction, offset."""
+        return cls((USUAL,) * width, ((),) * width)
+
+    def with_joint(self, joint: int, breakaway: int, groups: tuple[str, ...]) -> Structure:
+        """The same with another choice for one joint."""
+        return replace(
+            self,
+            breakaway=(*self.breakaway[:joint], breakaway, *self.breakaway[joint + 1 :]),
+            groups=(*self.groups[:joint], groups, *self.groups[joint + 1 :]),
+        )
+
+
+class Columns:
+    """Where each term is among the K columns of a joint.
+
+    In order, low-passed once: the bodies (n · PER_LINK), armature, viscous, offset, and for the pair with the
+    joint before and the joint after, for each sign, armature and viscous friction of a coupled motor. Then,
+    low-passed
+    twice: Coulomb friction for each of `BREAKAWAYS`, the features, and Coulomb friction of the coupled
+        motors.
+    """
+
+    def __init__(self, width: int) -> None:
+        pairs = 2 * len(COUPLING_SIGNS)
+        self.own = width * PER_LINK
+        self.coupled_smooth = self.own + 3
+        self.coulomb = self.coupled_smooth + 2 * pairs
+        self.features = self.coulomb + len(BREAKAWAYS)
+        self.coupled_sharp = self.features + FEATURES
+        self.count = self.coupled_sharp + pairs * (1 + CURVE_FEATURES)
+
+    def of_joint(self, breakaway: int) -> np.ndarray:
+        """Columns of the joint's `JOINT_NAMES`, (PER_JOINT,)."""
+        return np.array([self.own, self.own + 1, self.coulomb + breakaway, self.own + 2])
+
+    def of_group(self, name: str) -> np.ndarray:
+        """Columns of a group of features."""
+        part = group_slices()[name]
+        return self.features + np.arange(part.start, part.stop)
+
+    def of_coupling(self, after: bool, sign: int) -> np.ndarray:
+        """Columns of a coupled motor, seen from its first joint (with the joint `after` it) or its second.
+
+        First the `PER_COUPLING` parameters, then the features of its friction's curve.
+        """
+        pair = len(COUPLING_SIGNS) * after + COUPLING_SIGNS.index(sign)
+        smooth = self.coupled_smooth + 2 * pair
+        sharp = self.coupled_sharp + (1 + CURVE_FEATURES) * pair
+        return np.array([smooth, smooth + 1, *range(sharp, sharp + 1 + CURVE_FEATURES)])
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the P parameters of a structure are.
+
+    Those of `Prior`, then `PER_COUPLING` of each coupling, the weights of the couplings' curves, and the
+    weights of the joints' features.
+
+    Attributes:
+        columns: of each joint, which of its K columns take part.
+        parameters: which of the P parameters those columns belong to.
+        deviation: prior standard deviation of the parameters after the base, (P - base,).
+        base: number of parameters in the order of `Prior`.
+        positive: parameters that cannot be negative.
+        motors: where the weights of each coupling's curve are.
+        weights: where the weights of each joint's features are, n slices.
+        straight: viscous and Coulomb friction and offset that are taken from each feature, (weights, 3).
+    """
+
+    columns: tuple[np.ndarray, ...]
+    parameters: tuple[np.ndarray, ...]
+    deviation: np.ndarray
+    base: int
+    positive: np.ndarray
+    motors: tuple[slice, ...]
+    weights: tuple[slice, ...]
+    straight: tuple[np.ndarray, ...]
+
+    @property
+    def size(self) -> int:
+        """P."""
+        return self.base + len(self.deviation)
+
+    def regression(self, statistics: Statistics, joint: int) -> Regression:
+        """What statistics say of the parameters of one joint, in their order."""
+        columns, straight = self.columns[joint], self.straight[joint]
+        if not len(straight):
+            return statistics.of_joint(joint, columns)
+        change = np.eye(len(columns))
+        own = len(self.columns) * PER_LINK + np.arange(1, PER_JOINT)
+        change[np.ix_(own, np.arange(len(columns) - len(straight), len(columns)))] = -straight.T
+        return statistics.of_joint(joint, columns, change)
+
+
+def straightened(structure: Structure, statistics: Statistics) -> tuple[np.ndarray, ...]:
+    """What is taken from each joint's features so that they hold no friction or offset of their own.
+
+    Viscous and Coulomb friction and offset stay what fits the motion best, whatever is learned beside them.
+    """
+    result = []
+    where = Columns(len(structure.groups))
+    for joint, (breakaway, groups) in enumerate(zip(structure.breakaway, structure.groups, strict=True)):
+        own = where.of_joint(breakaway)[1:]
+        chosen = [where.of_group(name) for name in GROUPS if name in groups]
+        columns = np.concatenate([own, *chosen])
+        gram = statistics.of_joint(joint, columns).gram
+        count = len(own)
+        known = gram[:count, :count]
+        ridge = 1e-9 * np.diag(np.diagonal(known) + 1e-12)
+        result.append(np.linalg.solve(known + ridge, gram[:count, count:]).T)
+    return tuple(result)
+
+
+def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] = ()) -> Layout:
+    """Where the coefficients of a structure are, and what is believed of those beyond the base.
+
+    Args:
+        straight: of `straightened`; none leaves the features as they are.
+    """
+    width = len(structure.breakaway)
+    where = Columns(width)
+    bodies = np.arange(width * PER_LINK)
+    base = width * (PER_LINK + PER_JOINT)
+    columns = [[bodies, where.of_joint(structure.breakaway[j])] for j in range(width)]
+    parameters = [[bodies, width * PER_LINK + np.arange(PER_JOINT) * width + j] for j in range(width)]
+    deviation: list[np.ndarray] = []
+    free = base + PER_COUPLING * len(structure.couplings)
+    positive = [width * PER_LINK + np.arange(PER_COUPLING * width), np.arange(base, free)]
+    motors = []
+    for k, coupling in enumerate(structure.couplings):
+        own = np.concatenate(
+            [base + PER_COUPLING * k + np.arange(PER_COUPLING), free + np.arange(CURVE_FEATURES)]
+        )
+        for joint, after in ((coupling.joint, True), (coupling.joint + 1, False)):
+            columns[joint].append(where.of_coupling(after, coupling.sign))
+            parameters[joint].append(own)
+        deviation.insert(k, coupling_deviation(belief, coupling.joint)[:PER_COUPLING])
+        deviation.append(coupling_deviation(belief, coupling.joint)[PER_COUPLING:])
+        motors.append(slice(free, free + CURVE_FEATURES))
+        free += CURVE_FEATURES
+    weights = []
+    for joint, groups in enumerate(structure.groups):
+        begin = free
+        for name in (name for name in GROUPS if name in groups):
+            chosen = where.of_group(name)
+            columns[joint].append(chosen)
+            parameters[joint].append(free + np.arange(len(chosen)))
+            deviation.append(group_deviation(belief, name, joint))
+            free += len(chosen)
+        weights.append(slice(begin, free))
+    return Layout(
+        tuple(np.concatenate(parts) for parts in columns),
+        tuple(np.concatenate(parts) for parts in parameters),
+        np.concatenate(deviation) if deviation else np.empty(0),
+        base,
+        np.concatenate(positive),
+        tuple(motors),
+        tuple(weights),
+        tuple(straight) or (np.empty((0, PER_JOINT - 1)),) * width,
+    )
+
+
+def coupling_deviation(belief: Prior, joint: int) -> np.ndarray:
+    """Prior deviation of a coupled motor's parameters and of its curve's weights: means of its two joints."""
+    width = len(belief.effort_scale)
+    deviation = np.sqrt(np.diagonal(belief.covariance)[width * PER_LINK :]).reshape(PER_JOINT, width)
+    curve = np.mean([group_deviation(belief, "curve", joint + k) for k in (0, 1)], axis=0)
+    return np.concatenate([deviation[:PER_COUPLING, joint : joint + 2].mean(axis=1), curve])
+
+
+def group_deviation(belief: Prior, name: str, joint: int) -> np.ndarray:
+    """Prior deviation of the weights of a joint's group of features [N·m]."""
+    return np.asarray(feature_spread()[group_slices()[name]] * belief.effort_scale[joint])
