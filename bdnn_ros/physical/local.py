@@ -45,16 +45,16 @@ class LocalResiduals:
         position: np.ndarray,
         velocity: np.ndarray,
         direction: np.ndarray,
-        own: np.ndarray,
         load: np.ndarray,
+        own: np.ndarray | None = None,
     ) -> np.ndarray:
         """Learned effort, (..., n) [N·m].
 
         Args:
             position, velocity: (..., n).
             direction: state of dry friction, (..., n), -1 to 1.
-            own: the same by each joint's own breakaway, (..., n).
             load: effort that the rigid bodies ask of each joint, (..., n) [N·m].
+            own: the same direction by each joint's own breakaway, (..., n), where that differs.
         """
         if not self.active:
             return np.zeros(np.shape(position))
@@ -66,6 +66,7 @@ class LocalResiduals:
             phi = features(q[rows], v[rows], z[rows], tau[rows], self.scales)
             result[rows] = np.einsum("tjk,jk->tj", phi, self.weights)
         viscous, coulomb, offset = self.straight.T
+        own = direction if own is None else own
         return result.reshape(np.shape(position)) - (viscous * velocity + coulomb * own + offset)
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

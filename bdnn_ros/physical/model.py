@@ -117,7 +117,7 @@ class PhysicalModel:
         result = self.robot.friction(position, velocity) + self.offset
         result = result + self.motors.friction(velocity, np.sign(self.motors.speeds(velocity)))
         if self.learned is not None:
-            result = result + self.learned.effort(position, velocity, way, way, load)
+            result = result + self.learned.effort(position, velocity, way, load)
         return np.asarray(result)
 
     def predict(self, signals: Signals) -> np.ndarray:
@@ -132,7 +132,7 @@ class PhysicalModel:
         dry = np.take_along_axis(state.joints, np.array(chosen)[None, :, None], axis=2)[..., 0]
         sharp = robot.coulomb * dry + self.motors.dry(v, self.motors.of_pairs(state.pairs))
         if self.learned is not None:
-            sharp = sharp + self.learned.effort(q, v, state.joints[:, :, USUAL], dry, load)
+            sharp = sharp + self.learned.effort(q, v, state.joints[:, :, USUAL], load, dry)
         linear = robot.armature * a + robot.viscous * v + self.offset
         linear = linear + self.motors.inertial(a) + self.motors.viscous(v)
         return load + linear + signals.smooth(sharp)
