@@ -1,0 +1,234 @@
+"""Naming hidden effects, blind: draw, simulate, write a bag without the truth, diagnose it, then compare.
+
+Every finished draw is appended to results/naming.jsonl at once, so that nothing is lost when it is stopped.
+Seeds from 10000 on: development uses smaller ones.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import hashlib
+import json
+import multiprocessing
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from _naming_draws import Choices, Draw, done
+from _naming_tables import by_condition, by_effect, confusion, markdown, shows, summary, text
+
+from bdnn_ros.effects.registry import EFFECTS
+
+HERE = Path(__file__).resolve().parent
+RECORDS = HERE / "results" / "naming.jsonl"
+DOCUMENT = HERE.parent / "docs" / "naming.md"
+SOURCES = ("diagnosis", "effects", "simulation", "signals.py", "recording.py", "robot.py")
+FIRST_SEED, BUDGET = 10000, 120.0
+HEAD = """# Naming hidden effects: blind draws
+
+Made by `python benchmarks/naming.py --write-docs` from `benchmarks/results/naming.jsonl`; do not edit.
+
+A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort), noise, errors of the links,
+motion and duration from its seed, writes a bag without the truth, diagnoses the bag, and only then compares.
+
+- *Named*: the effect and its joint or link are among the findings. What is physically the same (payload and
+  scaled link; asymmetric friction, and Coulomb friction with an offset) counts where it is listed as a rival.
+- *First*: no finding but wear stands before it. *Silent*: not named, and nothing false named either.
+- On worn robots Coulomb, viscous friction and rotor inertia are true on every joint. A link's inertia
+  is true where the link really is off by about as much.
+- Errors of parameters are shares of the true value: of the vector's length for centres of mass and forces, of
+  the larger end of a drift, of 1 rad for phases and rest positions.
+- The noise floor is what the sensors' noise leaves of a perfect model on the same held-out rows.
+"""
+
+
+def main() -> None:
+    args = _arguments()
+    if args.write_docs:
+        write_document(args.results)
+        return
+    records: list[dict[str, Any]] = []
+    try:
+        for record in run((choices(args).draw(s) for s in range(args.seed0, args.seed0 + args.draws)), args):
+            records.append(record)
+    except KeyboardInterrupt:
+        print("stopped; finished draws are kept", file=sys.stderr)
+    counted = [r for r in records if r["status"] != "not drawn"]
+    args.results.with_suffix(".json").write_text(
+        json.dumps(summary(counted), indent=1) + "\n", encoding="utf-8"
+    )
+    if args.json:
+        print(json.dumps({"summary": summary(counted), "records": records}))
+        return
+    tell(records, args.draws)
+
+
+def run(draws: Iterable[Draw], args: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Finished draws, until none is left or the budget is spent; each is appended to the results first."""
+    deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
+    code, command = fingerprint(), "python benchmarks/naming.py " + " ".join(sys.argv[1:])
+    args.results.parent.mkdir(parents=True, exist_ok=True)
+    with args.results.open("a", encoding="utf-8") as file:
+        for record in _finished(iter(draws), args.jobs, deadline):
+            record |= {"code": code, "command": command.strip()}
+            file.write(json.dumps(rounded(record)) + "\n")
+            file.flush()
+            if not args.json:
+                print(line(record), flush=True)
+            yield record
+
+
+def tell(records: Sequence[Mapping[str, Any]], wanted: int) -> None:
+    """All tables on the terminal."""
+    counted = [r for r in records if r["status"] != "not drawn"]
+    print(
+        f"\n{len(records)} of {wanted} draws done, {len(records) - len(counted)} of them could not be drawn"
+    )
+    if counted:
+        for rows in (confusion(counted), by_effect(counted), by_condition(counted), shows(counted)):
+            print(f"\n{text(rows)}")
+    for record in counted:
+        if record["status"] == "crashed":
+            print(f"\ncrashed: seed {record['draw']['seed']}\n{record['why']}")
+
+
+def line(record: Mapping[str, Any]) -> str:
+    """One draw in words."""
+    draw = record["draw"]
+    conditions = [str(draw["robot"]), f"{draw['duration']:.0f} s", f"{100 * draw['wrong']:.0f} % off"]
+    conditions += [word for word in ("worn", "coloured", "poor") if draw[word]]
+    start = f"{draw['seed']} {', '.join(conditions)}: "
+    if record["status"] != "diagnosed":
+        return start + f"{record['status']}: {str(record['why']).strip().splitlines()[-1]}"
+    outcome = record["outcome"]
+    said = [f"{o['effect']} {'named' if o['named'] else '-> ' + o['as']}" for o in outcome["hidden"]]
+    false = [f"false: {', '.join(outcome['false'])}"] if outcome["false"] else []
+    floor = f"{record['over_floor']:.2f} floors, {record['cpu_seconds']:.1f} s"
+    return start + "; ".join([*(said or ["nothing hidden"]), *false, floor])
+
+
+def write_document(results: Path) -> None:
+    """docs/naming.md from every draw's latest record."""
+    latest: dict[str, dict[str, Any]] = {}
+    for row in results.read_text(encoding="utf-8").splitlines():
+        record = json.loads(row)
+        latest[record["key"]] = record
+    records = [r for r in latest.values() if r["status"] != "not drawn"]
+    now = sum(r["code"] == fingerprint() for r in records)
+    commands = "\n".join(f"    {c}  # {k} draws" for c, k in Counter(r["command"] for r in records).items())
+    parts = [
+        HEAD,
+        f"{len(records)} draws, {now} of them by the sources as they stand:\n\n{commands}\n",
+        "## Promised and measured\n\nRich motion of at least 30 s.\n",
+        markdown(shows(records)),
+        "\n## What was named in place of what\n",
+        markdown(confusion(records)),
+        "\n## By effect\n",
+        markdown(by_effect(records)),
+        "\n## By condition\n",
+        markdown(by_condition(records)),
+    ]
+    beside = DOCUMENT.with_suffix(".part")
+    beside.write_text("\n".join(parts) + "\n", encoding="utf-8")
+    os.replace(beside, DOCUMENT)
+    print(f"{DOCUMENT}: {len(records)} draws")
+
+
+def fingerprint() -> str:
+    """Tells the sources apart that results were made by."""
+    root, digest = HERE.parent / "bdnn_ros", hashlib.sha256()
+    for source in SOURCES:
+        path = root / source
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def rounded(value: Any) -> Any:
+    """Numbers with five significant digits."""
+    if isinstance(value, float):
+        return float(f"{value:.5g}")
+    if isinstance(value, Mapping):
+        return {key: rounded(inner) for key, inner in value.items()}
+    return [rounded(inner) for inner in value] if isinstance(value, (list, tuple)) else value
+
+
+def choices(args: argparse.Namespace) -> Choices:
+    """What the command line fixes."""
+    return Choices(
+        robots=tuple(args.robots),
+        effects=tuple(args.effects),
+        hidden=args.hidden,
+        wrong=args.wrong,
+        worn=None if args.worn is None else args.worn == "yes",
+        coloured=None if args.noise is None else args.noise == "coloured",
+        duration=args.duration,
+        poor=None if args.excitation is None else args.excitation == "poor",
+    )
+
+
+def _finished(draws: Iterator[Draw], jobs: int, deadline: float) -> Iterator[dict[str, Any]]:
+    """Records as they are done; nothing new is begun after the deadline."""
+    if jobs == 1:
+        for draw in draws:
+            if time.monotonic() >= deadline:
+                return
+            yield done(draw)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        running: set[Future[dict[str, Any]]] = {pool.submit(done, draw) for draw in islice(draws, jobs)}
+        while running:
+            ready, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in ready:
+                yield future.result()
+            if time.monotonic() < deadline:
+                running |= {pool.submit(done, draw) for draw in islice(draws, len(ready))}
+
+
+def _arguments() -> argparse.Namespace:
+    def names(words: str) -> list[str]:
+        return [word for word in words.split(",") if word]
+
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--draws", type=int, default=300, help="default: %(default)s")
+    parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="first seed (default: %(default)s)")
+    parser.add_argument(
+        "--robots", type=names, default=["arm2", "arm6", "arm7"], help="bundled robots or URDF files, a,b"
+    )
+    parser.add_argument("--effects", type=names, default=list(EFFECTS), help="effects to hide, a,b")
+    parser.add_argument("--hidden", type=int, choices=(0, 1, 2, 3), help="how many (default: by the seed)")
+    parser.add_argument("--worn", choices=("yes", "no"), help="default: by the seed")
+    parser.add_argument("--wrong", type=float, help="share that links are off by (default: by the seed)")
+    parser.add_argument("--noise", choices=("white", "coloured"), help="default: by the seed")
+    parser.add_argument("--duration", type=float, help="seconds of motion (default: by the seed)")
+    parser.add_argument("--excitation", choices=("rich", "poor"), help="default: by the seed")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
+    parser.add_argument(
+        "--budget",
+        metavar="SECONDS",
+        type=float,
+        default=BUDGET,
+        help="begin no draw after so long, 0 for no limit (default: %(default)s)",
+    )
+    parser.add_argument("--json", action="store_true", help="print everything as JSON")
+    parser.add_argument("--results", type=Path, default=RECORDS, help="default: results/naming.jsonl")
+    parser.add_argument("--write-docs", action="store_true", help="write docs/naming.md from the results")
+    args = parser.parse_args()
+    unknown = [name for name in args.effects if name not in EFFECTS]
+    if unknown:
+        parser.error(f"no effect {', '.join(unknown)}; there are {', '.join(EFFECTS)}")
+    return args
+
+
+if __name__ == "__main__":
+    main()
