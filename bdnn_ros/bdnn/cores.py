@@ -71,7 +71,7 @@ class NetworkCore:
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort along a motion, (N, n) [N·m]."""
         state = np.concatenate([signals.position, signals.velocity], axis=1)
-        return self.field.effort(state, signals.acceleration)
+        return self.field.effort(state, signals.acceleration, signals.sign).effort
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest."""
@@ -147,9 +147,15 @@ class PriorCore:
             result[..., k] = side + np.swapaxes(side, -1, -2) + turned
         return result
 
-    def bias(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """R(q, q̇), (B, n) [N·m]."""
-        direction = np.tanh(velocity / self.slow)
+    def bias(
+        self, position: np.ndarray, velocity: np.ndarray, direction: np.ndarray | None = None
+    ) -> np.ndarray:
+        """R(q, q̇), (B, n) [N·m].
+
+        Args:
+            direction: of the motion, −1 to 1, (B, n); None takes it from the velocity.
+        """
+        direction = np.tanh(velocity / self.slow) if direction is None else direction
         smooth, load = self._prior_bias(position, velocity, direction)
         return smooth + self.local(position, velocity, direction, load)
 

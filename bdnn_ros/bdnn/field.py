@@ -70,6 +70,26 @@ class FieldPass:
 
 
 @dataclass(frozen=True)
+class EffortPass:
+    """What an evaluation of the inverse dynamics leaves behind for its derivative.
+
+    Attributes:
+        h, r: passes of the two networks.
+        factor: of P.
+        inverse: P⁻¹, (B, n, n).
+        inertial: P⁻¹ F⁻¹ q̈, (B, n).
+        effort: u, (B, n) [N·m].
+    """
+
+    h: Pass
+    r: Pass
+    factor: np.ndarray
+    inverse: np.ndarray
+    inertial: np.ndarray
+    effort: np.ndarray
+
+
+@dataclass(frozen=True)
 class FieldDeltas:
     """δ of both networks, linear in the adjoint they are for."""
 
@@ -134,13 +154,16 @@ class Field:
 
     # -- evaluation ------------------------------------------------------------------------------------------
 
-    def bias_inputs(self, state: np.ndarray) -> np.ndarray:
-        """Inputs of r, (B, 4n); the first 2n are those of h."""
+    def bias_inputs(self, state: np.ndarray, direction: np.ndarray | None = None) -> np.ndarray:
+        """Inputs of r, (B, 4n); the first 2n are those of h.
+
+        Args:
+            direction: of the motion, as soft as the effort it goes with, (B, n); None is tanh(q̇ / slow).
+        """
         n = self.width
         q, v = state[:, :n], state[:, n:]
-        return np.concatenate(
-            [np.sin(q), np.cos(q), v / self.scales.velocity, np.tanh(v / self.scales.slow)], 1
-        )
+        direction = np.tanh(v / self.scales.slow) if direction is None else direction
+        return np.concatenate([np.sin(q), np.cos(q), v / self.scales.velocity, direction], axis=1)
 
     def acceleration(self, state: np.ndarray, effort: np.ndarray) -> FieldPass:
         """q̈ = H (u − R), equation (2), with all that its derivatives need; effort (B, n) [N·m]."""
@@ -152,12 +175,30 @@ class Field:
         product, inner = spd_apply(factor, shift, drive)
         return FieldPass(state, h, r, factor, shift, drive, inner, self.gain * product)
 
-    def effort(self, state: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def effort(
+        self, state: np.ndarray, acceleration: np.ndarray, direction: np.ndarray | None = None
+    ) -> EffortPass:
         """u = H⁻¹ q̈ + R, (B, n) [N·m]: the other direction of the same networks."""
-        x = self.bias_inputs(state)
-        matrix = spd_matrix(spd_factor(self.h.run(x[:, : 2 * self.width]).output, self.width))
-        inertial = np.linalg.solve(matrix, (acceleration / self.gain)[..., None])[..., 0] / self.gain
-        return inertial + self.scales.effort * self.r.run(x).output
+        x = self.bias_inputs(state, direction)
+        h, r = self.h.run(x[:, : 2 * self.width]), self.r.run(x)
+        factor = spd_factor(h.output, self.width)
+        inverse = np.linalg.inv(spd_matrix(factor))
+        inertial = (inverse @ (acceleration / self.gain)[..., None])[..., 0]
+        return EffortPass(
+            h, r, factor, inverse, inertial, inertial / self.gain + self.scales.effort * r.output
+        )
+
+    def effort_gradient(self, done: EffortPass, cotangent: np.ndarray) -> list[np.ndarray]:
+        """Gradient by all weights for a cotangent of u (B, n), as `arrays`.
+
+        With y = P⁻¹ F⁻¹ q̈ it is dy = −P⁻¹ dP y: the cotangent of P is −(P⁻¹ F⁻¹ ū) yᵀ.
+        """
+        left = -(done.inverse @ (cotangent / self.gain)[..., None])[..., 0]
+        turned = np.swapaxes(done.factor, -1, -2)
+        inner = [(turned @ side[..., None])[..., 0] for side in (left, done.inertial)]
+        on_h = self.h.deltas(done.h, spd_pull(done.factor, left, inner[0], done.inertial, inner[1]))
+        on_r = self.r.deltas(done.r, cotangent * self.scales.effort)
+        return self.h.weight_gradient(done.h, on_h) + self.r.weight_gradient(done.r, on_r)
 
     def bias(self, state: np.ndarray) -> np.ndarray:
         """R(q, q̇), (B, n) [N·m]."""

@@ -89,3 +89,9 @@ def scales_of(samples: Samples) -> Scales:
 def _typical(values: np.ndarray) -> np.ndarray:
     spread = np.std(values, axis=0)
     return np.maximum(spread, 1e-3 * max(float(spread.max()), 1e-6))
+
+
+def joined(first: Samples, second: Samples) -> Samples:
+    """Samples of both."""
+    names = Samples.__dataclass_fields__
+    return Samples(*(np.concatenate([getattr(first, name), getattr(second, name)]) for name in names))

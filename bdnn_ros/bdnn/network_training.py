@@ -1,0 +1,231 @@
+"""Training H and R networks alone, both ways: effort from motion, and motion from effort.
+
+The inverse loss settles the scale of H that rollouts leave open; rollouts, by `backtracking`, mend what small
+errors of the effort would add up to. Small networks are polished by L-BFGS on all samples at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from bdnn_ros.bdnn.backtracking import Windows, discrete_gradient, flat
+from bdnn_ros.bdnn.cores import NetworkCore
+from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.bdnn.field import Field
+from bdnn_ros.bdnn.samples import Samples, samples_of, scales_of
+from bdnn_ros.signals import Signals
+
+HIDDEN = 32
+"""Hidden units a network per joint, at least; see `hidden_units`."""
+BATCH = 256
+RATE = 4e-3
+"""Adam's learning rate at the start; it falls to nothing like a cosine."""
+FORWARD_WEIGHT = 0.1
+FORWARD_EVERY = 8
+"""Steps between two with rollouts."""
+WINDOWS, WINDOW_STEPS = 32, 10
+WARM_STEPS = 100
+POLISH_JOINTS = 3
+POLISH_SHARE = 0.4
+"""Share of the budget from which robots of few joints are polished."""
+POLISH_SAMPLES = 6000
+LOOKS = 50
+"""How often the held-out error is looked at."""
+SLICE = 100
+"""Steps of one piece of work."""
+
+
+def hidden_units(joints: int) -> int:
+    """Hidden units of each network: what measurement found enough."""
+    return 32 if joints <= POLISH_JOINTS else 128
+
+
+class NetworkTraining:
+    """Networks in the making: Adam on batches, then L-BFGS where it pays; the best on held-out data is kept."""
+
+    def __init__(
+        self,
+        train: Sequence[Signals],
+        validation: Sequence[Signals],
+        rng: np.random.Generator,
+        forward_weight: float = FORWARD_WEIGHT,
+        hidden: int | None = None,
+    ) -> None:
+        self._joints, self._rng = train[0].joints, rng
+        self._forward_weight = forward_weight
+        samples, judge = samples_of(train), samples_of(validation)
+        scales = scales_of(samples)
+        n = samples.width
+        field = Field.random(scales, hidden or hidden_units(n), rng)
+        self._samples, self._judge = samples, judge
+        self._weights = field.vector().astype(np.float32)
+        self._field = field.astype(np.float32).with_vector(self._weights)
+        self._columns = [x.astype(np.float32) for x in _columns(samples)]
+        self._moments = np.zeros((2, self._weights.size), np.float32)
+        self._rollouts = Rollouts(train, scales.velocity)
+        self._steps, self._looked = 0, 0.0
+        self._best, self._best_weights = np.inf, self._weights.copy()
+        self.stage = "batches"
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.stage == "finished"
+
+    @property
+    def told(self) -> str:
+        """What is being done, for a progress line."""
+        return f"{self.stage}: step {self._steps}, held-out error {100.0 * self._best:.3g} %"
+
+    def model(self) -> BDNN:
+        """The networks that did best on what was held out."""
+        field = Field(self._field.h, self._field.r, self._field.scales).astype(np.float64)
+        return BDNN(NetworkCore(self._joints, field.with_vector(self._best_weights.astype(np.float64))))
+
+    def advance(self, used: Callable[[], float]) -> None:
+        """One piece of work; `used` tells the share of the budget that is spent."""
+        polish = len(self._joints) <= POLISH_JOINTS
+        end = POLISH_SHARE if polish else 1.0
+        if self.stage == "batches":
+            for _ in range(SLICE):
+                self._step(min(used() / end, 1.0))
+            if used() - self._looked > 1.0 / LOOKS or used() > 0.98 * end:
+                self._look()
+                self._looked = used()
+            if used() >= 0.98 * end:
+                self.stage = "polish" if polish else "finished"
+        else:
+            self._polish(used)
+            self.stage = "finished"
+
+    def _step(self, progress: float) -> None:
+        """One step of Adam (Kingma and Ba, ICLR 2015)."""
+        rows = self._rng.integers(len(self._samples), size=BATCH)
+        _, gradient = effort_loss(self._field, [values[rows] for values in self._columns])
+        if self._forward_weight and self._steps % FORWARD_EVERY == 0:
+            windows = self._rollouts.draw(WINDOWS, self._rng)
+            _, forward = discrete_gradient(self._field, windows)
+            size = np.linalg.norm(forward)
+            # a rollout that runs away must not drown the rest
+            limit = np.linalg.norm(gradient) / max(float(size), 1e-12)
+            gradient += min(self._forward_weight * FORWARD_EVERY, float(limit)) * forward
+        self._steps += 1
+        first, second = self._moments
+        first += 0.1 * (gradient - first)
+        second += 0.001 * (gradient * gradient - second)
+        unbias = np.sqrt(1.0 - 0.999**self._steps) / (1.0 - 0.9**self._steps)
+        rate = RATE * 0.5 * (1.0 + np.cos(np.pi * progress)) * min(1.0, self._steps / WARM_STEPS)
+        self._weights -= np.float32(rate * unbias) * first / (np.sqrt(second) + np.float32(1e-8))
+
+    def _look(self) -> None:
+        """Keep the weights if they are the best so far on what was held out."""
+        error = self._held_out(self._field)
+        if error < self._best:
+            self._best, self._best_weights = error, self._weights.copy()
+
+    def _held_out(self, field: Field) -> float:
+        columns = [x.astype(field.h.hidden_bias.dtype) for x in _columns(self._judge)]
+        return effort_loss(field, columns)[0]
+
+    def _polish(self, used: Callable[[], float]) -> None:
+        """L-BFGS in double precision, until time is up."""
+        field = self._field.astype(np.float64)
+        columns = _columns(self._samples.some(POLISH_SAMPLES, self._rng))
+
+        def look(weights: np.ndarray) -> None:
+            error = self._held_out(field.with_vector(weights))
+            if error < self._best:
+                self._best, self._best_weights = error, weights.copy()
+            if used() > 0.99:
+                raise _TimeUp
+
+        try:
+            options = {"maxiter": 100_000, "maxfun": 1_000_000, "maxcor": 30, "ftol": 1e-12, "gtol": 1e-9}
+            minimize(
+                lambda w: effort_loss(field.with_vector(w), columns),
+                self._best_weights.astype(np.float64),
+                jac=True,
+                method="L-BFGS-B",
+                callback=look,
+                options=options,
+            )
+        except _TimeUp:
+            pass
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and JSON-able rest from which the training goes on."""
+        arrays = {"weights": self._weights, "moments": self._moments, "best_weights": self._best_weights}
+        best = float(self._best) if np.isfinite(self._best) else None
+        return arrays, {
+            "steps": self._steps,
+            "stage": self.stage,
+            "best": best,
+            "rng": self._rng.bit_generator.state,
+        }
+
+    def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
+        """Go on from a state of the same data."""
+        self._weights[:], self._moments[:] = arrays["weights"], arrays["moments"]
+        self._best_weights = arrays["best_weights"].copy()
+        self._best = np.inf if info["best"] is None else float(info["best"])
+        self._steps, self.stage = int(info["steps"]), str(info["stage"])
+        self._rng.bit_generator.state = info["rng"]
+
+
+class _TimeUp(Exception):
+    """The budget is spent."""
+
+
+class Rollouts:
+    """Windows of measured motion to roll out from, drawn at random.
+
+    Attributes:
+        step: h [s]: two working samples.
+    """
+
+    def __init__(self, parts: Sequence[Signals], velocity: np.ndarray) -> None:
+        self._states = [np.concatenate([s.position, s.velocity], axis=1).astype(np.float32) for s in parts]
+        self._efforts = [np.asarray(s.effort, np.float32) for s in parts]
+        length = 2 * WINDOW_STEPS
+        starts = [
+            (k, start)
+            for k, s in enumerate(parts)
+            for rows in s.segments
+            for start in range(rows.start, rows.stop - length)
+        ]
+        self._starts = np.array(starts).reshape(-1, 2)
+        self.step = 2.0 / parts[0].rate
+        # an error of position weighs like the velocity's error that made it within the window
+        horizon = self.step * WINDOW_STEPS
+        weights = np.concatenate([1.0 / (velocity * horizon) ** 2, 1.0 / velocity**2])
+        self._weights = weights.astype(np.float32)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Windows:
+        """Some windows."""
+        span = np.arange(2 * WINDOW_STEPS + 1)
+        chosen = self._starts[rng.integers(len(self._starts), size=count)]
+        states = np.stack([self._states[k][start + span] for k, start in chosen], axis=1)
+        efforts = np.stack([self._efforts[k][start + span] for k, start in chosen], axis=1)
+        return Windows(states, efforts, self.step, self._weights)
+
+
+def effort_loss(field: Field, columns: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+    """Mean squared error of the effort over its scale, and its gradient by all weights.
+
+    Args:
+        columns: state (B, 2n), acceleration, direction and effort (B, n).
+    """
+    state, acceleration, direction, effort = columns
+    done = field.effort(state, acceleration, direction)
+    error = (done.effort - effort) / field.scales.effort
+    gradient = field.effort_gradient(done, error * ((2.0 / error.size) / field.scales.effort))
+    return float(np.mean(error * error)), flat(gradient)
+
+
+def _columns(samples: Samples) -> list[np.ndarray]:
+    state = np.concatenate([samples.position, samples.velocity], axis=1)
+    return [state, samples.acceleration, samples.direction, samples.effort]

@@ -1,0 +1,147 @@
+"""Training on prior knowledge: a robot's bodies are identified, then networks learn the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.bdnn import correction
+from bdnn_ros.bdnn.bodies import Belief, columns, fit, pseudo_inertias, quadratic
+from bdnn_ros.bdnn.cores import PriorCore
+from bdnn_ros.bdnn.local import LocalNetworks
+from bdnn_ros.bdnn.local_training import fit_local
+from bdnn_ros.bdnn.on_prior import BDNNOnPrior
+from bdnn_ros.bdnn.samples import Samples, joined, samples_of, scales_of
+from bdnn_ros.robot import PER_LINK, Dynamics, Robot
+from bdnn_ros.signals import Signals
+
+WRONG_BY = 0.3
+"""How far a URDF's bodies are off, as a relative standard deviation."""
+JOINT_STRENGTH = 0.1
+"""How firmly generic rotors and friction are believed in [nats]."""
+ROUNDS = 3
+"""Fits of the bodies, each with the noise that the one before left."""
+NOISE_FLOOR = 1e-3
+CORRECTION_SHARE = 0.8
+"""Share of the budget after which the correction of M stops."""
+THICKNESS = 1e-4
+"""Least principal moment of a body over its largest: URDFs hold points and rods."""
+
+
+class PriorTraining:
+    """A BDNN on a prior in the making, a piece of work at a time: bodies, networks, correction of M."""
+
+    def __init__(
+        self,
+        train: Sequence[Signals],
+        validation: Sequence[Signals],
+        prior: Dynamics,
+        rng: np.random.Generator,
+    ) -> None:
+        self._train, self._validation = list(train), list(validation)
+        self._samples, self._judge = samples_of(train), samples_of(validation)
+        self._rng = rng
+        scales = scales_of(self._samples)
+        load = np.maximum(np.std(prior.gravity(self._samples.position), axis=0), 1e-3 * scales.effort)
+        self._core = PriorCore(prior, LocalNetworks.silent(scales.velocity, load), None, scales.slow)
+        self.stage = "bodies" if isinstance(prior, Robot) else "networks"
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.stage == "finished"
+
+    @property
+    def told(self) -> str:
+        """What is being done, for a progress line."""
+        return {"bodies": "identifying bodies and friction", "networks": "fitting the joints' networks"}.get(
+            self.stage, "correcting the mass matrix"
+        )
+
+    def model(self) -> BDNNOnPrior:
+        """The best so far; the prior itself at first."""
+        return BDNNOnPrior(self._core)
+
+    def advance(self, used: Callable[[], float]) -> None:
+        """One piece of work; `used` tells the share of the budget that is spent."""
+        if self.stage == "bodies":
+            self._identify_bodies()
+            self.stage = "networks"
+        elif self.stage == "networks":
+            networks = fit_local(self._core, self._train, self._validation)
+            offset = self._core.local.output_weights[:, 0]
+            self._core = replace(self._core, local=networks.with_offset(offset))
+            self.stage = "correction"
+        elif self.stage == "correction":
+            give_up = lambda: used() > CORRECTION_SHARE  # noqa: E731
+            self._core = correction.corrected(self._core, self._train, self._validation, self._rng, give_up)
+            self.stage = "finished"
+
+    def _identify_bodies(self) -> None:
+        prior = self._core.prior
+        assert isinstance(prior, Robot)
+        belief = belief_of(prior, self._samples)
+        theta = identified(prior, belief, self._samples, None)
+        every = joined(self._samples, self._judge)
+        if _error(prior, theta, self._judge) < _error(prior, belief.reference, self._judge):
+            theta = identified(prior, belief, every, theta)
+            robot, offset = robot_of(prior, theta)
+            self._core = replace(self._core, prior=robot, local=self._core.local.with_offset(offset))
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and JSON-able rest; every stage is quick enough to be done again."""
+        return {}, {}
+
+    def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
+        """Go on from a state: from the beginning, which costs little."""
+
+
+def belief_of(robot: Robot, samples: Samples) -> Belief:
+    """What a URDF makes one believe: its bodies by and large, rotors and friction of any usual size."""
+    scales = scales_of(samples)
+    usual = np.array([scales.effort / scales.acceleration, scales.effort / scales.velocity, scales.effort])
+    told = np.array([robot.armature, robot.viscous, robot.coulomb])
+    bodies = np.array([thickened(values) for values in robot.inertials])
+    joints = np.maximum(told, 0.05 * usual)
+    return Belief(bodies, joints, scales.effort, 1.0 / WRONG_BY**2, JOINT_STRENGTH)
+
+
+def identified(robot: Robot, belief: Belief, samples: Samples, start: np.ndarray | None) -> np.ndarray:
+    """The most probable θ of a robot, as in `bodies`; the noise is what the fit before left."""
+    design = columns(robot.regressor(samples.position, samples.velocity, samples.acceleration), samples)
+    theta = belief.reference if start is None else start
+    least = NOISE_FLOOR * scales_of(samples).effort
+    for _ in range(ROUNDS):
+        noise = np.maximum(np.sqrt(np.mean((design @ theta - samples.effort) ** 2, axis=0)), least)
+        theta = fit(quadratic(design, samples.effort, noise), belief)
+    return theta
+
+
+def robot_of(robot: Robot, theta: np.ndarray) -> tuple[Robot, np.ndarray]:
+    """The robot with parameters θ, and its effort offset (n,)."""
+    n = robot.width
+    armature, viscous, coulomb, offset = theta[PER_LINK * n :].reshape(4, n)
+    changed = robot.with_inertials(theta[: PER_LINK * n]).with_joint_parameters(armature, viscous, coulomb)
+    return changed, offset
+
+
+def thickened(inertial: np.ndarray) -> np.ndarray:
+    """A body's inertials (PER_LINK,), made those of a body that could exist where they are not."""
+    mass = max(float(inertial[0]), 1e-3)
+    centre = inertial[1:4] / mass
+    pseudo = pseudo_inertias(inertial[None])[0]
+    values, vectors = np.linalg.eigh(pseudo[:3, :3] - mass * np.outer(centre, centre))
+    least = max(THICKNESS * float(values[-1]), 1e-6 * mass)
+    if inertial[0] >= mass and values[0] >= least:
+        return inertial
+    moment = (vectors * np.maximum(values, least)) @ vectors.T + mass * np.outer(centre, centre)
+    tensor = np.trace(moment) * np.eye(3) - moment
+    return np.array([mass, *(mass * centre), *tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+
+
+def _error(robot: Robot, theta: np.ndarray, samples: Samples) -> float:
+    design = columns(robot.regressor(samples.position, samples.velocity, samples.acceleration), samples)
+    return float(np.mean(((design @ theta - samples.effort) / scales_of(samples).effort) ** 2))

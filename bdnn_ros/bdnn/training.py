@@ -1,0 +1,167 @@
+"""Identifying a BDNN from signals within a budget, with a state to go on from."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from bdnn_ros.bdnn import modelfile
+from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.errors import ModelFileError, UsageError, listed
+from bdnn_ros.robot import Dynamics
+from bdnn_ros.signals import Signals
+
+Progress = Callable[[float, str], None]
+"""Told the share of the budget that is spent, and what is being done."""
+ARCHITECTURES = ("chain", "networks")
+SAVE_SECONDS = 2.0
+"""Least time between two writings of the state."""
+
+
+class Training(Protocol):
+    """A model in the making."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is left to do."""
+
+    @property
+    def told(self) -> str:
+        """What is being done."""
+
+    def advance(self, used: Callable[[], float]) -> None:
+        """One piece of work; `used` tells the share of the budget that is spent."""
+
+    def model(self) -> BDNN:
+        """The best model so far."""
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and JSON-able rest from which the training goes on."""
+
+    def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
+        """Go on from a state of the same data."""
+
+
+def identify(
+    signals_train: Signals | Sequence[Signals],
+    signals_validation: Signals | Sequence[Signals],
+    prior: Dynamics | None = None,
+    budget: float = 60.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+    *,
+    architecture: str = "chain",
+    state: str | Path | None = None,
+    clock: Callable[[], float] = time.monotonic,
+) -> BDNN:
+    """A BDNN that explains the effort along motions.
+
+    Args:
+        signals_train: motions to learn from, of one recording or several.
+        signals_validation: held-out motions that choose and stop.
+        prior: what is known; a `Robot`'s bodies and joints are identified, any other dynamics stay as they
+            are, and networks learn the rest. None learns all.
+        budget: [s]; the training ends by itself, at the latest 10 % later.
+        seed: of all that is random.
+        progress: told now and then.
+        architecture: without a prior: "chain" (a serial chain whose axes are learned, and networks for the
+            rest) or "networks" (H and R networks alone, as in the paper).
+        state: a file to go on from if it is there, and that is kept up to date; an interrupted training loses
+            at most the piece of work it was at.
+        clock: tells the time [s].
+
+    Raises:
+        UsageError: the budget or the architecture makes no sense, or the joints of the signals differ.
+        RecordingError: there is too little to learn from.
+        DataError: the budget is too short for any model.
+        ModelFileError: the state is not of such a training.
+    """
+    train = [signals_train] if isinstance(signals_train, Signals) else list(signals_train)
+    validation = [signals_validation] if isinstance(signals_validation, Signals) else list(signals_validation)
+    _check(train, validation, prior, budget, architecture)
+    rng = np.random.default_rng(seed)
+    training = _training(train, validation, prior, rng, architecture)
+    label = "prior" if prior is not None else architecture
+    path = None if state is None else Path(state)
+    spent = _restore(training, path, label)
+    start = saved = clock()
+
+    def used() -> float:
+        return (spent + clock() - start) / budget
+
+    try:
+        while not training.finished and used() < 1.0:
+            training.advance(used)
+            if progress is not None:
+                progress(min(used(), 0.99), training.told)
+            if path is not None and clock() - saved > SAVE_SECONDS:
+                _save(training, path, label, used() * budget)
+                saved = clock()
+    finally:
+        if path is not None:
+            _save(training, path, label, used() * budget)
+    model = training.model()
+    if progress is not None:
+        progress(1.0, "done")
+    return model
+
+
+def _training(
+    train: list[Signals],
+    validation: list[Signals],
+    prior: Dynamics | None,
+    rng: np.random.Generator,
+    architecture: str,
+) -> Training:
+    if prior is not None:
+        from bdnn_ros.bdnn.prior_training import PriorTraining
+
+        return PriorTraining(train, validation, prior, rng)
+    if architecture == "chain":
+        from bdnn_ros.bdnn.chain_training import ChainTraining
+
+        return ChainTraining(train, validation, rng)
+    from bdnn_ros.bdnn.network_training import NetworkTraining
+
+    return NetworkTraining(train, validation, rng)
+
+
+def _check(
+    train: list[Signals], validation: list[Signals], prior: Dynamics | None, budget: float, architecture: str
+) -> None:
+    if not budget > 0.0:
+        raise UsageError(f"A budget of {budget:g} s is no time.", "Give seconds above zero.")
+    if architecture not in ARCHITECTURES:
+        raise UsageError(f"No architecture {architecture!r}.", f"There are {listed(ARCHITECTURES)}.")
+    if not train or not validation:
+        raise UsageError("Training needs signals to learn from and signals held out.", "Give both.")
+    joints = train[0].joints if prior is None else prior.joints
+    for signals in [*train, *validation]:
+        if signals.joints != joints:
+            raise UsageError(
+                f"Signals of {listed(signals.joints)} do not fit a model of {listed(joints)}.",
+                "Pick the joints with --joints.",
+            )
+
+
+def _save(training: Training, path: Path, label: str, spent: float) -> None:
+    arrays, info = training.to_state()
+    modelfile.save(path, "training", arrays, {"of": label, "spent": spent, "state": info})
+
+
+def _restore(training: Training, path: Path | None, label: str) -> float:
+    """Seconds that were spent before."""
+    if path is None or not path.exists():
+        return 0.0
+    kind, arrays, info = modelfile.load(path)
+    if kind != "training" or info.get("of") != label:
+        raise ModelFileError(f"{path} is not the state of this training.", "Give another file, or remove it.")
+    try:
+        training.restore(arrays, info["state"])
+        return float(info["spent"])
+    except (KeyError, TypeError, ValueError, IndexError):
+        raise ModelFileError(f"The training state {path} is damaged.", "Remove it to begin anew.") from None
