@@ -16,6 +16,10 @@ ACCELERATION_PER_VELOCITY = 3.0
 """Acceleration limit per velocity limit [1/s] where none is given: URDFs have none."""
 BLEND = 0.8
 """A swing swells from rest, and dies away, over so many seconds."""
+SLOWEST = 0.02
+"""Slowest steady speed [rad/s]: slower ones drown in the encoder's noise, or stick."""
+SMALL_SWING = (0.005, 0.1)
+"""Smallest and largest amplitude of small reversals [rad]."""
 COARSE = 0.01
 """Spacing at which limits are checked [s]."""
 RESERVE = 0.98
@@ -165,60 +169,65 @@ class Piece:
 def drawn(
     robot: Robot, bounds: Bounds, duration: float, focus: np.ndarray, rng: np.random.Generator
 ) -> Piece | None:
-    """A random piece inside the limits: a swing, ramps, small reversals, or one joint's ramps in a swing.
+    """A random piece inside the limits: joints swing, go to and fro steadily, or make small reversals.
+
+    Nearly all joints move in every piece: one at rest tells nothing, not even of its neighbours.
 
     Args:
-        focus: how much each joint matters, (n,), at least one above zero.
+        focus: how much each joint matters, (n,), at least one above zero; these do more than swing.
 
     Returns:
         None where the pose or the motion asks for more effort than there is.
     """
     width = robot.width
     centre = bounds.lower + rng.beta(1.5, 1.5, width) * (bounds.upper - bounds.lower)
-    kind = rng.choice(["swing", "swing", "ramp", "small", "mixed"])
-    active = (rng.random(width) < 0.6) | (rng.random(width) < focus / focus.max())
-    leader = int(rng.choice(width, p=focus / focus.sum()))
-    ramping = np.zeros(width, bool)
-    if kind == "ramp":
-        ramping = active & (rng.random(width) < 0.5)
-        ramping[leader] = True
-        active = ramping
-    elif kind == "mixed":
-        ramping[leader] = True
-    reversals = int(rng.integers(1, 6))
-    speeds = np.exp(rng.uniform(np.log(0.004), 0.0, width)) * bounds.velocity
-    speeds = speeds * np.exp(rng.uniform(-0.7, 0.0, (reversals + 1, width)))
-    when = np.linspace(0.0, duration, reversals + 2)
-    blend = 0.25 * when[1]
+    special = rng.random(width) < 0.15 + 0.5 * focus / focus.max()
+    ramping, small = special & (rng.random(width) < 0.6), np.zeros(width, bool)
+    small[special & ~ramping] = True
+    resting = ~special & (rng.random(width) < 0.1)
+    amplitude, frequency, phase = _sines(small, duration, rng)
+    when, speed, blend = _ramps(bounds.velocity, duration, rng)
     piece = Piece(
         duration,
         centre,
-        *_sines(kind == "small", width, duration, rng),
-        when=np.append(when[:-1], duration - blend),
-        speed=np.vstack([speeds * (-1.0) ** np.arange(reversals + 1)[:, None], np.zeros(width)]),
-        blend=blend,
+        amplitude * ~(ramping | resting)[:, None],
+        frequency,
+        phase,
+        when,
+        speed * ramping,
+        blend,
     )
-    swinging = active & ~ramping if kind != "ramp" else np.zeros(width, bool)
-    piece = replace(piece, amplitude=piece.amplitude * swinging[:, None], speed=piece.speed * ramping)
-    share = rng.uniform(0.3, 1.0) if kind != "small" else 0.0
+    share = np.where(ramping | small, 0.0, rng.uniform(0.3, 1.0, width))
     return fitted(robot, bounds, piece, share)
 
 
 def _sines(
-    small: bool, width: int, duration: float, rng: np.random.Generator
+    small: np.ndarray, duration: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Amplitudes, frequencies and phases of a swing, or of small oscillations, (n, K) each."""
-    count = 1 if small else int(rng.integers(2, 6))
-    shape = (width, count)
-    if small:
-        amplitude = np.exp(rng.uniform(np.log(0.003), np.log(0.1), shape))
-        frequency = rng.uniform(0.2, 1.5, shape)
-    else:
-        slowest = 1.0 / duration
-        fastest = np.exp(rng.uniform(np.log(1.2 * slowest), np.log(max(2.0, 2.0 * slowest))))
-        frequency = rng.uniform(slowest, fastest, shape)
-        amplitude = rng.uniform(0.2, 1.0, shape) / frequency**1.5
+    """Amplitudes, frequencies and phases of swings, or of `small` (n,) oscillations, (n, K) each."""
+    shape = (len(small), int(rng.integers(2, 6)))
+    slowest = 1.0 / duration
+    fastest = np.exp(rng.uniform(np.log(1.2 * slowest), np.log(max(2.0, 2.0 * slowest))))
+    frequency = rng.uniform(slowest, fastest, shape)
+    amplitude = rng.uniform(0.2, 1.0, shape) / frequency**1.5
+    frequency[small] = rng.uniform(0.3, 2.0, (int(small.sum()), shape[1]))
+    amplitude[small] = 0.0
+    amplitude[small, 0] = np.exp(rng.uniform(*np.log(SMALL_SWING), int(small.sum())))
     return amplitude, frequency, rng.uniform(0.0, 2.0 * np.pi, shape)
+
+
+def _ramps(
+    most: np.ndarray, duration: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Times (S,), speeds (S, n) and blend of motions to and fro, each joint near a speed of its own."""
+    reversals = int(rng.integers(1, 6))
+    least = np.minimum(SLOWEST, 0.5 * most)
+    speeds = least * (most / least) ** rng.random(len(most))
+    speeds = speeds * np.exp(rng.uniform(-0.7, 0.0, (reversals + 1, len(most))))
+    when = np.linspace(0.0, duration, reversals + 2)
+    blend = 0.25 * when[1]
+    signed = speeds * (-1.0) ** np.arange(reversals + 1)[:, None]
+    return np.append(when[:-1], duration - blend), np.vstack([signed, np.zeros(len(most))]), float(blend)
 
 
 def changed(robot: Robot, bounds: Bounds, piece: Piece, rng: np.random.Generator) -> Piece | None:
@@ -231,14 +240,14 @@ def changed(robot: Robot, bounds: Bounds, piece: Piece, rng: np.random.Generator
         frequency=piece.frequency * np.exp(0.2 * rng.standard_normal(piece.frequency.shape)),
         phase=piece.phase + 0.5 * rng.standard_normal(piece.phase.shape),
     ).resized(np.exp(0.4 * rng.standard_normal(width)))
-    return fitted(robot, bounds, other, 0.0)
+    return fitted(robot, bounds, other)
 
 
-def fitted(robot: Robot, bounds: Bounds, piece: Piece, share: float = 0.0) -> Piece | None:
+def fitted(robot: Robot, bounds: Bounds, piece: Piece, share: np.ndarray | float = 0.0) -> Piece | None:
     """The piece made so small that it keeps all limits, None where it cannot.
 
     Args:
-        share: how much of the room a swing is enlarged to first; 0 never enlarges.
+        share: how much of its room each joint's motion is brought to first, (n,); 0 never enlarges.
     """
     motion = piece.coarse
     away = motion.position - piece.centre
@@ -250,8 +259,7 @@ def fitted(robot: Robot, bounds: Bounds, piece: Piece, share: float = 0.0) -> Pi
         room = np.minimum(room, bounds.velocity / np.abs(motion.velocity).max(axis=0))
         room = np.minimum(room, bounds.acceleration / np.abs(motion.acceleration).max(axis=0))
     room = np.where(np.isfinite(room), room, 1.0) * RESERVE
-    swings = np.abs(piece.amplitude).max(axis=1) > 0.0
-    piece = piece.resized(np.where(swings & (share > 0.0), share * room, np.minimum(room, 1.0)))
+    piece = piece.resized(np.where(np.asarray(share) > 0.0, share * room, np.minimum(room, 1.0)))
     for _ in range(ATTEMPTS):
         if piece.coarse.keeps(bounds, robot, 1e-3):
             return piece

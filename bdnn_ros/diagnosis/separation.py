@@ -38,6 +38,10 @@ TIMED = frozenset({"external_wrench", "drift"})
 """What is there only for a time is told by repeating a motion, not by another one."""
 SMALL = 1e-3
 """Evidence that counts as none [nats]."""
+PLENTY = 100.0
+"""Evidence beyond which more is of little use [nats]."""
+BALANCE = 0.3
+"""How much all parameters count beside the questions: a diagnosis of the motion needs them as well."""
 LEAST_WEIGHT = 0.05
 """Weight of a rival that is hardly probable."""
 
@@ -146,14 +150,17 @@ class Design:
         return np.stack(values, axis=-1) if values else np.empty((*gram.shape[:-2], 0))
 
     def value(self, gram: np.ndarray) -> np.ndarray:
-        """What a choice of pieces maximises, (...): all pairs told apart, or all base parameters known."""
-        if self.asked:
-            weights = np.array([pair.weight for pair in self.pairs])
-            return np.asarray(np.log(SMALL + self.evidence(gram)) @ (weights / weights.sum()))
+        """What a choice of pieces maximises, (...): pairs told apart and, less so, all parameters known."""
         links = self.robot.width * PER_LINK + 1
         slots = np.concatenate([np.arange(links), *self._slots]).astype(int)
         prior = np.concatenate([np.full(links, LINK_ERROR**-2.0), np.full(len(slots) - links, 1e-6)])
-        return np.linalg.slogdet(gram[..., slots[:, None], slots] + np.diag(prior))[1]
+        known = np.linalg.slogdet(gram[..., slots[:, None], slots] + np.diag(prior))[1] / len(slots)
+        if not self.asked:
+            return np.asarray(known)
+        weights = np.array([pair.weight for pair in self.pairs])
+        evidence = self.evidence(gram)
+        enough = evidence / (1.0 + evidence / PLENTY)
+        return np.asarray(np.log(SMALL + enough) @ (weights / weights.sum()) + BALANCE * known)
 
 
 def _left(gram: np.ndarray, pair: Pair, peaks: np.ndarray) -> np.ndarray:
