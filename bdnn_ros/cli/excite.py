@@ -20,6 +20,8 @@ from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import BUNDLED, Robot
 
 HELP = "make the motion that tells the rivals of a diagnosis apart"
+MOST_SAID = 1000.0
+"""Larger expected evidence says no more than that it is large [nats]."""
 CSV, YAML = "trajectory.csv", "trajectory.yaml"
 
 
@@ -169,7 +171,8 @@ def _summary(found: Excitation, robot: Robot, case: Case | None) -> list[str]:
     for one in found.separations:
         pair = f"{one.finding.words(robot)} or {one.rival.words(robot)}"
         doubt = "" if one.settled else "  (may stay open: a longer or wider motion may help)"
-        lines.append(f"  {pair}: {one.evidence:.3g}{doubt}")
+        evidence = f"{one.evidence:.3g}" if one.evidence < MOST_SAID else f"over {MOST_SAID:g}"
+        lines.append(f"  {pair}: {evidence}{doubt}")
     return [*lines, *found.notes]
 
 
