@@ -1,0 +1,221 @@
+"""The regression of a diagnosis: exact without noise, white after whitening, blocks that are blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_cases import CUTOFF, coloured, equations_of, signals_of, term, white
+
+from bdnn_ros.diagnosis.equations import (
+    BLOCK_SECONDS,
+    CUTOFF_OF_USUAL,
+    Equations,
+    Noise,
+    build,
+    nominal_effort,
+    quiet_cutoff,
+    relative_inertials,
+)
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.signals import concatenated, usual_cutoff
+from bdnn_ros.simulation.simulate import simulate
+
+J1, J2 = "arm2_joint1", "arm2_joint2"
+AR = np.array([0.5, -0.2, 0.1])
+SPECS = (
+    f"coulomb_friction@{J1}:coulomb=1.3",
+    f"viscous_friction@{J2}:viscous=0.4",
+    f"effort_offset@{J1}:offset=-0.7",
+    f"stribeck_friction@{J2}:coulomb=0.5,static=1.2,velocity=0.1",
+    f"external_wrench@{J1}:start=3,end=6,torque=2",
+    "base_tilt:roll_deg=3,pitch_deg=-2",
+)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return Robot.bundled("arm2")
+
+
+@pytest.fixture(scope="module")
+def plain() -> Equations:
+    return equations_of()
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_without_noise_the_target_is_the_column_times_its_coefficient(robot, spec):
+    equations = equations_of([spec])
+    one, coefficients = term(spec, robot)
+    np.testing.assert_allclose(equations.target, equations.columns(one) @ coefficients, atol=1e-9)
+
+
+def test_errors_of_the_links_are_in_the_rigid_columns():
+    errors = np.random.default_rng(0).normal(size=2 * PER_LINK) * 0.1
+    equations = equations_of(errors=errors)
+    np.testing.assert_allclose(equations.target, equations.rigid @ errors, atol=1e-9)
+    assert np.abs(equations.target).max() > 0.1
+
+
+def test_a_model_in_the_simulations_place(robot):
+    signals = signals_of()
+    other = nominal_effort(robot, signals) + 2.0
+    np.testing.assert_allclose(build(signals, robot, other).target, -2.0, atol=1e-9)
+
+
+def test_the_first_relative_unit_scales_a_link_as_a_whole(robot):
+    relative = relative_inertials(robot)
+    for link in range(robot.width):
+        rows = slice(link * PER_LINK, (link + 1) * PER_LINK)
+        np.testing.assert_allclose(relative[rows, link * PER_LINK], robot.inertials[link], atol=1e-9)
+    assert np.linalg.matrix_rank(relative) == robot.width * PER_LINK
+
+
+def test_whitening_gives_back_what_the_noise_was_made_of(plain):
+    std = np.array([0.3, 2.0])
+    rng = np.random.default_rng(1)
+    innovations = rng.standard_normal(plain.target.shape)
+    noise = np.zeros_like(innovations)
+    for k in range(len(noise)):
+        past = [AR[i] * noise[k - 1 - i] for i in range(3) if k > i]
+        noise[k] = std * innovations[k] + np.sum(past, axis=0)
+    counted = plain.counted()
+    whitened = plain.whiten(noise, Noise(np.tile(AR, (2, 1)), std))
+    np.testing.assert_allclose(whitened[counted], innovations[counted], atol=1e-9)
+    assert not whitened[~counted].any()
+
+
+def test_the_noise_model_is_found_and_makes_the_residual_white():
+    equations = equations_of(duration=40.0)
+    residual = coloured(equations, AR, 0.2)
+    noise = equations.noise_of(residual, np.full(2, 1e-6))
+    rows = equations.counted().sum(axis=0).min()
+    np.testing.assert_allclose(noise.coefficients, np.tile(AR, (2, 1)), atol=4.0 / np.sqrt(rows))
+    np.testing.assert_allclose(noise.std, 0.2, rtol=4.0 / np.sqrt(2.0 * rows))
+    good = equations.counted().all(axis=1)
+    whitened = equations.whiten(residual, noise)[good]
+    correlation = [np.mean(whitened[lag:] * whitened[:-lag], axis=0) for lag in range(1, 7)]
+    assert np.abs(correlation).max() < 4.0 / np.sqrt(rows)
+    raw = np.mean(residual[1:] * residual[:-1], axis=0) / np.mean(residual**2, axis=0)
+    assert raw.min() > 0.3  # it was not white before
+
+
+def test_a_random_walk_stays_stable(plain):
+    residual = np.cumsum(np.random.default_rng(2).standard_normal(plain.target.shape), axis=0)
+    noise = plain.noise_of(residual, np.full(2, 1e-6))
+    for a in noise.coefficients:
+        assert np.abs(np.roots([1.0, *-a])).max() < 0.99
+
+
+def test_noise_never_falls_below_its_floor(plain):
+    noise = plain.noise_of(np.zeros_like(plain.target), np.array([0.1, 0.2]))
+    np.testing.assert_allclose(noise.std, [0.1, 0.2])
+
+
+def test_rows_count_only_with_their_whole_history(plain):
+    equations = replace(plain, usable=plain.usable.copy())
+    equations.usable[:] = True
+    row = 40
+    equations.usable[row, 1] = False
+    counted = equations.counted(3)
+    assert not counted[row : row + 4, 1].any()
+    assert counted[row : row + 4, 0].all() and counted[row + 4, 1] and counted[row - 1, 1]
+    assert not counted[:3].any()
+
+
+def test_a_straight_line_in_each_block_is_taken_out(plain):
+    rng = np.random.default_rng(3)
+    lines = np.empty_like(plain.target)
+    for b in range(plain.blocks):
+        rows = np.flatnonzero(plain.block == b)
+        lines[rows] = rng.normal(size=2) + np.outer(np.arange(len(rows)), rng.normal(size=2))
+    noise, _ = white(plain, 1.0)
+    np.testing.assert_allclose(plain.without_trends(lines), 0.0, atol=1e-9)
+    once = plain.without_trends(noise + lines)
+    np.testing.assert_allclose(once, plain.without_trends(noise), atol=1e-9)
+    np.testing.assert_allclose(plain.without_trends(once), once, atol=1e-9)
+    assert noise.std() > once.std() > 0.8 * noise.std()
+
+
+def test_blocks_are_runs_of_about_two_seconds_that_cover_everything(plain):
+    time = plain.motion.time[plain.rows]
+    assert (np.diff(plain.block) >= 0).all()
+    np.testing.assert_array_equal(np.unique(plain.block), np.arange(plain.blocks))
+    for b in range(plain.blocks):
+        assert np.ptp(time[plain.block == b]) <= BLOCK_SECONDS
+    assert plain.blocks == np.ceil(np.ptp(time) / BLOCK_SECONDS)
+
+
+def test_two_recordings_share_no_run_and_no_block(robot):
+    parts = [signals_of(seed=0), signals_of(seed=1)]
+    equations = build(concatenated(parts), robot)
+    assert len(equations.runs) == 2
+    first, second = (set(equations.block[run].tolist()) for run in equations.runs)
+    assert len(first & second) <= 1  # one may lie across the seam
+
+
+def test_a_better_load_renews_only_columns_made_from_it():
+    load_made = f"load_dependent_friction@{J2}:ratio=0.2"
+    equations = equations_of()
+    robot = equations.motion.robot
+    (of_load, _), (other, _) = term(load_made, robot), term(SPECS[0], robot)
+    before = equations.columns(of_load).copy(), equations.columns(other)
+    equations.relieve(2.0 * equations.motion.load)
+    np.testing.assert_allclose(equations.columns(of_load), 2.0 * before[0], atol=1e-9)
+    assert equations.columns(other) is before[1]
+
+
+@pytest.mark.parametrize("what", ["no effort", "no motion"])
+def test_it_refuses_what_cannot_be_diagnosed(robot, what):
+    signals = signals_of()
+    if what == "no effort":
+        signals = replace(signals, effort=None)
+    else:
+        still = np.zeros_like(signals.position)
+        signals = replace(signals, velocity=still, acceleration=still)
+    with pytest.raises(RecordingError):
+        build(signals, robot)
+
+
+@pytest.fixture(scope="module")
+def quiet() -> Recording:
+    return simulate(Robot.bundled("arm2"), duration=10.0, rate=250.0).recording
+
+
+
+
+def test_more_noise_of_the_position_asks_for_a_lower_cutoff(robot, quiet):
+    rng = np.random.default_rng(4)
+    noise = rng.standard_normal(quiet.position.shape)
+    noisy = [replace(quiet, position=quiet.position + std * noise) for std in (0.0, 1e-4, 3e-4, 1e-3, 3e-3)]
+    chosen = [quiet_cutoff([recording], robot) for recording in noisy]
+    assert chosen == sorted(chosen, reverse=True)
+    assert chosen[0] > chosen[-1]
+
+
+def test_more_noise_of_the_effort_allows_a_higher_cutoff(robot, quiet):
+    assert quiet.effort is not None
+    rng = np.random.default_rng(5)
+    position = quiet.position + 5e-4 * rng.standard_normal(quiet.position.shape)
+    noise = quiet.effort.std(axis=0) * rng.standard_normal(quiet.position.shape)
+    chosen = [
+        quiet_cutoff([replace(quiet, position=position, effort=quiet.effort + share * noise)], robot)
+        for share in (0.0, 0.01, 0.1, 1.0)
+    ]
+    assert chosen == sorted(chosen)
+    assert chosen[0] < chosen[-1] <= CUTOFF_OF_USUAL * usual_cutoff(quiet.rate)
+
+
+def test_the_worst_recording_decides(robot, quiet):
+    noise = 3e-3 * np.random.default_rng(6).standard_normal(quiet.position.shape)
+    noisy = replace(quiet, position=quiet.position + noise)
+    assert quiet_cutoff([quiet, noisy], robot) == quiet_cutoff([noisy], robot)
+
+
+def test_rows_are_thinned_to_what_the_low_pass_leaves(plain):
+    spacing = np.diff(plain.motion.time[plain.rows])
+    assert spacing.max() < 1.0 / (2.0 * CUTOFF)
+    assert spacing.min() > 1.0 / (4.0 * CUTOFF)
