@@ -27,7 +27,7 @@ def tied(diagnosis: Diagnosis) -> bool:
 
 @pytest.mark.slow
 def test_a_tie_is_settled_by_the_motion_it_asks_for(tmp_path: Path) -> None:
-    """A slow small motion of one joint hardly tells dry frictions apart; the proposed one names the right one."""
+    """A slow small motion hardly tells dry frictions apart; the proposed one names the right one."""
     robot = Robot.bundled("arm2")
     for seed in (4, 2, 6, 7, 8):
         poor = Scenario(robot, effects=[EFFECT], seed=seed, duration=20.0, rate=200.0, wrong=0.03, poor=True)

@@ -15,7 +15,7 @@ from bdnn_ros.effects.base import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import BdnnError, ModelFileError
-from bdnn_ros.physical.model import robot_from_state
+from bdnn_ros.physical.model import PhysicalModel, robot_from_state
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
@@ -67,6 +67,8 @@ class ExtendedModel:
         stds: standard deviations of each effect's values, in the order of `effects`; empty if unknown.
         lead: how far the effort's stamps lead the motion's [s]: a property of the recording that only
             `predict` counts.
+        beyond: an identified model whose joints add to its robot what no effect says (motors that turn with
+            two joints, learned friction), or None; its offset is not counted.
     """
 
     kind: ClassVar[str] = "extended"
@@ -76,6 +78,7 @@ class ExtendedModel:
     noise: np.ndarray
     stds: tuple[Mapping[str, float], ...] = ()
     lead: float = 0.0
+    beyond: PhysicalModel | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -100,6 +103,7 @@ class ExtendedModel:
         """Measured effort [N·m], (..., n)."""
         plant = self.plant
         rest = plant.robot.inverse_dynamics(position - plant.position_offset, velocity, acceleration)
+        rest = rest + self._friction_beyond(position, velocity) + acceleration @ self._inertia_beyond
         acting = rest
         for _ in range(LOAD_ROUNDS):
             previous, acting = acting, rest + self._resistance(position, velocity, acting)
@@ -112,11 +116,14 @@ class ExtendedModel:
         plant = self.plant
         acting = plant.scale * effort + plant.offset
         drive = acting - self._resistance(position, velocity, acting)
-        return plant.robot.forward_dynamics(position - plant.position_offset, velocity, drive)
+        drive = drive - self._friction_beyond(position, velocity)
+        still = np.zeros_like(position)
+        drive = drive - plant.robot.inverse_dynamics(position - plant.position_offset, velocity, still)
+        return np.linalg.solve(self.mass_matrix(position), drive[..., None])[..., 0]
 
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         """M(q) [kg·m²], (..., n, n), symmetric positive-definite."""
-        return self.plant.robot.mass_matrix(position - self.plant.position_offset)
+        return self.plant.robot.mass_matrix(position - self.plant.position_offset) + self._inertia_beyond
 
     def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """C(q, q̇) q̇ [N·m], (..., n)."""
@@ -130,6 +137,19 @@ class ExtendedModel:
         """Measured effort at zero acceleration that is neither Coriolis nor gravity, (..., n) [N·m]."""
         still = self.inverse_dynamics(position, velocity, np.zeros_like(position))
         return still - self.coriolis(position, velocity) - self.gravity(position)
+
+    @cached_property
+    def _inertia_beyond(self) -> np.ndarray:
+        """What the identified model's motors add to M, (n, n)."""
+        width = self.bare.width
+        return np.zeros((width, width)) if self.beyond is None else self.beyond.motors.mass_matrix(width)
+
+    def _friction_beyond(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """What the identified model's joints add to its robot's friction, (..., n) [N·m]."""
+        if self.beyond is None:
+            return np.zeros_like(position)
+        own = self.beyond.robot.friction(position, velocity) + self.beyond.offset
+        return self.beyond.friction(position, velocity) - own
 
     def _resistance(self, position: np.ndarray, velocity: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Effort of springs, ripples, drag and dry friction under a load, (..., n) [N·m]."""
@@ -171,6 +191,12 @@ class ExtendedModel:
         )
         drive = robot.armature * signals.acceleration + robot.viscous * signals.velocity
         drive = drive + robot.coulomb * signals.sign
+        if self.beyond is not None:
+            known = self.beyond.robot
+            plain = known.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+            plain = plain + known.armature * signals.acceleration + known.viscous * signals.velocity
+            plain = plain + known.coulomb * signals.sign + self.beyond.offset
+            drive = drive + self.beyond.predict(signals) - plain
         own = replace(signals, effort=None)
         motion = Motion(own, robot, rigid + drive)
         others = [e for e in self.effects if e.effect.name not in IN_PLANT]
@@ -195,7 +221,7 @@ class ExtendedModel:
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest that make the model again."""
         robot = self.bare
-        arrays = {
+        arrays: dict[str, np.ndarray] = {
             "inertials": robot.inertials,
             "armature": robot.armature,
             "viscous": robot.viscous,
@@ -203,13 +229,16 @@ class ExtendedModel:
             "gravity_vector": robot.gravity_vector,
             "noise": self.noise,
         }
-        info = {
+        info: dict[str, Any] = {
             "urdf": robot.urdf,
             "joints": list(robot.joints),
             "effects": [entry(effect, robot) for effect in self.effects],
             "stds": [dict(std) for std in self.stds],
             "lead": self.lead,
         }
+        if self.beyond is not None:
+            held, info["beyond"] = self.beyond.to_state()
+            arrays |= {f"beyond.{key}": value for key, value in held.items()}
         return arrays, info
 
     @classmethod
@@ -221,12 +250,14 @@ class ExtendedModel:
         """
         try:
             robot = robot_from_state(arrays, info)
+            held = {key[len("beyond.") :]: v for key, v in arrays.items() if key.startswith("beyond.")}
             return cls(
                 bare=robot,
                 effects=tuple(from_entry(one, robot) for one in info["effects"]),
                 noise=np.asarray(arrays["noise"], float),
                 stds=tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
                 lead=float(info["lead"]),
+                beyond=PhysicalModel.from_state(held, info["beyond"]) if held else None,
             )
         except (KeyError, TypeError, ValueError, AttributeError, BdnnError) as error:
             raise ModelFileError(

@@ -18,7 +18,7 @@ from bdnn_ros.robot import PER_LINK, Robot
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination
 
-__all__ = ["ExtendedModel", "corrected_links", "extend"]
+__all__ = ["ExtendedModel", "corrected_links", "extend", "of_physical"]
 
 
 def extend(examination: Examination) -> ExtendedModel:
@@ -52,7 +52,8 @@ def extend(examination: Examination) -> ExtendedModel:
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
     lead = earlier.lead + (float(fit.coefficients[links]) if len(fit.coefficients) > links else 0.0)
-    return ExtendedModel(corrected, (*earlier.effects, *found), noise, (*earlier.stds, *stds), lead)
+    effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
+    return ExtendedModel(corrected, effects, noise, spreads, lead, earlier.beyond)
 
 
 def _earlier(examination: Examination) -> ExtendedModel:
@@ -64,18 +65,27 @@ def _earlier(examination: Examination) -> ExtendedModel:
         stds = model.stds or ({},) * len(model.effects)
         kept = [(e, s) for e, s in zip(model.effects, stds, strict=True) if e.effect.name not in IN_ROBOT]
         effects, spreads = (e for e, _ in kept), (s for _, s in kept)
-        return ExtendedModel(model.robot, tuple(effects), none, tuple(spreads), model.lead)
-    if isinstance(model, PhysicalModel):  # it adds its offset to the measured effort
-        offsets = [
-            Installed(get("effort_offset"), joint, None, {"offset": -float(value)})
-            for joint, value in enumerate(model.offset)
-            if value
-        ]
-        return ExtendedModel(model.robot, tuple(offsets), none, ({},) * len(offsets))
+        return replace(model, bare=model.robot, effects=tuple(effects), stds=tuple(spreads))
+    if isinstance(model, PhysicalModel):
+        return of_physical(model)
     raise UsageError(
         "The model compared with has learned more than a robot with effects can say.",
         "Identify the earlier recording with --prior urdf.",
     )
+
+
+def of_physical(model: PhysicalModel) -> ExtendedModel:
+    """An identified model as a robot with effects, and beyond them what its joints have learned.
+
+    Also where nothing was learned: its dry friction takes a travel to turn round, which no effect says.
+    """
+    offsets = [  # it adds its offset to the measured effort, the contract to the effort that acts
+        Installed(get("effort_offset"), joint, None, {"offset": -float(value)})
+        for joint, value in enumerate(model.offset)
+        if value
+    ]
+    stds: tuple[dict[str, float], ...] = ({},) * len(offsets)
+    return ExtendedModel(model.robot, tuple(offsets), model.noise, stds, beyond=model)
 
 
 def corrected_links(

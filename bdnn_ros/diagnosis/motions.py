@@ -212,7 +212,8 @@ def _sines(
     amplitude = rng.uniform(0.2, 1.0, shape) / frequency**1.5
     frequency[small] = rng.uniform(0.3, 2.0, (int(small.sum()), shape[1]))
     amplitude[small] = 0.0
-    amplitude[small, 0] = np.exp(rng.uniform(*np.log(SMALL_SWING), int(small.sum())))
+    least, most = np.log(SMALL_SWING)
+    amplitude[small, 0] = np.exp(rng.uniform(float(least), float(most), int(small.sum())))
     return amplitude, frequency, rng.uniform(0.0, 2.0 * np.pi, shape)
 
 

@@ -1,6 +1,7 @@
-"""Inverse dynamics of models as ONNX graphs: position, velocity, acceleration (N, n) -> effort (N, n), in double.
+"""Inverse dynamics of models as ONNX graphs, in double precision.
 
-A graph is handed out only after it was run and has agreed with the model.
+Inputs are position, velocity and acceleration, (N, n) each, the output is the effort (N, n). A graph is
+handed out only after it was run and has agreed with the model.
 """
 
 from __future__ import annotations
@@ -12,9 +13,13 @@ import numpy as np
 import onnx
 from onnx.reference import ReferenceEvaluator
 
+from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.diagnosis.extended import IN_PLANT, WITH_MEMORY, ExtendedModel
-from bdnn_ros.diagnosis.symbols import Graph, Symbol
+from bdnn_ros.diagnosis.onnx_bodies import Array, effort_beyond, physical_effort, rigid_effort, robot_effort
+from bdnn_ros.diagnosis.onnx_networks import bdnn_effort
+from bdnn_ros.diagnosis.symbols import Graph
 from bdnn_ros.errors import DataError
+from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Dynamics, Robot
 
 INPUTS = ("position", "velocity", "acceleration")
@@ -22,9 +27,8 @@ OUTPUT = "effort"
 AGREEMENT = 1e-6
 """Largest difference from the model, relative to its largest effort."""
 SAMPLES = 6
-CROSS = (np.array([1, 2, 0]), np.array([2, 0, 1]))
 
-Formula = Callable[[Symbol, Symbol, Symbol], Symbol]
+Formula = Callable[[Array, Array, Array], Array]
 
 
 def inverse_dynamics_graph(model: Dynamics) -> onnx.ModelProto:
@@ -40,7 +44,7 @@ def inverse_dynamics_graph(model: Dynamics) -> onnx.ModelProto:
     made = graph.model(formula(*symbols), OUTPUT)
     made.doc_string = "Inverse dynamics; joints: " + ", ".join(model.joints)
     wanted = model.inverse_dynamics(*examples)
-    got = ReferenceEvaluator(made).run(None, dict(zip(INPUTS, examples, strict=True)))[0]
+    got = np.asarray(ReferenceEvaluator(made).run([OUTPUT], dict(zip(INPUTS, examples, strict=True)))[0])  # type: ignore[index]
     error = float(np.abs(got - wanted).max() / max(np.abs(wanted).max(), 1e-12))
     if not error < AGREEMENT:
         raise DataError(f"The graph differs from the model by {error:.1e} of its effort.", "Report this.")
@@ -57,103 +61,24 @@ def _formula(model: Dynamics) -> Formula:
         return lambda q, v, a: robot_effort(model, q, v, a)
     if isinstance(model, ExtendedModel):
         return lambda q, v, a: extended_effort(model, q, v, a)
+    if isinstance(model, PhysicalModel):
+        return lambda q, v, a: physical_effort(model, q, v, a)
+    if isinstance(model, BDNN):
+        return lambda q, v, a: bdnn_effort(model, q, v, a)
     raise DataError(f"No ONNX graph is known for a {type(model).__name__}.", "")
-
-
-# -- rigid bodies --------------------------------------------------------------------------------------------
-
-
-def robot_effort(robot: Robot, q: Symbol, v: Symbol, a: Symbol) -> Symbol:
-    """As `Robot.inverse_dynamics`."""
-    friction = robot.viscous * v + robot.coulomb * np.sign(v)
-    return rigid_effort(robot, q, v, a) + robot.armature * a + friction
-
-
-def rigid_effort(robot: Robot, q: Symbol, v: Symbol, a: Symbol) -> Symbol:
-    """As `Robot.rigid_effort`: recursive Newton-Euler (Luh, Walker, Paul, JDSMC 102(2), 1980), vectors as (N, 3)."""
-    tree, order = robot.pinocchio_model()
-    zero = q[:, :1] * 0.0 + np.zeros(3)
-    spin, turn, rise = {0: zero}, {0: zero}, {0: zero - np.asarray(robot.gravity_vector)}
-    steps: dict[int, tuple[int, Any, Any, np.ndarray, np.ndarray]] = {}
-    force, moment = {}, {}
-    for index in range(1, tree.njoints):
-        joint, parent = int(np.flatnonzero(order == tree.idx_vs[index])[0]), int(tree.parents[index])
-        linear, angular = _axes(tree, index)
-        at, rate, change = q[:, [joint]], v[:, [joint]], a[:, [joint]]
-        base = tree.jointPlacements[index]
-        rotation = _rotation(base.rotation, angular, at)
-        lever = at * (base.rotation @ linear) + base.translation
-        omega = _turned(rotation, spin[parent], back=True)
-        arc = np.add(_cross(turn[parent], lever), _cross(spin[parent], _cross(spin[parent], lever)))
-        spin[index] = omega + rate * angular
-        turn[index] = _turned(rotation, turn[parent], back=True) + change * angular + _cross(omega, rate * angular)
-        rise[index] = (
-            _turned(rotation, rise[parent] + arc, back=True)
-            + change * linear
-            + 2.0 * _cross(omega, rate * linear)
-        )
-        force[index], moment[index] = _newton_euler(robot.inertials[joint], spin[index], turn[index], rise[index])
-        steps[index] = (parent, rotation, lever, linear, angular)
-    efforts: dict[int, Symbol] = {}
-    for index in range(tree.njoints - 1, 0, -1):
-        parent, rotation, lever, linear, angular = steps[index]
-        joint = int(np.flatnonzero(order == tree.idx_vs[index])[0])
-        efforts[joint] = (force[index] * linear + moment[index] * angular).sum(axis=1)
-        if parent:
-            pushed = _turned(rotation, force[index])
-            force[parent] = force[parent] + pushed
-            moment[parent] = moment[parent] + _turned(rotation, moment[index]) + _cross(lever, pushed)
-    return np.stack([efforts[joint] for joint in range(robot.width)], axis=1)  # type: ignore[call-overload, no-any-return]
-
-
-def _axes(tree: Any, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular motion per unit of a joint, (3,) each."""
-    data = tree.joints[index].createData()
-    tree.joints[index].calc(data, np.zeros(tree.joints[index].nq))
-    motion = np.asarray(data.S, float).ravel()
-    return motion[:3], motion[3:]
-
-
-def _rotation(base: np.ndarray, axis: np.ndarray, angle: Symbol) -> Any:
-    """base · exp(axis × angle), (N, 3, 3), by Rodrigues; the constant base where nothing turns."""
-    if not axis.any():
-        return base
-    skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    along = np.outer(axis, axis)
-    turned = angle[:, :, None]
-    return base @ along + np.cos(turned) * (base @ (np.eye(3) - along)) + np.sin(turned) * (base @ skew)
-
-
-def _turned(rotation: Any, vector: Symbol, back: bool = False) -> Symbol:
-    """R v, or Rᵀ v, of vectors (N, 3)."""
-    if isinstance(rotation, np.ndarray):
-        return vector @ (rotation if back else rotation.T)
-    row = vector[:, None, :]
-    return (row @ (rotation if back else np.swapaxes(rotation, 1, 2)))[:, 0, :]
-
-
-def _cross(left: Any, right: Any) -> Any:
-    first, second = CROSS
-    return left[:, first] * right[:, second] - left[:, second] * right[:, first]
-
-
-def _newton_euler(parameters: np.ndarray, spin: Symbol, turn: Symbol, rise: Symbol) -> tuple[Symbol, Symbol]:
-    """Force and moment about its frame's origin that a body takes, (N, 3) each."""
-    mass, first = parameters[0], spin * 0.0 + parameters[1:4]
-    tensor = parameters[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
-    force = mass * rise + _cross(turn, first) + _cross(spin, _cross(spin, first))
-    moment = turn @ tensor + _cross(spin, spin @ tensor) + _cross(first, rise)
-    return force, moment
 
 
 # -- effects -------------------------------------------------------------------------------------------------
 
 
-def extended_effort(model: ExtendedModel, q: Symbol, v: Symbol, a: Symbol) -> Symbol:
+def extended_effort(model: ExtendedModel, q: Array, v: Array, a: Array) -> Array:
     """As `ExtendedModel.inverse_dynamics`."""
     plant, width = model.plant, len(model.joints)
     sign = np.sign(v)
     acting = robot_effort(plant.robot, q - plant.position_offset, v, a)
+    if model.beyond is not None and (model.beyond.motors.couplings or model.beyond.learned):
+        load = rigid_effort(model.beyond.robot, q, v, 0.0 * v)
+        acting = acting + effort_beyond(model.beyond, q, v, a, load)
     ratio = np.zeros(width)
     for effect in model.effects:
         name, values = effect.effect.name, effect.values
@@ -168,7 +93,7 @@ def extended_effort(model: ExtendedModel, q: Symbol, v: Symbol, a: Symbol) -> Sy
         acting = acting + RESISTANCE[name](at, speed, side, values) * np.eye(width)[effect.target]
     if ratio.any():  # u = x + r |u| s has the sign of x, because r < 1
         acting = acting / (1.0 - ratio * sign * np.sign(acting))
-    return (acting - plant.offset) / plant.scale  # type: ignore[no-any-return]
+    return (acting - plant.offset) / plant.scale
 
 
 def _stribeck(q: Any, v: Any, sign: Any, p: dict[str, float]) -> Any:

@@ -1,0 +1,158 @@
+"""`bdnn export`: a model as URDF, MuJoCo model, YAML and ONNX."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from bdnn_ros.bdnn.cores import PriorCore
+from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.cli import options
+from bdnn_ros.diagnosis.effects_file import entry
+from bdnn_ros.diagnosis.extended import ExtendedModel
+from bdnn_ros.diagnosis.extension import of_physical
+from bdnn_ros.diagnosis.files import write_bytes, write_model_files
+from bdnn_ros.errors import DataError, UsageError, listed
+from bdnn_ros.online.models import Model, load_model
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.robot import Dynamics, Robot
+
+HELP = "write a model as URDF, MuJoCo model, YAML and ONNX"
+FORMATS = ("urdf", "mjcf", "yaml", "onnx")
+STEM, PARAMETERS, GRAPH = "model", "parameters.yaml", "inverse_dynamics.onnx"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `bdnn export`."""
+    parser.add_argument("model", metavar="MODEL", type=Path, help="model.bdnn or the directory that holds it")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="directory for the files")
+    parser.add_argument(
+        "--formats",
+        metavar="A,B",
+        default=",".join(FORMATS),
+        help="which of them: urdf and mjcf (with effects.yaml), yaml, onnx (default: all)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write what the model's kind can be written as, and say what cannot."""
+    formats = {name.strip() for name in args.formats.split(",") if name.strip()}
+    unknown = sorted(formats - set(FORMATS))
+    if unknown or not formats:
+        raise UsageError(f"There is no format {listed(unknown)}.", f"There are {listed(FORMATS)}.")
+    model = load_model(args.model)
+    args.out.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    if formats & {"urdf", "mjcf"}:
+        written += _write_robot(model, args.out, formats)
+    if "yaml" in formats:
+        text = yaml.safe_dump(describe(model), sort_keys=False, allow_unicode=True)
+        written.append(write_bytes(args.out / PARAMETERS, text.encode("utf-8")))
+    if "onnx" in formats:
+        written += _write_graph(model, args.out / GRAPH)
+    for path in written:
+        print(path)
+    return 0 if written else DataError.exit_status
+
+
+def _write_robot(model: Model, out: Path, formats: set[str]) -> list[Path]:
+    robot, left_out = _as_robot(model)
+    if robot is None:
+        options.say(left_out)
+        return []
+    if left_out:
+        options.say(left_out)
+    paths = write_model_files(robot, out, STEM)
+    unwanted = [f".{name}" for name, kind in (("urdf", "urdf"), ("xml", "mjcf")) if kind not in formats]
+    for path in [path for path in paths if path.suffix in unwanted]:
+        path.unlink()
+        paths.remove(path)
+    return paths
+
+
+def _as_robot(model: Dynamics) -> tuple[ExtendedModel | None, str]:
+    """The robot with effects that a model is or contains, and what of the model is left out of it."""
+    if isinstance(model, ExtendedModel):
+        return model, "" if model.beyond is None else _beyond(model.beyond)
+    if isinstance(model, Robot):
+        return ExtendedModel(model, (), np.zeros(model.width)), ""
+    if isinstance(model, PhysicalModel):
+        return of_physical(model), _beyond(model)
+    if isinstance(model, BDNN) and isinstance(model.core, PriorCore) and model.kind != "bdnn":
+        inner, _ = _as_robot(model.core.prior)
+        return inner, "URDF and MJCF hold the prior only; what the networks learned is in the ONNX graph."
+    return None, "A black box has no links or joints to write as URDF or MJCF; use the ONNX graph."
+
+
+def _beyond(model: PhysicalModel) -> str:
+    parts = ["motors that turn with two joints"] if model.motors.couplings else []
+    parts += ["what the joints' networks learned"] if model.learned and model.learned.active else []
+    return f"URDF and MJCF leave out {' and '.join(parts)}; the ONNX graph has it." if parts else ""
+
+
+def _write_graph(model: Model, path: Path) -> list[Path]:
+    try:
+        from bdnn_ros.diagnosis.onnx_export import inverse_dynamics_graph
+    except ImportError:
+        options.say("ONNX is not written: the package onnx is missing (pip install 'bdnn_ros[export]').")
+        return []
+    try:
+        graph = inverse_dynamics_graph(model)
+    except DataError as error:
+        options.say(f"ONNX is not written. {error}")
+        return []
+    forgotten = _with_memory(model)
+    if forgotten:
+        options.say(f"ONNX answers for one point in time: it leaves out {listed(forgotten)}.")
+    return [write_bytes(path, graph.SerializeToString())]
+
+
+def _with_memory(model: Model) -> list[str]:
+    from bdnn_ros.diagnosis.extended import WITH_MEMORY
+
+    effects = model.effects if isinstance(model, ExtendedModel) else ()
+    return list(dict.fromkeys(e.effect.name for e in effects if e.effect.name in WITH_MEMORY))
+
+
+def describe(model: Model) -> dict[str, Any]:
+    """What a model holds, in plain numbers: kind, joints, parameters with standard deviations."""
+    result: dict[str, Any] = {"format": "bdnn_ros/parameters", "version": 1, "kind": model.kind}
+    result["joints"] = list(model.joints)
+    if isinstance(model, PhysicalModel):
+        result["parameters"] = {
+            name: {"value": float(value), "std": float(std)} for name, value, std in model.table()
+        }
+    elif isinstance(model, ExtendedModel):
+        stds: tuple[Mapping[str, float], ...] = model.stds or ({},) * len(model.effects)
+        result["effects"] = [
+            {**entry(effect, model.robot), "std": {k: float(v) for k, v in std.items()}}
+            for effect, std in zip(model.effects, stds, strict=True)
+        ]
+        result |= _bodies(model.robot)
+    elif isinstance(model, BDNN):
+        arrays, _ = model.to_state()
+        result["core"] = "networks" if not isinstance(model.core, PriorCore) else "prior and networks"
+        result["weights"] = int(sum(value.size for value in arrays.values()))
+        if isinstance(model.core, PriorCore) and isinstance(model.core.prior, Robot):
+            result |= _bodies(model.core.prior)
+    return result
+
+
+def _bodies(robot: Robot) -> dict[str, Any]:
+    """Inertial and joint parameters by joint; moments and inertia about the joint's frame."""
+    names = ("mass", "mass_x", "mass_y", "mass_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+    return {
+        "bodies": {
+            joint: dict(zip(names, map(float, values), strict=True))
+            for joint, values in zip(robot.joints, robot.inertials, strict=True)
+        },
+        "armature": dict(zip(robot.joints, robot.armature.tolist(), strict=True)),
+        "viscous": dict(zip(robot.joints, robot.viscous.tolist(), strict=True)),
+        "coulomb": dict(zip(robot.joints, robot.coulomb.tolist(), strict=True)),
+        "gravity": robot.gravity_vector.tolist(),
+    }
