@@ -1,0 +1,75 @@
+"""A reported velocity that lags: found with its cut-off, and nothing where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.kinematics import reported_velocity
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.sensors import Noise
+from bdnn_ros.simulation.simulate import simulate
+
+J1, J2 = "arm2_joint1", "arm2_joint2"
+
+
+def recorded(*specs: str, seed: int = 0, **noise: object) -> Recording:
+    """A short simulated recording."""
+    robot = Robot.bundled("arm2")
+    effects = [parse_spec(spec, robot) for spec in specs]
+    sensors = Noise(**noise)  # type: ignore[arg-type]
+    return simulate(robot, effects, seed=seed, duration=10.0, rate=250.0, noise=sensors).recording
+
+
+@pytest.mark.parametrize("joint", [J1, J2])
+@pytest.mark.parametrize("cutoff", [3.0, 8.0, 20.0])
+def test_a_filter_is_found_with_its_cutoff(joint, cutoff):
+    (finding,) = reported_velocity([recorded(f"velocity_filter@{joint}:cutoff={cutoff}")])
+    assert (finding.effect, finding.joint, finding.link) == ("velocity_filter", joint, None)
+    quantity = finding.parameters["cutoff"]
+    assert quantity.value == pytest.approx(cutoff, rel=0.05)
+    assert abs(quantity.value - cutoff) < 4.0 * quantity.std
+    assert quantity.unit == "Hz"
+    assert (
+        finding.share > 0.5 and joint in finding.sentence and f"{quantity.value:.3g} Hz" in finding.sentence
+    )
+
+
+def test_two_filters_are_two_findings():
+    specs = (f"velocity_filter@{J1}:cutoff=4", f"velocity_filter@{J2}:cutoff=9")
+    found = {f.joint: f.parameters["cutoff"].value for f in reported_velocity([recorded(*specs)])}
+    assert found == {J1: pytest.approx(4.0, rel=0.05), J2: pytest.approx(9.0, rel=0.05)}
+
+
+@pytest.mark.parametrize("source", ["sensor", "differentiated"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_nothing_where_the_velocity_is_the_positions_derivative(source, seed):
+    assert reported_velocity([recorded(seed=seed, velocity_source=source)]) == []
+
+
+def test_a_filtered_difference_is_found():
+    spec = f"velocity_filter@{J2}:cutoff=6"
+    found = reported_velocity([recorded(spec, velocity_source="differentiated")])
+    assert [f.joint for f in found] == [J2]
+    assert found[0].parameters["cutoff"].value == pytest.approx(6.0, rel=0.1)
+
+
+def test_without_a_reported_velocity_there_is_nothing_to_say():
+    filtered = recorded(f"velocity_filter@{J1}:cutoff=5")
+    assert reported_velocity([replace(filtered, velocity=None)]) == []
+    assert reported_velocity([filtered, replace(filtered, velocity=None)]) == []
+
+
+def test_an_effect_in_the_effort_is_none_in_the_velocity():
+    assert reported_velocity([recorded(f"coulomb_friction@{J1}:coulomb=3", "effort_delay:delay=0.02")]) == []
+
+
+def test_a_noisy_velocity_is_not_a_filtered_one():
+    recording = recorded()
+    assert recording.velocity is not None
+    noise = 0.05 * np.random.default_rng(1).standard_normal(recording.velocity.shape)
+    assert reported_velocity([replace(recording, velocity=recording.velocity + noise)]) == []

@@ -1,0 +1,108 @@
+"""Parameters with their uncertainty: linear propagation, and intervals that hold what they promise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from diagnosis_cases import coloured, equations_of, term
+
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Noise
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.posterior import Estimate, estimates
+from bdnn_ros.effects.registry import get
+from bdnn_ros.robot import Robot
+
+J1, J2 = "arm2_joint1", "arm2_joint2"
+AR = np.array([0.4, 0.0, 0.1])
+LINK_ERROR = 0.05
+
+
+def draws(specs: Sequence[str], std: float, count: int, refine: bool = False) -> list[list[Estimate]]:
+    """Estimates of the same effects from so many draws of noise and of errors of the links."""
+    robot = Robot.bundled("arm2")
+    terms = [term(spec, robot)[0] for spec in specs]
+    result = []
+    for seed in range(count):
+        errors = LINK_ERROR * np.random.default_rng([seed, 1]).standard_normal(20)
+        equations = equations_of(specs, errors=errors)
+        equations.target = equations.target + coloured(equations, AR, std, seed)
+        pool = Pool(equations, Noise(np.tile(AR, (2, 1)), np.full(2, std)), terms, LINK_ERROR)
+        every = range(len(terms))
+        for one in every if refine else ():
+            moved = Candidates.of(robot).refined(equations, pool, pool.fit(every), one)
+            pool = pool.replacing(one, moved)
+        result.append(estimates(pool, pool.fit(every)))
+    return result
+
+
+def scores(found: list[list[Estimate]], which: int, name: str, truth: float) -> np.ndarray:
+    """Errors per standard deviation of one parameter."""
+    quantities = [one[which].quantities()[name] for one in found]
+    return np.array([(q.value - truth) / q.std for q in quantities])
+
+
+def test_intervals_of_linear_effects_hold_the_truth():
+    specs = (
+        f"viscous_friction@{J1}:viscous=0.5",
+        f"coulomb_friction@{J2}:coulomb=0.05",
+        f"effort_offset@{J1}:offset=0.4",
+    )
+    found = draws(specs, std=0.02, count=60)
+    for which, (name, truth) in enumerate((("viscous", 0.5), ("coulomb", 0.05), ("offset", 0.4))):
+        z = scores(found, which, name, truth)
+        assert np.mean(np.abs(z) < 1.96) >= 0.85  # 95 % less three standard deviations of 60 draws
+        assert 0.7 < np.sqrt(np.mean(z**2)) < 1.3
+        assert abs(z.mean()) < 0.5
+
+
+def test_intervals_of_shapes_hold_the_truth():
+    specs = (f"stribeck_friction@{J1}:coulomb=0.8,static=1.6,velocity=0.15",)
+    found = draws(specs, std=0.05, count=20, refine=True)
+    for name, truth in (("coulomb", 0.8), ("static", 1.6), ("velocity", 0.15)):
+        z = scores(found, 0, name, truth)
+        assert np.mean(np.abs(z) < 1.96) >= 0.75
+        assert 0.5 < np.sqrt(np.mean(z**2)) < 1.7
+
+
+def test_an_unknown_shape_widens_its_coefficients():
+    spec = f"stribeck_friction@{J1}:coulomb=0.8,static=1.6,velocity=0.15"
+    equations = equations_of([spec])
+    one, _ = term(spec, Robot.bundled("arm2"))
+    pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.05)), [one], LINK_ERROR)
+    fit = pool.fit([0])
+    (estimate,) = estimates(pool, fit)
+    known = pool.part(fit, 0)[1]
+    assert estimate.covariance.shape == (3, 3)
+    assert (np.diag(estimate.covariance)[:2] > 1.001 * np.diag(known)).all()
+    np.testing.assert_allclose(estimate.covariance, estimate.covariance.T, rtol=1e-6)
+
+
+def test_without_shapes_it_is_the_fits_covariance():
+    specs = (f"viscous_friction@{J1}:viscous=0.5", f"effort_offset@{J2}:offset=0.1")
+    equations, robot = equations_of(specs), Robot.bundled("arm2")
+    terms = [term(spec, robot)[0] for spec in specs]
+    pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.05)), terms, LINK_ERROR)
+    fit = pool.fit((1, 0))
+    for estimate, chosen in zip(estimates(pool, fit), (1, 0), strict=True):
+        coefficients, covariance = pool.part(fit, chosen)
+        assert estimate.term == terms[chosen]
+        np.testing.assert_allclose(estimate.coefficients, coefficients)
+        np.testing.assert_allclose(estimate.covariance, covariance, rtol=1e-5)
+
+
+def test_uncertainty_passes_through_what_a_parameter_is_made_of():
+    robot = Robot.bundled("arm2")
+    elastic, _ = term(f"joint_elasticity@{J1}:stiffness=500", robot)
+    quantity = Estimate(elastic, np.array([2e-3]), np.array([[1e-8]])).quantities()["stiffness"]
+    assert quantity.value == pytest.approx(500.0)
+    assert quantity.std == pytest.approx(1e-4 / 2e-3**2, rel=0.05)  # |d(1/x)/dx| = 1/x²
+    stribeck, _ = term(f"stribeck_friction@{J1}:coulomb=1,static=2,velocity=0.1", robot)
+    covariance = np.diag([0.01, 0.04, 0.0004])
+    quantities = Estimate(stribeck, np.array([1.0, 1.0]), covariance).quantities()
+    assert quantities["coulomb"].std == pytest.approx(0.1, rel=1e-3)
+    assert quantities["static"].std == pytest.approx(np.sqrt(0.05), rel=1e-3)
+    assert quantities["velocity"].std == pytest.approx(0.02, rel=1e-3)
+    assert [quantities[p.name].unit for p in get("stribeck_friction").parameters] == ["N*m", "N*m", "rad/s"]

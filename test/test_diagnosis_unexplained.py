@@ -1,0 +1,71 @@
+"""What is left is noise, or it is said what it depends on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_cases import equations_of, white
+
+from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.unexplained import describe
+
+J1, J2 = "arm2_joint1", "arm2_joint2"
+STD = 0.05
+
+
+@pytest.fixture(scope="module")
+def equations() -> Equations:
+    return equations_of(duration=40.0)
+
+
+def rows(equations: Equations, values: np.ndarray) -> np.ndarray:
+    """Working samples (N,) as rows (R,), low-passed."""
+    return equations.motion.signals.smooth(values)[equations.rows]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_depends_on_nothing(equations, seed):
+    noise, _ = white(equations, STD, seed)
+    remainder = describe(equations, noise)
+    assert remainder.depends_on == () and remainder.joints == ()
+    assert not remainder.predicted.any()
+    np.testing.assert_allclose(remainder.floor, STD, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    "key, of",
+    [
+        (f"{J1}.position", lambda m: np.sin(3.0 * m.position[:, 0])),
+        (f"{J1}.velocity", lambda m: np.exp(-np.abs(m.velocity[:, 0]) / 0.2) * m.signals.sign[:, 0]),
+        (f"{J2}.position", lambda m: np.cos(2.0 * m.position[:, 1])),
+        ("time", lambda m: (m.time - m.time.mean()) / np.ptp(m.time)),
+    ],
+)
+def test_what_it_depends_on_is_named_first(equations, key, of):
+    noise, _ = white(equations, STD, 5)
+    signal = rows(equations, of(equations.motion))
+    signal = 4.0 * STD * (signal - signal.mean()) / signal.std()
+    residual = noise.copy()
+    residual[:, 0] += signal
+    remainder = describe(equations, residual)
+    assert remainder.depends_on[0] == key
+    assert remainder.joints == (J1,)
+    assert remainder.floor[1] == pytest.approx(STD, rel=0.1)
+    missed = remainder.floor[0] ** 2 - STD**2  # learning from 40 s of noisy rows costs some of the signal
+    assert -0.01 < missed / np.mean(signal**2) < 0.06
+    good = equations.usable[:, 0]
+    assert np.corrcoef(remainder.predicted[good, 0], signal[good])[0, 1] > 0.95
+    assert not remainder.predicted[:, 1].any()
+
+
+def test_the_floor_is_never_above_what_is_left(equations):
+    noise, _ = white(equations, STD, 6)
+    residual = noise + rows(equations, equations.motion.velocity[:, 1])[:, None]
+    remainder = describe(equations, residual)
+    for j in range(2):
+        assert remainder.floor[j] <= np.sqrt(np.mean(residual[equations.usable[:, j], j] ** 2)) + 1e-12
+
+
+def test_nothing_left_at_all(equations):
+    remainder = describe(equations, np.zeros_like(equations.target))
+    assert remainder.depends_on == () and not remainder.floor.any()

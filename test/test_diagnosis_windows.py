@@ -1,0 +1,91 @@
+"""The time window of a push: found where it was, the best of all, neither tiny nor everything."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from diagnosis_cases import equations_of, term, white
+
+from bdnn_ros.diagnosis.equations import Noise, Term
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.windows import COARSE, LONGEST_SHARE, SHORTEST, best_window
+from bdnn_ros.robot import Robot
+
+J1, J2 = "arm2_joint1", "arm2_joint2"
+TRUSTING = 1e-3
+"""Belief in the links that leaves a push to nothing else."""
+
+
+def pool_of(spec: str, std: float = 0.05, seed: int = 0) -> tuple[Pool, Term]:
+    """A pool without candidates on a recording with a push, and the push."""
+    equations = equations_of([spec])
+    noise, model = white(equations, std, seed)
+    equations.target = equations.target + noise
+    return Pool(equations, model, [], TRUSTING), term(spec, Robot.bundled("arm2"))[0]
+
+
+def times(pool: Pool) -> np.ndarray:
+    """Stamps of the rows [s]."""
+    return pool.equations.motion.time[pool.equations.rows]
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        f"external_wrench@{J1}:start=3.3,end=5.1,torque=1",
+        f"external_wrench@{J2}:start=6,end=6.8,torque=-0.5",
+        "external_wrench@arm2_link2:start=2.2,end=7.9,force_x=3,force_y=-2",
+    ],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_push_is_found_when_it_was(spec, seed):
+    pool, true = pool_of(spec, seed=seed)
+    shape, found = dict(true.shape), dict(best_window(pool, pool.fit(()), true).shape)
+    step = 2.0 * float(np.median(np.diff(times(pool))))
+    assert found["start"] == pytest.approx(shape["start"], abs=step)
+    assert found["end"] == pytest.approx(shape["end"], abs=step)
+
+
+def test_no_window_of_whole_rows_explains_more():
+    """Against every window, with the rows' columns cut where the search's running sums are."""
+    pool, true = pool_of(f"external_wrench@{J1}:start=3.3,end=5.1,torque=1", std=0.2, seed=2)
+    fit, equations, time = pool.fit(()), pool.equations, times(pool)
+    always = equations.columns(true.shaped({"start": -1.0, "end": 99.0}))
+    precision = 1.0 / equations.spread(always)[0] ** 2
+    column = equations.whiten(always, pool.noise)[:, :, 0]
+    left = equations.whiten(pool.residual(fit), pool.noise)
+    power = np.concatenate([[0.0], np.cumsum(np.sum(column**2, axis=1))])
+    moment = np.concatenate([[0.0], np.cumsum(np.sum(column * left, axis=1))])
+
+    def evidence(a: int, b: int) -> float:
+        inner = power[b] - power[a] + precision
+        return float(0.5 * (moment[b] - moment[a]) ** 2 / inner - 0.5 * np.log(inner))
+
+    found = dict(best_window(pool, fit, true).shape)
+    a, b = np.searchsorted(time, [found["start"] - 1e-9, found["end"] - 1e-9])
+    step = max(round(COARSE / float(np.median(np.diff(time)))), 1)
+    every = [(i, j) for i, j in combinations(range(0, len(time), 2), 2) if time[j] - time[i] >= SHORTEST]
+    best = max(evidence(i, j) for i, j in every if time[j] - time[i] <= LONGEST_SHARE * np.ptp(time))
+    assert evidence(a, b) >= best - 1.0
+    coarse = [(i, j) for i, j in every if i % step == 0 and j % step == 0]
+    assert evidence(a, b) >= max(evidence(i, j) for i, j in coarse) - 1e-9
+
+
+def test_windows_are_neither_tiny_nor_everything():
+    pool, true = pool_of(f"external_wrench@{J1}:start=-5,end=99,torque=1")  # always there
+    found = dict(best_window(pool, pool.fit(()), true).shape)
+    length = found["end"] - found["start"]
+    step = float(np.median(np.diff(times(pool))))
+    assert length + step >= SHORTEST and length <= LONGEST_SHARE * np.ptp(times(pool)) + step
+    assert length > 0.7 * np.ptp(times(pool))
+
+
+def test_coloured_noise_alone_gives_a_window_all_the_same():
+    pool, true = pool_of(f"external_wrench@{J1}:start=3,end=5,torque=1")
+    equations = pool.equations
+    equations.target = np.cumsum(white(equations, 0.05)[0], axis=0)
+    slow = Pool(equations, Noise(np.full((2, 1), 0.95), np.full(2, 0.05)), [], TRUSTING)
+    found = dict(best_window(slow, slow.fit(()), true).shape)
+    assert times(pool)[0] <= found["start"] < found["end"] <= times(pool)[-1]
