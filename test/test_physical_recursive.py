@@ -116,7 +116,7 @@ def test_squared_error_and_score_are_those_of_the_rows():
         regression = statistics.of_joint(joint, chosen)
         error = regression.squared_error(coefficients)
         np.testing.assert_allclose(error, (residual**2).sum(), rtol=1e-6)
-        score = regression.score(coefficients)
+        score = statistics.score(joint, chosen, coefficients)
         np.testing.assert_allclose(score, columns[:, joint, chosen].T @ residual, rtol=1e-6, atol=1e-8)
 
 

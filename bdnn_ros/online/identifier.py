@@ -26,6 +26,7 @@ REST_WEIGHT = 0.1
 """What a row counts for a joint at rest: dry friction may then hold anything up to its breakaway."""
 MOST_KEPT = 300
 """Chunks of motion kept to be gone through again; what later ones say is only summed up."""
+NEVER = 1 << 62
 ITERATIONS = 10
 """Of noise and parameters, where there is time."""
 VELOCITY = 2.0
@@ -134,6 +135,7 @@ class Identifier:
         """
         total = sum(recording.duration for recording in recordings) or 1.0
         done = 0.0
+        self._settle_at = NEVER  # once is enough, at the end
         for recording in recordings:
             if recording.joints != self.robot.joints:
                 raise UsageError(
@@ -150,6 +152,7 @@ class Identifier:
         if progress:
             progress(0.8, "choosing terms")
         self.settle()
+        self._settle_at = 2 * self._used
         model = self.model(ITERATIONS)
         if progress:
             progress(1.0, "done")
@@ -172,21 +175,27 @@ class Identifier:
         """Go through the motion again with the load as known now, and choose the terms that it supports."""
         if self.recursion.total is None:
             return
-        model = physical_model(
-            self.robot, self.recursion.solve(self._layout, ITERATIONS), self.structure, self.scales
-        )
+        plain = Structure.plain(self.robot.width)
+        self.recursion.doubt()  # the choice depends on the motion alone, not on when it was made before
+        posterior = self.recursion.solve(layout(plain, self.recursion.belief), ITERATIONS)
         if len(self._kept) == self._used:
-            self._carrier = model.robot
+            self._carrier = physical_model(self.robot, posterior, plain, self.scales).robot
             self.recursion.clear()
             for motion in self._kept:
                 self._sum(motion)
-        self.recursion.solve(self._layout, 2)
-        self.structure = choose(self.recursion, self.structure, self._layout)
+        self.structure = choose(self.recursion, posterior.layout)
         self._straight = straightened(self.structure, self.recursion.total)
 
     @property
     def _layout(self) -> Layout:
         return layout(self.structure, self.recursion.belief, self._straight)
+
+    def restarted(self, belief: Prior) -> Identifier:
+        """An identifier that goes on with this stream, but knows only this much of the robot."""
+        other = Identifier(self.robot, belief=belief)
+        other.version, other.samples, other.chunks = self.version, self.samples, self.chunks
+        other._stream, other._state = self._stream, self._state
+        return other
 
     # -- chunks ----------------------------------------------------------------------------------
 

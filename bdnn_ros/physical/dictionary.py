@@ -7,6 +7,7 @@ identified together with the rigid body, so that neither takes what the other ex
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class Scales:
     velocity: np.ndarray
 
 
+@cache
 def group_slices() -> dict[str, slice]:
     """Where each group is among the features."""
     edges = np.cumsum([0, *GROUPS.values()])

@@ -69,11 +69,15 @@ class Recursion:
         self.belief = belief
         self.prior_information = inverse(belief.covariance)
         self.clear()
-        self.noise = FIRST_NOISE * belief.effort_scale
-        self.correlation = np.full(len(belief.effort_scale), FIRST_CORRELATION)
+        self.doubt()
+
+    def doubt(self) -> None:
+        """Forget what the residual is like."""
+        self.noise = FIRST_NOISE * self.belief.effort_scale
+        self.correlation = np.full(len(self.belief.effort_scale), FIRST_CORRELATION)
 
     def clear(self) -> None:
-        """Forget all data; what is known of the residual stays."""
+        """Forget all data; what the residual is like stays."""
         self.total: Statistics | None = None
         self._blocks: list[Statistics] = []
         self._parts: list[Statistics] = []
@@ -178,7 +182,7 @@ class Recursion:
         layout, result = posterior.layout, np.empty(len(self.correlation))
         for joint in range(len(result)):
             coefficients = posterior.coefficients(joint)
-            scores = np.array([layout.regression(block, joint).score(coefficients) for block in blocks])
+            scores = np.array([layout.score(block, joint, coefficients) for block in blocks])
             values, vectors = _principal(layout.regression(self.total, joint).gram)
             whitened = scores @ vectors / np.sqrt(values)
             free = (len(blocks) - 1) / len(blocks)

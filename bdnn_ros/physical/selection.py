@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from bdnn_ros.physical.couplings import Coupling
 from bdnn_ros.physical.dictionary import GROUPS
+from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
 from bdnn_ros.physical.recursive import Recursion, solve
 from bdnn_ros.physical.statistics import Statistics, summed
@@ -28,87 +30,126 @@ GROUP_COST = {"curve": 0.05, "load": 0.05, "direction": 0.1, "position": 0.2, "n
 """Share of the squared error on what was left out that a group must remove; more if it could fit anything."""
 BREAKAWAY_COST = 0.05
 """The same, of another breakaway than the usual one."""
-CHANGE_COST = 0.01
-"""The same, for any change at all."""
 COUPLING_GAIN = 0.2
 """Share of the squared error on what was left out that a coupling must remove from each of its joints."""
-CERTAINTY = 1.0
-"""Standard errors, over the stretches, by which a change must lower the error."""
-MOST_CHANGES = 8
 NEGLIGIBLE = 1e-4
 """Share of the squared effort that needs no explanation."""
+LARGE = "position"
+BEST = 8
+"""The large group is tried beside so many of the best sets of the others."""
+ROUNDS = 2
+"""Choices of one joint's terms, each with the rows weighed by the error that the one before left."""
+
+Terms = tuple[int, tuple[str, ...]]
+"""Index of the breakaway, and the groups that are on."""
 
 
-def choose(recursion: Recursion, structure: Structure, layout: Layout) -> Structure:
-    """The structure that predicts best what was left out, starting from a structure and its layout."""
+def choose(recursion: Recursion, layout: Layout) -> Structure:
+    """The structure that predicts best what was left out.
+
+    Args:
+        layout: of the structure by which the noise was estimated.
+    """
+    width = len(recursion.noise)
+    plain = Structure.plain(width)
     blocks = recursion.blocks
     if len(blocks) < FEWEST_BLOCKS:
-        return structure
+        return plain
     edges = np.linspace(0, len(blocks), min(FOLDS, len(blocks)) + 1).round().astype(int)
     folds = [summed(blocks[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    joints = [_Joint(recursion, layout, folds, joint) for joint in range(len(structure.groups))]
-    chosen = replace(structure, couplings=_couplings(joints, structure))
+    joints = [_Joint(recursion, layout, folds, joint) for joint in range(width)]
+    chosen = replace(plain, couplings=_couplings(joints))
     for number, joint in enumerate(joints):
-        breakaway, groups = _improved(joint, chosen, number)
-        chosen = chosen.with_joint(number, breakaway, groups)
+        chosen = chosen.with_joint(number, *_best(joint, chosen.couplings))
     return chosen
 
 
 class _Joint:
-    """One joint's regression; what the other joints say of the bodies is its prior."""
+    """One joint's regression; what the other joints say of the bodies is its prior.
+
+    The bodies take part in every choice of terms: they are eliminated once, and a choice costs only its own.
+    """
 
     def __init__(self, recursion: Recursion, layout: Layout, folds: Sequence[Statistics], joint: int) -> None:
         self.joint = joint
-        self.belief = recursion.belief
-        self.weight = float(recursion.weights()[joint])
         self.where = Columns(len(recursion.noise))
+        self.bodies = self.where.own
+        self.correlation = float(recursion.correlation[joint])
         self.information, self.vector = recursion.without_joint(layout, joint)
-        total = summed(folds)
-        self.gram = total.gram[joint] - np.array([fold.gram[joint] for fold in folds])
-        self.moment = total.moment[joint] - np.array([fold.moment[joint] for fold in folds])
-        self.folds = folds
-        self.negligible = NEGLIGIBLE * float(total.energy[joint]) / len(folds)
+        self.prior, self.pull = self._prior(recursion.belief)
+        self.gram = np.array([fold.gram[joint] for fold in folds])
+        self.moment = np.array([fold.moment[joint] for fold in folds])
+        self.energy = np.array([fold.energy[joint] for fold in folds])
+        self.count = float(sum(fold.count[joint] for fold in folds))
+        self.weigh(float(recursion.noise[joint]) ** 2)
 
-    def error(
-        self, breakaway: int, groups: Sequence[str] = (), couplings: Sequence[Coupling] = ()
-    ) -> np.ndarray:
-        """Squared error on each fold under the coefficients of all others, (folds,)."""
-        columns = [np.arange(self.where.own), self.where.of_joint(breakaway)]
-        deviation = []
+    def weigh(self, variance: float) -> None:
+        """Eliminate the bodies, with rows of this variance [N²·m²]."""
+        weight = 1.0 / (variance * self.correlation)
+        n = self.bodies
+        total, said = self.gram.sum(axis=0), self.moment.sum(axis=0)
+        system, right, quadratic, linear, constant = [], [], [], [], []
+        for gram, moment, energy in zip(self.gram, self.moment, self.energy, strict=True):
+            known, told = weight * (total - gram), weight * (said - moment)
+            cross = known[:n, n:]
+            solved = solve(
+                self.information[:n, :n] + known[:n, :n], np.column_stack([cross, self.vector[:n] + told[:n]])
+            )
+            shift, mean = solved[:, :-1], solved[:, -1]
+            system.append(np.diag(self.prior) + known[n:, n:] - cross.T @ shift)
+            right.append(self.pull + told[n:] - cross.T @ mean)
+            left = moment - gram[:, :n] @ mean
+            half = (gram[n:, :n] - 0.5 * shift.T @ gram[:n, :n]) @ shift
+            quadratic.append(gram[n:, n:] - half - half.T)
+            linear.append(left[n:] - shift.T @ left[:n])
+            constant.append(energy - mean @ (moment[:n] + left[:n]))
+        self._system, self._right = np.array(system), np.array(right)
+        self._quadratic, self._linear, self._constant = (
+            np.array(quadratic),
+            np.array(linear),
+            np.array(constant),
+        )
+
+    def error(self, breakaway: int, groups: Sequence[str] = (), couplings: Sequence[Coupling] = ()) -> float:
+        """Squared error on what was left out, fold by fold, under the coefficients of all other folds."""
+        columns = [self.where.of_joint(breakaway), *(self.where.of_group(name) for name in groups)]
         for coupling in couplings:
             if self.joint - coupling.joint in (0, 1):
                 columns.append(self.where.of_coupling(self.joint == coupling.joint, coupling.sign))
-                deviation.append(coupling_deviation(self.belief, coupling.joint))
-        for name in groups:
-            columns.append(self.where.of_group(name))
-            deviation.append(group_deviation(self.belief, name, self.joint))
-        index = np.concatenate(columns)
-        known = len(self.vector)
-        information = np.diag(1.0 / np.concatenate([np.ones(known), *deviation]) ** 2)
-        information[:known, :known] = self.information
-        vector = np.concatenate([self.vector, np.zeros(len(index) - known)])
-        errors = []
-        for fold, gram, moment in zip(self.folds, self.gram, self.moment, strict=True):
-            coefficients = solve(
-                information + self.weight * gram[np.ix_(index, index)], vector + self.weight * moment[index]
-            )
-            errors.append(fold.of_joint(self.joint, index).squared_error(coefficients))
-        return np.array(errors) + self.negligible
+        index = np.concatenate(columns) - self.bodies
+        x = np.linalg.solve(self._system[:, index[:, None], index], self._right[:, index, None])[..., 0]
+        fitted = np.einsum("fk,fkl,fl->f", x, self._quadratic[:, index[:, None], index], x)
+        errors = self._constant - 2.0 * np.einsum("fk,fk->f", x, self._linear[:, index]) + fitted
+        return float(np.maximum(errors, 0.0).sum()) + NEGLIGIBLE * float(self.energy.sum())
+
+    def _prior(self, belief: Prior) -> tuple[np.ndarray, np.ndarray]:
+        """Information and vector of all columns but the bodies', before any data."""
+        where, n = self.where, self.bodies
+        information, vector = np.ones(where.count), np.zeros(where.count)
+        for breakaway in range(len(BREAKAWAYS)):
+            own = where.of_joint(breakaway)
+            information[own] = np.diagonal(self.information)[n:]
+            vector[own] = self.vector[n:]
+        for name in GROUPS:
+            information[where.of_group(name)] = 1.0 / group_deviation(belief, name, self.joint) ** 2
+        width = len(belief.effort_scale)
+        for first in {max(self.joint - 1, 0), min(self.joint, width - 2)}:
+            for sign in COUPLING_SIGNS:
+                motor = where.of_coupling(self.joint == first, sign)
+                information[motor] = 1.0 / coupling_deviation(belief, first) ** 2
+        return information[n:], vector[n:]
 
 
-def _couplings(joints: Sequence[_Joint], structure: Structure) -> tuple[Coupling, ...]:
+def _couplings(joints: Sequence[_Joint]) -> tuple[Coupling, ...]:
     """Motors that turn with two joints: those that both joints' errors speak for."""
     found = []
     own = ("curve",)  # or a coupling would be taken for the curve of the joints' own friction
-    plain = [joint.error(structure.breakaway[k], own).sum() for k, joint in enumerate(joints)]
+    plain = [joint.error(USUAL, own) for joint in joints]
     for first in range(len(joints) - 1):
         best, least = None, 1.0 - COUPLING_GAIN
         for sign in COUPLING_SIGNS:
             coupling = Coupling(first, sign)
-            left = max(
-                joints[k].error(structure.breakaway[k], own, (coupling,)).sum() / plain[k]
-                for k in (first, first + 1)
-            )
+            left = max(joints[k].error(USUAL, own, (coupling,)) / plain[k] for k in (first, first + 1))
             if left < least:
                 best, least = coupling, left
         if best is not None:
@@ -116,33 +157,31 @@ def _couplings(joints: Sequence[_Joint], structure: Structure) -> tuple[Coupling
     return tuple(found)
 
 
-def _improved(joint: _Joint, structure: Structure, number: int) -> tuple[int, tuple[str, ...]]:
-    """Breakaway and groups of one joint after the changes that pay, one at a time, the best first."""
+def _best(joint: _Joint, couplings: tuple[Coupling, ...]) -> Terms:
+    """The terms of one joint that leave the least error for what they cost.
 
-    def tried(breakaway: int, groups: tuple[str, ...]) -> tuple[float, np.ndarray]:
-        error = joint.error(breakaway, groups, structure.couplings)
-        cost = sum(GROUP_COST[name] for name in groups) + BREAKAWAY_COST * (breakaway != USUAL)
-        return float(np.log(error.sum()) + cost), error
+    Every breakaway with every set of small groups is tried, then the best of them with the large one as well.
+    """
 
-    choice = structure.breakaway[number], structure.groups[number]
-    cost, errors = tried(*choice)
-    for attempt in range(MOST_CHANGES):
-        breakaway, groups = choice
-        others = [(other, groups) for other in range(len(BREAKAWAYS)) if other != breakaway]
-        if attempt:  # the simplest explanation comes first
-            for name in GROUPS:
-                toggled = tuple(g for g in GROUPS if (g in groups) != (g == name))
-                others.append((breakaway, toggled))
-        results = []
-        for other in others:
-            total, left = tried(*other)
-            gain = errors - left
-            doubt = float(gain.std(ddof=1) * np.sqrt(len(gain)))
-            if gain.sum() > CERTAINTY * doubt or len(other[1]) < len(groups):
-                results.append((total, left, other))
-        least, left, other = min(results, key=lambda result: result[0], default=(np.inf, errors, choice))
-        if least < cost - CHANGE_COST:
-            choice, cost, errors = other, least, left
-        elif attempt:
-            break
-    return choice
+    def cost(terms: Terms) -> float:
+        breakaway, groups = terms
+        price = sum(GROUP_COST[name] for name in groups) + BREAKAWAY_COST * (breakaway != USUAL)
+        return float(np.log(joint.error(breakaway, groups, couplings))) + price
+
+    chosen: Terms = (USUAL, ())
+    for _ in range(ROUNDS):
+        joint.weigh(joint.error(*chosen, couplings) / joint.count)
+        ranked = sorted((cost(terms), terms) for terms in _small_terms())
+        large = [(breakaway, (*groups, LARGE)) for _, (breakaway, groups) in ranked[:BEST]]
+        chosen = min([ranked[0], *((cost(terms), terms) for terms in large)])[1]
+    breakaway, groups = chosen
+    return breakaway, tuple(name for name in GROUPS if name in groups)
+
+
+def _small_terms() -> Iterator[Terms]:
+    """Every breakaway with every set of the small groups."""
+    small = [name for name in GROUPS if name != LARGE]
+    for breakaway in range(len(BREAKAWAYS)):
+        for count in range(len(small) + 1):
+            for groups in combinations(small, count):
+                yield breakaway, groups

@@ -50,12 +50,16 @@ class Statistics:
             self.count - other.count,
         )
 
-    def of_joint(self, joint: int, columns: np.ndarray, change: np.ndarray | None = None) -> Regression:
-        """The regression of one joint on some of its columns, or on combinations of them (columns, terms)."""
+    def of_joint(self, joint: int, columns: np.ndarray) -> Regression:
+        """The regression of one joint on some of its columns."""
         gram, moment = self.gram[joint][np.ix_(columns, columns)], self.moment[joint, columns]
-        if change is not None:
-            gram, moment = change.T @ gram @ change, change.T @ moment
         return Regression(gram, moment, float(self.energy[joint]), float(self.count[joint]))
+
+    def score(self, joint: int, columns: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Σ w φ (y − φᵀ x) of one joint under coefficients of some of its columns."""
+        full = np.zeros(self.gram.shape[-1])
+        full[columns] = coefficients
+        return self.moment[joint, columns] - (self.gram[joint] @ full)[columns]
 
 
 @dataclass(frozen=True)
@@ -71,10 +75,6 @@ class Regression:
         """Σ w (y − φᵀ x)² under coefficients (k,)."""
         fitted = float(coefficients @ self.gram @ coefficients)
         return max(self.energy - 2.0 * float(coefficients @ self.moment) + fitted, 0.0)
-
-    def score(self, coefficients: np.ndarray) -> np.ndarray:
-        """Σ w φ (y − φᵀ x), (k,)."""
-        return self.moment - self.gram @ coefficients
 
 
 def summed(parts: Sequence[Statistics]) -> Statistics:

@@ -116,13 +116,30 @@ class Layout:
 
     def regression(self, statistics: Statistics, joint: int) -> Regression:
         """What statistics say of the parameters of one joint, in their order."""
-        columns, straight = self.columns[joint], self.straight[joint]
+        sums, straight = statistics.of_joint(joint, self.columns[joint]), self.straight[joint]
+        if len(straight):
+            features, own = self._features_and_own(joint)
+            sums.gram[:, features] -= sums.gram[:, own] @ straight.T
+            sums.gram[features] -= straight @ sums.gram[own]
+            sums.moment[features] -= straight @ sums.moment[own]
+        return sums
+
+    def score(self, statistics: Statistics, joint: int, coefficients: np.ndarray) -> np.ndarray:
+        """Σ w φ (y − φᵀ x) of the parameters of one joint under coefficients, as of `regression`."""
+        straight = self.straight[joint]
         if not len(straight):
-            return statistics.of_joint(joint, columns)
-        change = np.eye(len(columns))
-        own = len(self.columns) * PER_LINK + np.arange(1, PER_JOINT)
-        change[np.ix_(own, np.arange(len(columns) - len(straight), len(columns)))] = -straight.T
-        return statistics.of_joint(joint, columns, change)
+            return statistics.score(joint, self.columns[joint], coefficients)
+        features, own = self._features_and_own(joint)
+        plain = coefficients.copy()
+        plain[own] -= straight.T @ coefficients[features]
+        score = statistics.score(joint, self.columns[joint], plain)
+        score[features] -= straight @ score[own]
+        return score
+
+    def _features_and_own(self, joint: int) -> tuple[slice, slice]:
+        """Where the features of one joint are among its columns, and its viscous, Coulomb friction and offset."""
+        count, bodies = len(self.columns[joint]), len(self.columns) * PER_LINK
+        return slice(count - len(self.straight[joint]), count), slice(bodies + 1, bodies + PER_JOINT)
 
 
 def straightened(structure: Structure, statistics: Statistics) -> tuple[np.ndarray, ...]:
