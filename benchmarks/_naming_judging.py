@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
@@ -137,6 +139,8 @@ def _explained_by(
 
 def _same_physics(finding: Json, found: Sequence[Json], one: Truth, target: int, robot: Robot) -> bool:
     """Whether a finding says in other words what is true."""
+    if {finding["effect"], one.name} == {"base_tilt", "position_offset"}:
+        return max(target, one.target) == 0 and _turns_gravity(robot)
     if target != one.target:
         return False
     if {finding["effect"], one.name} == {"payload", "link_inertia"}:
@@ -144,6 +148,12 @@ def _same_physics(finding: Json, found: Sequence[Json], one: Truth, target: int,
     halves = {"coulomb_friction", "effort_offset"}
     there = {f["effect"] for f in found if _target(f, robot) == target}
     return one.name == "asymmetric_friction" and finding["effect"] in halves and halves <= there
+
+
+def _turns_gravity(robot: Robot) -> bool:
+    """Whether the first joint's axis is not vertical, so that its zero and the base's tilt are one angle."""
+    poses = np.random.default_rng(0).uniform(-1.0, 1.0, (20, robot.width))
+    return bool(np.ptp(robot.rigid_effort(poses, 0.0 * poses, 0.0 * poses)[:, 0]) > 1e-6)
 
 
 def _is_link_error(finding: Json, truth: Json) -> bool:

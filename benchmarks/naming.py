@@ -42,7 +42,8 @@ A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort),
 motion and duration from its seed, writes a bag without the truth, diagnoses the bag, and only then compares.
 
 - *Named*: the effect and its joint or link are among the findings. What is physically the same (payload and
-  scaled link; asymmetric friction, and Coulomb friction with an offset) counts where it is listed as a rival.
+  scaled link; asymmetric friction, and Coulomb friction with an offset; the base's tilt, and the zero of a
+  first joint that is not vertical) counts where it is listed as a rival.
 - *First*: no finding but wear stands before it. *Silent*: not named, and nothing false named either.
 - On worn robots Coulomb, viscous friction and rotor inertia are true on every joint. A link's inertia
   is true where the link really is off by about as much.

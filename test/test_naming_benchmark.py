@@ -102,6 +102,15 @@ def test_asymmetric_friction_in_two_halves(robot):
     assert not judge(entry, halves[:1], robot)["hidden"][0]["named"]
 
 
+@pytest.mark.parametrize("name, right", [("arm2", True), ("arm6", False)])
+def test_a_tilt_is_the_zero_of_a_first_joint_that_is_not_vertical(name, right):
+    robot = Robot.bundled(name)
+    entry = truth(hidden("base_tilt", roll_deg=0.0, pitch_deg=5.0))
+    rivals = ({"effect": "base_tilt"},)
+    found = [finding("position_offset", robot.joints[0], rivals=rivals, offset=0.09)]
+    assert judge(entry, found, robot)["hidden"][0]["named"] is right
+
+
 def test_wear_is_true_and_adds_to_what_is_hidden(robot):
     found = [
         finding("viscous_friction", J2, viscous=0.2),

@@ -1,0 +1,217 @@
+"""`bdnn diagnose` as users call it: its files, what it says, what changed since, and honest refusals."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from diagnosis_cases import check_contract
+from report_page import Page
+
+from bdnn_ros import bags
+from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.bdnn.field import Scales
+from bdnn_ros.cli.main import main
+from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+J1, J2 = "arm2_joint1", "arm2_joint2"
+FILES = {
+    *("diagnosis.json", "report.html", "model.bdnn"),
+    *("extended.urdf", "extended.mjcf.xml", "effects.yaml"),
+}
+
+
+def simulated(out: Path, *arguments: str) -> Path:
+    """The directory of a simulated recording of the 2-axis arm."""
+    words = ["--robot", "arm2", "--duration", "20", "--rate", "250", *arguments, "--out", str(out)]
+    assert main(["simulate", *words]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    """A recording with Coulomb friction on the first joint."""
+    return simulated(
+        tmp_path_factory.mktemp("bags") / "rubs", "--effect", f"coulomb_friction@{J1}:coulomb=0.8"
+    )
+
+
+@pytest.fixture(scope="module")
+def diagnosed(recording, tmp_path_factory) -> tuple[Path, str]:
+    """The directory a process of its own wrote, and what it printed."""
+    out = tmp_path_factory.mktemp("out") / "deep" / "diagnosis"
+    words = [sys.executable, "-m", "bdnn_ros.cli.main", "diagnose", str(recording / "bag"), "--out", str(out)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=100, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    return out, done.stdout
+
+
+def report_of(out: Path) -> dict:
+    """diagnosis.json, in the contract's form."""
+    report = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    check_contract(report)
+    return report
+
+
+def changed_bag(recording: Path, path: Path, change) -> Path:
+    """Another bag from the same recording, changed."""
+    return bags.write(change(bags.read(recording / "bag")), path)
+
+
+def test_every_file_of_the_contract_is_there_and_nothing_else_is_left(diagnosed):
+    out, _ = diagnosed
+    names = {path.name for path in out.iterdir()}
+    assert names >= FILES
+    assert not [name for name in names if name.startswith(".") or name.endswith(".part")]
+    assert all((out / name).stat().st_size > 100 for name in FILES)
+
+
+def test_the_diagnosis_names_the_cause(diagnosed, recording):
+    out, printed = diagnosed
+    report = report_of(out)
+    assert report["source"]["bags"] == [str(recording / "bag")] and report["source"]["joints"] == [J1, J2]
+    assert (report["source"]["samples"], report["source"]["rate"]) == (5000, 250.0)
+    (finding,) = report["findings"]
+    assert (finding["effect"], finding["joint"], finding["link"]) == ("coulomb_friction", J1, None)
+    coulomb = finding["parameters"]["coulomb"]
+    assert coulomb["unit"] == "N*m" and coulomb["value"] == pytest.approx(0.8, rel=0.03)
+    assert finding["share"] > 0.5
+    assert all(finding["probability"] > 2.0 * rival["probability"] for rival in finding["rivals"])
+    assert report["verdict"] == "explained" and report["gain"]["interval"][0] > 0.5
+    assert finding["sentence"] in printed and str(out / "report.html") in printed
+
+
+def test_the_report_opens(diagnosed):
+    out, _ = diagnosed
+    text = (out / "report.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.problems == [] and page.tags["html"] == 1
+    assert report_of(out)["findings"][0]["sentence"] in " ".join(" ".join(page.text).split())
+    links = [value for _, name, value in page.attributes if name in ("src", "href")]
+    assert not [value for value in links if value.startswith(("http:", "https:", "//"))]
+
+
+def test_the_model_and_the_robot_predict_what_was_found(diagnosed, recording, capsys):
+    out, _ = diagnosed
+    extended = Robot.from_file(out / "extended.urdf")
+    assert extended.joints == (J1, J2) and extended.coulomb[0] == pytest.approx(0.8, rel=0.03)
+    assert load_model(out).joints == (J1, J2)
+    assert 'frictionloss="0' in (out / "extended.mjcf.xml").read_text()
+    assert isinstance(yaml.safe_load((out / "effects.yaml").read_text()), dict)
+    assert main(["evaluate", str(out), str(recording), "--json"]) == 0
+    scores = json.loads(capsys.readouterr().out)
+    scores = scores.get("held_out", scores)
+    assert max(scores["nrmse"]) < 0.1
+
+
+def test_nothing_is_wrong_with_the_extended_robot(diagnosed, recording, tmp_path, capsys):
+    """The round trip: the same recording against the extended URDF."""
+    out, _ = diagnosed
+    words = [
+        "diagnose",
+        str(recording),
+        "--urdf",
+        str(out / "extended.urdf"),
+        "--out",
+        str(tmp_path / "again"),
+    ]
+    assert main(words) == 0
+    report = report_of(tmp_path / "again")
+    assert report["findings"] == [] and report["verdict"] == "nothing_wrong"
+    assert report["source"]["urdf"] == str(out / "extended.urdf")
+    assert "nothing wrong" in capsys.readouterr().out
+
+
+def without_description(recording: Recording) -> Recording:
+    return replace(recording, urdf=None)
+
+
+def without_effort(recording: Recording) -> Recording:
+    return replace(recording, effort=None)
+
+
+def short(recording: Recording) -> Recording:
+    return recording.split(0.8)[0]
+
+
+def resting(recording: Recording) -> Recording:
+    still = np.zeros_like(recording.position)
+    return replace(recording, position=still, velocity=still)
+
+
+@pytest.mark.parametrize(
+    "change, status, says",
+    [
+        (without_description, 2, "--urdf"),
+        (without_effort, 1, "effort"),
+        (short, 1, "too short"),
+        (resting, 1, "move"),
+    ],
+)
+def test_what_cannot_be_diagnosed_is_refused_in_one_sentence(
+    recording, tmp_path, capsys, change, status, says
+):
+    bag = changed_bag(recording, tmp_path / "bag", change)
+    capsys.readouterr()
+    assert main(["diagnose", str(bag), "--out", str(tmp_path / "out")]) == status
+    error = capsys.readouterr().err
+    assert error.count("bdnn: error:") == 1 and says in error.lower() and "Traceback" not in error
+    assert not (tmp_path / "out" / "diagnosis.json").exists()
+
+
+def test_an_unknown_model_or_bag_is_wrong_usage(recording, tmp_path, capsys):
+    out = ["--out", str(tmp_path / "out")]
+    assert main(["diagnose", str(recording), "--model", str(tmp_path / "none.bdnn"), *out]) == 2
+    assert main(["diagnose", str(tmp_path / "nothing"), *out]) != 0
+    assert main(["diagnose", str(recording)]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_black_box_is_no_simulation_to_compare_with(recording, tmp_path, capsys):
+    ones = np.ones(2)
+    save_model(tmp_path / "box", BDNN.black_box((J1, J2), Scales(ones, ones, ones, 0.1 * ones), hidden=8))
+    words = ["diagnose", str(recording), "--model", str(tmp_path / "box"), "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    assert "--prior urdf" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def before(tmp_path_factory) -> Path:
+    """A model of a worn arm, identified before anything changed."""
+    folder = tmp_path_factory.mktemp("before")
+    bag = simulated(folder / "bag", "--worn", "--wrong", "0.05", "--seed", "1")
+    assert main(["identify", str(bag), "--out", str(folder / "model")]) == 0
+    return folder / "model"
+
+
+def changes(before: Path, tmp_path: Path, *arguments: str) -> list[dict]:
+    """What a later recording of the same arm, moving otherwise, says of it."""
+    later = ("--worn", "--wrong", "0.05", "--seed", "1", "--duration", "22", *arguments)
+    bag = simulated(tmp_path / "after", *later)
+    assert main(["diagnose", str(bag), "--model", str(before), "--out", str(tmp_path / "out")]) == 0
+    return report_of(tmp_path / "out")["findings"]
+
+
+def test_nothing_has_changed(before, tmp_path):
+    assert changes(before, tmp_path) == []
+
+
+def test_the_joint_whose_friction_grew_is_all_that_changed(before, tmp_path):
+    (finding,) = changes(before, tmp_path, "--effect", f"coulomb_friction@{J2}:coulomb=0.04")
+    assert (finding["effect"], finding["joint"]) == ("coulomb_friction", J2)
+    assert finding["parameters"]["coulomb"]["value"] == pytest.approx(0.04, rel=0.1)
+
+
+def test_the_payload_it_now_carries_is_all_that_changed(before, tmp_path):
+    (finding,) = changes(before, tmp_path, "--effect", "payload@arm2_link2:mass=0.5,com_x=0.1")
+    named = {finding["effect"], *(rival["effect"] for rival in finding["rivals"])}
+    assert finding["link"] == "arm2_link2" and "payload" in named
+    assert finding["effect"] in ("payload", "link_inertia")

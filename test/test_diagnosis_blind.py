@@ -1,0 +1,78 @@
+"""Blind: an effect is drawn from a seed, its bag holds no truth, and the findings are compared afterwards.
+
+Seeds count from 0. None is left out for what came of it.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnosis_cases import check_contract
+
+from bdnn_ros import bags
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.scenario import Scenario
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from _naming_judging import judge
+
+WORN = {"coulomb_friction", "viscous_friction", "armature"}
+
+
+def recorded(folder: Path, robot: str, **options: Any) -> tuple[Path, dict[str, Any]]:
+    """A bag without the truth, and the truth."""
+    simulated, truth = Scenario(Robot.bundled(robot), name=robot, **options).run()
+    return bags.write(simulated.recording, folder / "bag"), truth
+
+
+def diagnosed(bag: Path) -> dict[str, Any]:
+    """What a diagnosis says that has nothing but the bag."""
+    recording = bags.read(bag)
+    assert recording.urdf is not None
+    report = diagnose([recording], Robot.from_urdf(recording.urdf, recording.joints)).as_json()
+    check_contract(report)
+    return report
+
+
+def words(report: dict[str, Any]) -> list[str]:
+    """The findings, for the message of a test that fails."""
+    return [f"{f['effect']}@{f['link'] or f['joint']}" for f in report["findings"]]
+
+
+@pytest.mark.parametrize(
+    "robot, seed", [*(("arm2", seed) for seed in range(6)), *(("arm7", seed) for seed in range(2))]
+)
+def test_a_hidden_effect_is_named_first_with_its_parameters(tmp_path, robot, seed):
+    options = {"hide": 1, "seed": seed, "duration": 20.0, "wrong": 0.05, "coloured": seed % 2 == 1}
+    bag, truth = recorded(tmp_path, robot, **options)
+    report = diagnosed(bag)
+    outcome = judge(truth, report["findings"], Robot.bundled(robot))
+    (hidden,) = outcome["hidden"]
+    assert hidden["first"], f"{truth['effects']} was named {words(report)}"
+    assert outcome["false"] == [], f"{truth['effects']} was named {words(report)}"
+    assert report["gain"]["interval"][0] > 0.0 or hidden["effect"] == "velocity_filter"
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("wrong", [0.0, 0.05])
+def test_nothing_is_wrong_with_a_robot_as_described(tmp_path, seed, wrong):
+    options = {"seed": seed, "duration": 20.0, "wrong": wrong, "coloured": seed % 2 == 1}
+    bag, _ = recorded(tmp_path, "arm2", **options)
+    report = diagnosed(bag)
+    assert words(report) == []
+    assert report["verdict"] == "nothing_wrong"
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_wear_is_found_on_every_joint_and_nothing_else(tmp_path, seed):
+    bag, truth = recorded(tmp_path, "arm2", seed=seed, duration=20.0, wrong=0.05, worn=True)
+    report = diagnosed(bag)
+    assert {f["effect"] for f in report["findings"]} == WORN, words(report)
+    for finding in report["findings"]:
+        quantity = next(iter(finding["parameters"].items()))
+        value = truth["worn"][finding["joint"]][quantity[0]]
+        assert quantity[1]["value"] == pytest.approx(value, rel=0.1), finding["sentence"]
