@@ -10,6 +10,7 @@ import numpy as np
 
 from bdnn_ros.bdnn.cores import Core, NetworkCore, PriorCore
 from bdnn_ros.bdnn.field import Field, Scales
+from bdnn_ros.bdnn.mechanics import coriolis_matrix
 from bdnn_ros.bdnn.restoring import prior_core, prior_core_state
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.signals import Signals
@@ -81,18 +82,9 @@ class BDNN:
         change = self.core.mass_matrix_derivative(_rows(position))
         return change.reshape(*np.shape(position), *change.shape[-2:])
 
-    def coriolis_matrix(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """C(q, q̇) by Christoffel's symbols of M, so that Ṁ − 2 C is skew, (..., n, n)."""
-        change = self.mass_matrix_derivative(position)
-        rate = np.einsum("...ijk,...k->...ij", change, velocity)
-        turned = np.einsum("...ikj,...k->...ij", change, velocity)
-        return 0.5 * (rate + turned - np.swapaxes(turned, -1, -2))
-
     def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """C(q, q̇) q̇ [N·m], (..., n)."""
-        change = self.mass_matrix_derivative(position)
-        rate = np.einsum("...ijk,...k,...j->...i", change, velocity, velocity)
-        return rate - 0.5 * np.einsum("...jki,...j,...k->...i", change, velocity, velocity)
+        """C(q, q̇) q̇ [N·m], (..., n), by Christoffel's symbols of M."""
+        return (coriolis_matrix(self, position, velocity) @ np.asarray(velocity)[..., None])[..., 0]
 
     def gravity(self, position: np.ndarray) -> np.ndarray:
         """g(q) [N·m], (..., n): the bias at rest."""

@@ -19,8 +19,6 @@ from bdnn_ros.bdnn.field import Field
 from bdnn_ros.bdnn.samples import Samples, samples_of, scales_of
 from bdnn_ros.signals import Signals
 
-HIDDEN = 32
-"""Hidden units a network per joint, at least; see `hidden_units`."""
 BATCH = 256
 RATE = 4e-3
 """Adam's learning rate at the start; it falls to nothing like a cosine."""
@@ -45,7 +43,7 @@ def hidden_units(joints: int) -> int:
 
 
 class NetworkTraining:
-    """Networks in the making: Adam on batches, then L-BFGS where it pays; the best on held-out data is kept."""
+    """Networks in the making: Adam on batches, then L-BFGS where it pays; the best on held-out data stays."""
 
     def __init__(
         self,
