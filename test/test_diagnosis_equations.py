@@ -185,8 +185,6 @@ def quiet() -> Recording:
     return simulate(Robot.bundled("arm2"), duration=10.0, rate=250.0).recording
 
 
-
-
 def test_more_noise_of_the_position_asks_for_a_lower_cutoff(robot, quiet):
     rng = np.random.default_rng(4)
     noise = rng.standard_normal(quiet.position.shape)
