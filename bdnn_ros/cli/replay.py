@@ -101,6 +101,8 @@ def _print(learning: Learning, errors: list[Error], recording: Recording, took: 
         step = max(-(-len(errors) // MOST_ROWS), 1)
         for error in errors[::step] if len(errors) > step else errors:
             print(_row(error))
+    for change in learning.changes:
+        print(change.finding["sentence"])
     speed = recording.duration / max(took, 1e-9)
     served = learning.served
     print(
@@ -119,4 +121,5 @@ def _as_json(recording: Recording, learning: Learning, errors: list[Error], took
         "samples": len(recording),
         "seconds": took,
         "rejected": learning.rejected,
+        "changes": [change.finding for change in learning.changes],
     }

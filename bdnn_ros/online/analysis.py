@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bdnn_ros.errors import BdnnError
+from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.robot import Robot
@@ -42,6 +43,8 @@ class Analyst:
         self._period = 0.0
         self._window = 0.0
         self._due = FIRST
+        self._last: dict[str, Any] = {}
+        self.since = 0.0
         threading.Thread(target=self._work, name="analyst", daemon=True).start()
 
     def begin(self, robot: Robot, feed: Feed, info: dict[str, Any]) -> None:
@@ -49,6 +52,18 @@ class Analyst:
         self._robot, self._feed, self._cutoff = robot, feed, info.get("cutoff")
         self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
         self._due = feed.latest_time() + FIRST
+        self._last, self.since = {}, 0.0
+
+    def with_change(self, finding: dict[str, Any]) -> dict[str, Any]:
+        """The last diagnosis with a change that was noticed since as its first finding."""
+        known = self._last.get("findings", [])
+        share = float(finding["share"])
+        return {
+            "verdict": self._last.get("verdict", "partly_explained") if known else "explained",
+            "findings": [finding, *known],
+            "gain": self._last.get("gain", {"value": share, "interval": [share, share]}),
+            "advice": self._last.get("advice", []),
+        }
 
     def tick(self, time: float) -> None:
         """Diagnose if it is time to, at this stream time [s]."""
@@ -63,9 +78,19 @@ class Analyst:
             self._refuse(request, "No joint state has come yet. Check the topic joint_states.")
             return
         try:
-            self._jobs.put_nowait(_Job(self._robot, self._feed, window, request, self._cutoff))
+            self._jobs.put_nowait(
+                _Job(self._robot, self._feed, self._reach(window, request), request, self._cutoff)
+            )
         except queue.Full:
             self._refuse(request, f"{MOST_WAITING} diagnoses are waiting already. Ask again later.")
+
+    def _reach(self, window: float, request: int) -> float:
+        """The window [s], cut where the robot changed, unless somebody asks for so much."""
+        assert self._feed is not None
+        unchanged = self._feed.latest_time() - self.since
+        if request or self.since <= 0.0:
+            return window
+        return min(window, unchanged) if window > 0.0 else unchanged
 
     def _refuse(self, request: int, reason: str) -> None:
         self._say(Message("findings", {"request": request, "error": reason}))
@@ -75,7 +100,8 @@ class Analyst:
             job = self._jobs.get()
             self._busy.set()
             try:
-                self._say(Message("findings", {"request": job.request, "diagnosis": _diagnose(job)}))
+                self._last = _diagnose(job)
+                self._say(Message("findings", {"request": job.request, "diagnosis": self._last}))
             except BdnnError as error:
                 self._refuse(job.request, str(error))
             except Exception as error:  # whatever it is, the learning goes on
@@ -90,3 +116,15 @@ def _diagnose(job: _Job) -> dict[str, Any]:
 
     recording = job.feed.recording(job.window)
     return diagnose([recording], job.robot, cutoff=job.cutoff).as_json()
+
+
+def with_stamps(finding: dict[str, Any], states: Ring) -> dict[str, Any]:
+    """A finding whose times are the publisher's stamps [s] instead of stream time."""
+    parameters = dict(finding["parameters"])
+    for name in ("start", "end"):
+        if name in parameters:
+            time = states.origin + round(parameters[name]["value"] * 1e9)
+            number = min(max(states.first_after(time - 1), states.oldest), states.written - 1)
+            stamp = int(states.read(number, 1).stamp[0])
+            parameters[name] = {**parameters[name], "value": stamp * 1e-9}
+    return {**finding, "parameters": parameters}

@@ -62,11 +62,12 @@ def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, accelerat
     coriolis = model.coriolis(position, velocity)
     gravity = model.gravity(position)
     learned, std = np.zeros_like(effort), np.empty(0)
-    if isinstance(model, PhysicalModel):
-        std = model.effort_std(position[None], velocity[None], acceleration[None])[0]
-        if model.learned is not None:
-            load = model.robot.rigid_effort(position, velocity, acceleration)
-            learned = model.learned.effort(position, velocity, np.sign(velocity), load)
+    spread = getattr(model, "effort_std", None)
+    if spread is not None:
+        std = spread(position[None], velocity[None], acceleration[None])[0]
+    if isinstance(model, PhysicalModel) and getattr(model, "learned", None) is not None:
+        load = model.robot.rigid_effort(position, velocity, acceleration)
+        learned = model.learned.effort(position, velocity, np.sign(velocity), load)
     friction = effort - (inertial + coriolis + gravity + learned)
     return Parts(effort, std, inertial, coriolis, gravity, friction, learned, matrix)
 

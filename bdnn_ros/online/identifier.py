@@ -27,6 +27,7 @@ REST_WEIGHT = 0.1
 MOST_KEPT = 300
 """Chunks of motion kept to be gone through again; what later ones say is only summed up."""
 NEVER = 1 << 62
+FIRST_SETTLED = 4
 ITERATIONS = 10
 """Of noise and parameters, where there is time."""
 VELOCITY = 2.0
@@ -58,6 +59,7 @@ class Identifier:
         cutoff: of the low-pass [Hz], None for the recording's default.
         spread: how far the real robot may be from the prior.
         belief: what is known already, instead of the robot and the spread.
+        settle_at: chunks after which the motion is gone through for the first time.
 
     Attributes:
         samples: taken in so far.
@@ -72,6 +74,7 @@ class Identifier:
         cutoff: float | None = None,
         spread: Spread | None = None,
         belief: Prior | None = None,
+        settle_at: int = FIRST_SETTLED,
     ) -> None:
         self.robot = robot
         self.recursion = Recursion(belief or prior(robot, spread))
@@ -89,7 +92,7 @@ class Identifier:
         self._carrier = robot
         self._kept: list[_Motion] = []
         self._used = 0
-        self._settle_at = 4
+        self._settle_at = settle_at
         self._state: tuple[np.ndarray, Directions] | None = None
 
     @property
@@ -192,7 +195,7 @@ class Identifier:
 
     def restarted(self, belief: Prior) -> Identifier:
         """An identifier that goes on with this stream, but knows only this much of the robot."""
-        other = Identifier(self.robot, belief=belief)
+        other = Identifier(self.robot, belief=belief, settle_at=self._settle_at)
         other.version, other.samples, other.chunks = self.version, self.samples, self.chunks
         other._stream, other._state = self._stream, self._state
         return other

@@ -192,7 +192,7 @@ class CommandIntake:
         self.rejected: Counter[str] = Counter()
 
     def take(self, values: Any, sent: int) -> bool:
-        """Copy one command [N·m], in the order of `joints`, sent at [ns], into the ring; False if left out."""
+        """Copy one command [N·m], in the order of `joints`, sent at [ns], into the ring; False if not."""
         if len(values) != len(self.joints):
             self.rejected[LENGTH] += 1
             return False

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.errors import DataError, UpdateRejected
+from bdnn_ros.online.changes import Change, Monitor
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior, prior
@@ -18,6 +19,8 @@ PAUSE_SECONDS = 1.0
 """A longer step of the stamps ends a stretch: nothing before is joined to what follows."""
 STEP_SECONDS = 0.2
 """Samples are fed in pieces of this length, so that every chunk of the identifier gives its own model."""
+SETTLE_AT = 32
+"""Chunks before terms are chosen for the first time: it takes seconds, and a stream does not wait."""
 WORSE = 1.2
 """A new model may err so many times as much as the one that serves, on motion neither has seen."""
 NEGLIGIBLE = 0.02
@@ -69,8 +72,8 @@ class Learning:
     """An identifier and the rule by which its models are handed over.
 
     A new model waits for the next chunk, which neither it nor the model that serves has seen: it is handed
-    over if it is finite, its mass matrix positive-definite, and its error not worse. Only the first need not
-    wait: it takes over from the robot description as soon as it explains its chunk better.
+    over if it is finite, its mass matrix positive-definite, and its error not worse. Only the first, and the
+    first after a change of the robot, need not wait: it takes over as soon as it explains its chunk better.
 
     Args:
         robot: the robot description, known before any motion.
@@ -82,6 +85,7 @@ class Learning:
         served: the last version handed over, or None.
         errors: of each chunk, the latest last, for the caller to take.
         rejected: reasons why updates were not handed over, the latest last.
+        changes: of the robot that were noticed, the latest last, for the caller to take.
     """
 
     def __init__(
@@ -97,10 +101,13 @@ class Learning:
         if resume is not None:
             mean, scale = resume.parameters.vector(), prior(robot).effort_scale
             belief = Prior(mean, resume.covariance, scale)
-        self.identifier = Identifier(robot, cutoff, belief=belief)
+        self.identifier = Identifier(robot, cutoff, belief=belief, settle_at=SETTLE_AT)
         self.served: Version | None = None
         self.errors: list[Error] = []
         self.rejected: list[str] = []
+        self.changes: list[Change] = []
+        self._monitor = Monitor(robot)
+        self._eager = True
         self._candidate: Version | None = None
         self._end: float | None = None
         self._spread = _Spread(robot.width)
@@ -144,10 +151,16 @@ class Learning:
         before = squared_error(self._serving, signals, rows, measured)
         number = self._number if self.served is None else self.served.number
         self.errors.append(Error(float(signals.time[rows[-1]]), before, self._spread.variance, number))
+        change = self._monitor.look(signals, rows, None if self.served is None else self.served.model)
+        if change is not None:
+            self.changes.append(change)
+            self.identifier = self.identifier.restarted(change.belief)
+            self._candidate, self._eager = None, True
+            return
         if self._candidate is not None:
             yield from self._hand_over(self._candidate, signals, rows, measured, before)
         self._candidate = self._propose(float(signals.time[rows[-1]]))
-        if self._candidate is not None and (self.served is None or final):
+        if self._candidate is not None and (self._eager or final):
             yield from self._hand_over(self._candidate, signals, rows, measured, before)
 
     def _propose(self, time: float) -> Version | None:
@@ -167,7 +180,7 @@ class Learning:
         except UpdateRejected as error:
             self.rejected.append(str(error))
             return
-        self.served = candidate
+        self.served, self._eager = candidate, False
         yield candidate
 
 

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable
 
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.online.analysis import Analyst
+from bdnn_ros.online.analysis import Analyst, with_stamps
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message, close_all
 from bdnn_ros.online.feed import Feed
@@ -87,6 +87,7 @@ class Trainer:
             for version in self.learning.take(known.time, known.position, known.effort):
                 self._hand_over(version)
             self._tell_rejected()
+            self._tell_changes()
         self.analyst.tick(float(samples.time[-1]))
         return True
 
@@ -120,6 +121,16 @@ class Trainer:
             self._rejected += 1
             self.say(Message("rejected", {"reason": reason, "count": self._rejected}))
         self.learning.rejected.clear()
+
+    def _tell_changes(self) -> None:
+        """Name what has changed about the robot, and let later diagnoses look no further back than that."""
+        assert self.learning is not None and self.feed is not None
+        for change in self.learning.changes:
+            if change.explanation.kind != "push":
+                self.analyst.since = change.explanation.start
+            finding = with_stamps(change.finding, self.feed.states)
+            self.say(Message("findings", {"request": 0, "diagnosis": self.analyst.with_change(finding)}))
+        self.learning.changes.clear()
 
     def _finish(self) -> None:
         if self.learning is not None:
