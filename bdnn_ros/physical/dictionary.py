@@ -15,6 +15,8 @@ CURVE = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Speeds, in units of the limit, below which friction may differ from Coulomb and viscous friction."""
 HARMONICS = 30
 """Highest number of periods per radian of an effort that depends on the position."""
+LONG_WAVE = 4
+"""Fewer periods per radian than these are believed less, the fewer the less."""
 DIRECTED_HARMONICS = 3
 """The same, of an effort that also depends on the direction."""
 CURVE_FEATURES = len(CURVE) + 1
@@ -83,8 +85,10 @@ def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
 def feature_spread() -> np.ndarray:
     """Prior standard deviation of each feature's weight, in units of the effort scale, (FEATURES,)."""
     spread = np.full(FEATURES, 0.2)
-    waves = 1.0 / np.arange(1, HARMONICS + 1)
-    spread[group_slices()["position"]] = 0.2 * np.concatenate([waves, waves])
+    k = np.arange(1, HARMONICS + 1)
+    # long waves look like gravity, which is known better
+    waves = 0.2 / k * np.minimum((k / LONG_WAVE) ** 2, 1.0)
+    spread[group_slices()["position"]] = np.concatenate([waves, waves])
     return spread
 
 

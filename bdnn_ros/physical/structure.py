@@ -137,7 +137,7 @@ class Layout:
         return score
 
     def _features_and_own(self, joint: int) -> tuple[slice, slice]:
-        """Where the features of one joint are among its columns, and its viscous, Coulomb friction and offset."""
+        """Where a joint has its features among its columns, and its friction and offset."""
         count, bodies = len(self.columns[joint]), len(self.columns) * PER_LINK
         return slice(count - len(self.straight[joint]), count), slice(bodies + 1, bodies + PER_JOINT)
 
