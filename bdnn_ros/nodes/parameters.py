@@ -86,7 +86,7 @@ IDENTIFICATION = (
     Setting("autostart", True, "Configure and activate at start, without a lifecycle manager."),
     Setting("training", True, "Learn from the stream; false only serves the model.", live=True),
     Setting("cutoff", 0.0, "-3 dB frequency of the low-pass [Hz]; 0 chooses by the rate.", 0.0, 500.0),
-    Setting("estimate_rate", 100.0, "Estimates published per second [Hz]; 0 publishes none.", 0.0, 1000.0),
+    Setting("estimate_rate", 120.0, "Estimates published per second [Hz]; 0 publishes none.", 0.0, 1000.0),
     Setting(
         "diagnosis_period", 30.0, "Time between diagnoses [s]; 0 diagnoses only when asked.", 0.0, 86400.0
     ),

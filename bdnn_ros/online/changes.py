@@ -144,7 +144,7 @@ class Monitor:
         found = explain(self.scene, data, self._information)
         best = found[0]
         seen = data[-1].end - best.start
-        if best.evidence < SURE or best.share < EXPLAINED or seen < LEAST:
+        if max(e.evidence for e in found) < SURE or best.share < EXPLAINED or seen < LEAST:
             return None
         if best.kind == "push" and np.linalg.norm(best.value[:3]) < LEAST_PUSH * 9.81 * self.scene.load:
             return None

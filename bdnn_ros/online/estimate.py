@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from bdnn_ros.online.feed import Samples
 from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.robot import Dynamics
 from bdnn_ros.signals import (
     CUTOFF_PER_RATE,
@@ -62,14 +63,28 @@ def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, accelerat
     coriolis = model.coriolis(position, velocity)
     gravity = model.gravity(position)
     learned, std = np.zeros_like(effort), np.empty(0)
-    spread = getattr(model, "effort_std", None)
-    if spread is not None:
-        std = spread(position[None], velocity[None], acceleration[None])[0]
-    if isinstance(model, PhysicalModel) and getattr(model, "learned", None) is not None:
-        load = model.robot.rigid_effort(position, velocity, acceleration)
-        learned = model.learned.effort(position, velocity, np.sign(velocity), load)
+    if isinstance(model, PhysicalModel):
+        std = effort_std(model, position, velocity, acceleration)
+        if model.learned is not None:
+            load = model.robot.rigid_effort(position, velocity, acceleration)
+            learned = model.learned.effort(position, velocity, np.sign(velocity), load)
     friction = effort - (inertial + coriolis + gravity + learned)
     return Parts(effort, std, inertial, coriolis, gravity, friction, learned, matrix)
+
+
+def effort_std(
+    model: PhysicalModel, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+) -> np.ndarray:
+    """`PhysicalModel.effort_std` of one motion, all joints at once, (n,) [N·m]."""
+    n = model.robot.width
+    regressor = model.robot.regressor(position[None], velocity[None], acceleration[None])[0]
+    own = np.zeros((n, PER_JOINT, n))
+    own[np.arange(n), :, np.arange(n)] = np.stack(
+        [acceleration, velocity, np.sign(velocity), np.ones(n)], axis=1
+    )
+    columns = np.concatenate([regressor, own.reshape(n, -1)], axis=1)
+    variance = ((columns @ model.covariance) * columns).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0) + model.noise**2))
 
 
 class Smoother:

@@ -1,0 +1,111 @@
+"""A robot that changes while it moves: payload, push and friction are told apart, nothing is made up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from live_support import motion, real_robot
+
+from bdnn_ros.online.changes import Change, Monitor
+from bdnn_ros.online.chunks import Chunks
+from bdnn_ros.online.session import nominal
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+ARM = Robot.bundled("arm6")
+REAL = real_robot(ARM)
+MOMENT = 10.0
+"""When the robot changes [s]; five seconds later it must be named."""
+RECORDING = motion(REAL, 15.5, 250.0, noise=0.003)
+
+
+def carrying(robot: Robot, mass: float, centre: np.ndarray) -> Robot:
+    """The robot with a point mass on its last link."""
+    inertia = mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    inertials = robot.inertials.copy()
+    inertials[-1] += [mass, *(mass * centre), *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    return robot.with_inertials(inertials)
+
+
+def told(effort: np.ndarray, before: Robot = REAL) -> list[Change]:
+    """What is noticed in a stream with this effort by one who knows the robot as it was."""
+    monitor, model = Monitor(ARM), nominal(before)
+    changes = []
+    recording: Recording = replace(RECORDING, effort=effort)
+    chunks = Chunks(ARM.joints)
+    parts = [*chunks.add(recording.time, recording.position, effort), *chunks.end()]
+    for chunk in parts:
+        assert chunk is not None
+        change = monitor.look(*chunk, model)
+        if change is not None:
+            changes.append(change)
+            break  # the model would now be another
+    return changes
+
+
+def switched(robot: Robot) -> np.ndarray:
+    """Effort of the one robot until the moment, of the other after it."""
+    after = motion(robot, 15.5, 250.0, noise=0.003).effort
+    return np.where((RECORDING.time < MOMENT)[:, None], RECORDING.effort, after)
+
+
+def value(change: Change, name: str) -> float:
+    return change.finding["parameters"][name]["value"]
+
+
+def test_nothing_is_made_up():
+    assert told(RECORDING.effort) == []
+
+
+@pytest.mark.parametrize("mass", [0.5, 2.0])
+def test_a_payload_that_is_gripped(mass):
+    centre = np.array([0.01, -0.02, 0.09])
+    (change,) = told(switched(carrying(REAL, mass, centre)))
+    finding = change.finding
+    assert (finding["effect"], finding["link"]) == ("payload", ARM.moving_link(ARM.joints[-1]))
+    assert value(change, "mass") == pytest.approx(mass, rel=0.05)
+    assert [value(change, f"com_{axis}") for axis in "xyz"] == pytest.approx(centre, abs=0.02)
+    assert value(change, "start") == pytest.approx(MOMENT, abs=0.5)
+    assert change.explanation.end < MOMENT + 5.0
+    assert "gripped" in finding["sentence"]
+
+
+def test_a_payload_that_is_released():
+    loaded = carrying(REAL, 1.0, np.array([0.0, 0.0, 0.08]))
+    effort = motion(loaded, 15.5, 250.0, noise=0.003).effort
+    effort = np.where((RECORDING.time < MOMENT)[:, None], effort, RECORDING.effort)
+    (change,) = told(effort, before=loaded)
+    assert change.finding["effect"] == "payload" and "released" in change.finding["sentence"]
+    assert value(change, "mass") == pytest.approx(1.0, rel=0.05)
+    assert value(change, "end") == pytest.approx(MOMENT, abs=0.5)
+
+
+def test_a_push_is_no_payload():
+    link = ARM.moving_link(ARM.joints[-1])
+    force = np.array([25.0, -10.0, 20.0, 0.0, 0.0, 0.0])
+    pushed = np.einsum("tij,i->tj", ARM.link_jacobian(RECORDING.position, link), force)
+    during = (RECORDING.time > MOMENT + 0.3) & (RECORDING.time < MOMENT + 2.1)
+    (change,) = told(RECORDING.effort - during[:, None] * pushed)
+    assert (change.finding["effect"], change.finding["link"]) == ("external_wrench", link)
+    assert value(change, "start") == pytest.approx(MOMENT + 0.3, abs=0.4)
+    assert value(change, "force_x") == pytest.approx(25.0, rel=0.3)
+
+
+def test_friction_is_neither():
+    joint = 2
+    more = REAL.coulomb.copy()
+    more[joint] *= 2.5
+    (change,) = told(switched(REAL.with_joint_parameters(coulomb=more)))
+    assert (change.finding["effect"], change.finding["joint"]) == ("drift", ARM.joints[joint])
+    assert value(change, "start_value") == pytest.approx(REAL.coulomb[joint], rel=0.1)
+    assert value(change, "end_value") == pytest.approx(more[joint], rel=0.15)
+
+
+def test_what_is_known_afterwards_is_the_changed_robot():
+    loaded = carrying(REAL, 1.5, np.array([0.0, 0.02, 0.1]))
+    (change,) = told(switched(loaded))
+    mass = change.belief.mean[: ARM.inertials.size].reshape(ARM.inertials.shape)[-1, 0]
+    assert mass == pytest.approx(loaded.inertials[-1, 0], rel=0.05)
+    assert np.linalg.eigvalsh(change.belief.covariance).min() > 0
