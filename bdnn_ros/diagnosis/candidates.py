@@ -11,9 +11,11 @@ from scipy.optimize import minimize
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.windows import best_window
+from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
+ON_BODIES = frozenset({"payload", "link_inertia"})
 COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
 """What almost every drive has; they stand in for the unknown cause while the noise is first estimated."""
 
@@ -79,9 +81,27 @@ class Candidates:
         base = equations.simulated + motion.regressor @ (equations.relative @ fit.coefficients[:links])
         for chosen in fit.terms:
             term = pool.terms[chosen]
+            if term.effect.at_sensor:
+                continue
             coefficients, _ = pool.part(fit, chosen)
             base = base + term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
         return np.asarray(base)
+
+    def bodies(self, equations: Equations, pool: Pool, fit: Fit) -> Robot:
+        """The robot as the fit has it: its links corrected, payloads and scaled links on it.
+
+        What tilts, bends or shifts such a robot does so with all its mass.
+        """
+        links = equations.rigid.shape[2]
+        errors = equations.relative @ fit.coefficients[:links]
+        plant = Plant(self.robot.with_inertials(self.robot.inertials.ravel() + errors))
+        for chosen in fit.terms:
+            term = pool.terms[chosen]
+            if term.effect.name in ON_BODIES:
+                coefficients, _ = pool.part(fit, chosen)
+                values = term.effect.values(coefficients, dict(term.shape))
+                term.effect.install(plant, term.target, values, term.link)
+        return plant.robot
 
 
 def lone_gain(equations: Equations, pool: Pool, fit: Fit, term: Term) -> float:

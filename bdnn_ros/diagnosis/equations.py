@@ -137,10 +137,15 @@ class Equations:
         signals = self.motion.signals
         return np.array([1.0 / signals.raw_rate, signals.kernel_std**2])
 
-    def relieve(self, load: np.ndarray) -> None:
-        """Take a better estimate of the load, (N, n); columns made from the old one are forgotten."""
-        self.motion = self.motion.with_load(load)
-        self._columns = {term: kept for term, kept in self._columns.items() if not term.effect.of_load}
+    def relieve(self, load: np.ndarray, robot: Robot | None = None) -> None:
+        """Take better estimates of the load, (N, n), and of the bodies, and forget columns of old ones."""
+        motion = self.motion if robot is None else self.motion.with_robot(robot)
+        self.motion = motion.with_load(load)
+        self._columns = {
+            term: kept
+            for term, kept in self._columns.items()
+            if not (term.effect.of_load or (term.effect.of_bodies and robot is not None))
+        }
         self._nuisances = None
 
     def spread(self, columns: np.ndarray) -> np.ndarray:

@@ -31,6 +31,7 @@ class EffortOffset(Effect):
     confused_with = ("joint_spring", "asymmetric_friction", "base_tilt", "external_wrench")
     shown_by = "poses whose gravity has both signs, and both directions of motion"
     source = GAUTIER
+    at_sensor = True
     coefficient_bounds = ((-np.inf, np.inf),)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
@@ -57,6 +58,7 @@ class EffortScale(Effect):
     confused_with = ("link_inertia", "payload", "load_dependent_friction", "armature")
     shown_by = "all joints together, so that the inertia that neighbours see tells the joint's own scale"
     source = GAUTIER
+    at_sensor = True
     coefficient_bounds = ((1.0 / 5.0 - 1.0, 1.0 / 0.2 - 1.0),)
     of_load = True
 
@@ -95,6 +97,7 @@ class EffortDelay(Effect):
         "Swevers, Verdonck, De Schutter, Dynamic model identification for industrial robots, IEEE "
         "CSM 27(5), 2007"
     )
+    at_sensor = True
     coefficient_bounds = ((0.0, 0.2),)
     of_load = True
 

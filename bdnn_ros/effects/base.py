@@ -180,6 +180,14 @@ class Motion:
         changed = self.robot.rigid_effort(self.position + position_change, self.velocity, self.acceleration)
         return changed - self.link_load
 
+    def with_robot(self, robot: Robot) -> Motion:
+        """The same motion with another estimate of the robot's bodies."""
+        other = replace(self, robot=robot)
+        for kept in ("regressor", "_jacobians"):  # they do not depend on the bodies
+            if kept in self.__dict__:
+                other.__dict__[kept] = self.__dict__[kept]
+        return other
+
     def with_load(self, load: np.ndarray, drive: np.ndarray | None = None) -> Motion:
         """The same motion with another estimate of the load, and of the drives' share of it (None keeps)."""
         other = replace(self, load=load, drive=self.drive if drive is None else drive)
@@ -219,6 +227,10 @@ class Effect(ABC):
     """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
     of_load: ClassVar[bool] = False
     """Its columns are made from the load, so a better estimate of the load changes them."""
+    of_bodies: ClassVar[bool] = False
+    """Its columns are made from the robot's bodies, so a better estimate of them changes them."""
+    at_sensor: ClassVar[bool] = False
+    """It changes what is measured of the effort, not the effort that acts: no joint carries it."""
     in_drive: ClassVar[bool] = False
     """It takes its effort before the gear, so that the gear does not carry it."""
     kinematic: ClassVar[bool] = False

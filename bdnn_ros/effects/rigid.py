@@ -166,6 +166,7 @@ class BaseTilt(Effect):
         "poses that turn the arm about every horizontal axis, among them ones that swing the first axis"
     )
     source = "Craig, Introduction to Robotics, ch. 6: gravity as an acceleration of the base"
+    of_bodies = True
     coefficient_bounds = ((-math.pi / 2, math.pi / 2), (-math.pi / 2, math.pi / 2))
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:

@@ -25,6 +25,7 @@ class PositionOffset(Effect):
     confused_with = ("base_tilt", "link_inertia", "payload", "effort_offset")
     shown_by = "poses of different gravity, the joints beyond this one stretched out and folded"
     source = "Hollerbach, Khalil, Gautier, Model identification, Springer Handbook of Robotics, ch. 6"
+    of_bodies = True
     coefficient_bounds = ((-1.0, 1.0),)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:

@@ -33,6 +33,7 @@ class JointElasticity(Effect):
     confused_with = ("backlash", "position_offset", "armature", "hysteresis")
     shown_by = "fast changes of load: high accelerations, and poses of very different gravity"
     source = SPONG
+    of_bodies = True
     coefficient_bounds = ((0.0, 1.0),)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
@@ -73,6 +74,7 @@ class Backlash(Effect):
     source = (
         "Nordin, Gutman, Controlling mechanical systems with backlash - a survey, Automatica 38(10), 2002"
     )
+    of_bodies = True
     coefficient_bounds = ((0.0, 0.5),)
     shape_bounds = MappingProxyType({"transit": (1e-3, 0.2)})
 

@@ -1,0 +1,44 @@
+"""Causes that act on one another: what is measured beside what acts, and bodies under a tilt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.diagnosis.extension import extend
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.scenario import Scenario
+
+
+def examined(robot: Robot, *effects: str, wrong: float = 0.0) -> Examination:
+    scenario = Scenario(robot, effects=effects, seed=3, duration=20.0, rate=200.0, wrong=wrong)
+    return examine([scenario.run()[0].recording], robot)
+
+
+@pytest.mark.parametrize("scale", [0.75, 1.3])
+def test_a_scaled_effort_has_the_scale_it_has(scale: float) -> None:
+    """The load that the joint carries is what acts, not what is measured of it."""
+    found = examined(Robot.bundled("arm2"), f"effort_scale@arm2_joint1:scale={scale}")
+    first = found.diagnosis.findings[0]
+    assert (first.effect, first.joint) == ("effort_scale", "arm2_joint1")
+    assert first.parameters["scale"].value == pytest.approx(scale, rel=0.05)
+
+
+def test_a_payload_hangs_from_a_tilted_base() -> None:
+    """The tilt turns gravity for the payload as well, and the extended model errs as little as the fit."""
+    robot = Robot.bundled("arm7")
+    found = examined(robot, "payload@arm7_link7:mass=2,com_z=0.1", "base_tilt:pitch_deg=5", wrong=0.05)
+    named = {finding.effect: finding for finding in found.diagnosis.findings}
+    assert set(named) == {"payload", "base_tilt"}
+    assert named["base_tilt"].parameters["pitch_deg"].value == pytest.approx(5.0, abs=0.4)
+    equations, model = found.equations, extend(found)
+    signals = equations.motion.signals
+    left = equations.reduced(signals.effort - model.predict(signals))
+    fitted = found.pool.residual(found.fit, blur=False)
+    usable = equations.usable
+
+    def size(values: np.ndarray) -> np.ndarray:
+        return np.sqrt(np.sum(np.where(usable, values, 0.0) ** 2, axis=0) / usable.sum(axis=0))
+
+    assert (size(left) / equations.effort_scale).mean() < 1.3 * (size(fitted) / equations.effort_scale).mean()
