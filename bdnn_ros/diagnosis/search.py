@@ -67,7 +67,8 @@ class Search:
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
             previous = {t.place for t in selection.terms}
-            self.equations.relieve(self.candidates.load(self.equations, selection.pool, selection.fit))
+            found = self.equations, selection.pool, selection.fit
+            self.equations.relieve(self.candidates.load(*found), self.candidates.bodies(*found))
             noise = self.equations.noise_of(selection.pool.residual(selection.fit), self.floor)
             selection = self._select(noise, selection.terms)
             if {t.place for t in selection.terms} == previous:
