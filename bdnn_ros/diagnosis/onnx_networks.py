@@ -58,9 +58,9 @@ def _corrected(h: Network, prior: Robot | PhysicalModel, q: Array, a: Array) -> 
 
 
 def _local(local: LocalNetworks, q: Array, v: Array, direction: Array, load: Array) -> Array:
-    if local.is_silent:
-        return 0.0
-    return np.einsum("bnf,nf->bn", local.features(q, v, direction, load), local.output_weights)
+    if not local.output_weights[:, 1:].any():
+        return local.output_weights[:, 0]
+    return local(q, v, direction, load)
 
 
 def network(net: Network, inputs: Array) -> Array:
