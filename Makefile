@@ -9,7 +9,7 @@ TORCH ?= torch==2.13.0+cpu
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 
 INTERFACES := $(shell find bdnn_interfaces -path '*/build' -prune -o -path '*.egg-info' -prune -o -type f -print)
-PACKAGING := setup.py setup.cfg package.xml pyproject.toml $(wildcard resource/* scripts/launchers/* launch/*.py config/*.yaml)
+PACKAGING := setup.py setup.cfg package.xml pyproject.toml $(wildcard resource/* scripts/launchers/* launch/*.py config/*.*)
 BENCHMARKS := $(wildcard benchmarks/[!_]*.py)
 
 .PHONY: setup demo test bench lint clean

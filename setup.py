@@ -16,7 +16,7 @@ data_files = [
     ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
     (f"share/{NAME}", ["package.xml"]),
     (f"share/{NAME}/launch", sorted(glob("launch/*.py"))),
-    (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+    (f"share/{NAME}/config", sorted(glob("config/*.*"))),
 ]
 if {"bdist_wheel", "editable_wheel"} & set(sys.argv):
     # colcon puts the executables where `ros2 run` looks by setup.cfg, which pip ignores: it gets launchers.

@@ -47,7 +47,7 @@ def shared_memory() -> set[str]:
 
 
 def test_the_trainer_is_killed(tmp_path):
-    """It is started again, the last model serves on, and the model at the end is as if nothing had happened."""
+    """It is started again, the last model serves on, and the end is as if nothing had happened."""
     recording = motion(REAL, 9.0, 250.0)
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "diagnosis_period": 0.0}
     with node_process(tmp_path, 131, **parameters) as node, Robotics(131) as ros:
@@ -85,7 +85,7 @@ def test_the_trainer_is_killed(tmp_path):
 
 
 def test_a_stream_with_faults(tmp_path):
-    """NaN, infinite, short and foreign messages, joints in another order, missing effort, clocks that jump."""
+    """NaN, infinite, short and foreign messages, joints in other orders, no effort, clocks that jump."""
     with node_process(tmp_path, 132, diagnosis_period=0.0) as node, Robotics(132) as ros:
         diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
 
@@ -159,7 +159,7 @@ def test_a_stream_with_faults(tmp_path):
 
 
 def test_a_model_that_cannot_be_written(tmp_path):
-    """A disk that is full and a directory that is a file: refused with a sentence, the old model stays whole."""
+    """A directory that is a file: refused with a sentence, and the node goes on."""
     blocked = tmp_path / "blocked"
     blocked.write_text("a file")
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import array
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,6 +23,11 @@ def nanoseconds(stamp: Time) -> int:
 def stamp(nanoseconds: int) -> Time:
     """A stamp of [ns]."""
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def numbers(values: np.ndarray) -> array.array[float]:
+    """Values in row-major order, in the type whose elements a message does not check one by one."""
+    return array.array("d", np.ascontiguousarray(values, float).tobytes())
 
 
 def requested(
@@ -69,18 +75,18 @@ def estimate_message(joints: Sequence[str], instant: Instant, parts: Parts, vers
     message = DynamicsEstimate()
     message.header.stamp = stamp(instant.stamp)
     message.joint_names = list(joints)
-    message.position = instant.position.tolist()
-    message.velocity = instant.velocity.tolist()
-    message.acceleration = instant.acceleration.tolist()
-    message.effort_measured = instant.effort.tolist() if np.isfinite(instant.effort).all() else []
-    message.effort_estimate = parts.effort.tolist()
-    message.effort_std = parts.std.tolist()
-    message.inertial = parts.inertial.tolist()
-    message.coriolis = parts.coriolis.tolist()
-    message.gravity = parts.gravity.tolist()
-    message.friction = parts.friction.tolist()
-    message.learned = parts.learned.tolist()
-    message.mass_matrix = parts.mass_matrix.ravel().tolist()
+    message.position = numbers(instant.position)
+    message.velocity = numbers(instant.velocity)
+    message.acceleration = numbers(instant.acceleration)
+    message.effort_measured = numbers(instant.effort) if np.isfinite(instant.effort).all() else []
+    message.effort_estimate = numbers(parts.effort)
+    message.effort_std = numbers(parts.std)
+    message.inertial = numbers(parts.inertial)
+    message.coriolis = numbers(parts.coriolis)
+    message.gravity = numbers(parts.gravity)
+    message.friction = numbers(parts.friction)
+    message.learned = numbers(parts.learned)
+    message.mass_matrix = numbers(parts.mass_matrix)
     message.model_version = version
     return message
 
@@ -90,9 +96,9 @@ def effort_message(joints: Sequence[str], instant: Instant, parts: Parts) -> Joi
     message = JointState()
     message.header.stamp = stamp(instant.stamp)
     message.name = list(joints)
-    message.position = instant.position.tolist()
-    message.velocity = instant.velocity.tolist()
-    message.effort = parts.effort.tolist()
+    message.position = numbers(instant.position)
+    message.velocity = numbers(instant.velocity)
+    message.effort = numbers(parts.effort)
     return message
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -100,10 +100,10 @@ class IdentificationNode(LifecycleNode):
         self._session = session
         self._error = ErrorNow()
         self._reporter = Reporter(session)
-        self._estimates = self.create_publisher(DynamicsEstimate, "~/estimate", 10)
-        self._efforts = self.create_publisher(JointState, "~/effort_estimate", 10)
-        self._findings = self.create_publisher(Findings, "~/findings", LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._estimates = self._publisher(DynamicsEstimate, "~/estimate", 10)
+        self._efforts = self._publisher(JointState, "~/effort_estimate", 10)
+        self._findings = self._publisher(Findings, "~/findings", LATCHED)
+        self._diagnostics = self._publisher(DiagnosticArray, "/diagnostics", 10)
         self._services_of_ours = Services(
             self, session, lambda: self.settings["model_directory"], self._training_was_set
         )
@@ -111,7 +111,11 @@ class IdentificationNode(LifecycleNode):
         self._description = None
         if not settings["urdf_file"]:
             self._description = self.create_subscription(
-                String, "robot_description", self._on_description, LATCHED
+                String,
+                "robot_description",
+                self._on_description,
+                LATCHED,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             )
         return TransitionCallbackReturn.SUCCESS
 
@@ -166,6 +170,11 @@ class IdentificationNode(LifecycleNode):
                 self.get_logger().info(f"model saved to {session.save_now(model_place(directory, ''))}")
             except BdnnError as error:
                 self.get_logger().error(str(error))
+
+    def _publisher(self, kind: Any, topic: str, profile: QoSProfile | int) -> Any:
+        """A publisher without event handlers: the executor asks each of them between any two joint states."""
+        quiet = PublisherEventCallbacks(use_default_callbacks=False)
+        return self.create_publisher(kind, topic, profile, event_callbacks=quiet)
 
     def _every(self, period: float, callback: Callable[[], None]) -> Any:
         """A timer by the steady clock: simulated time may stand still."""

@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.errors import BdnnError, UsageError
-from bdnn_ros.nodes.conversions import findings_message, requested
+from bdnn_ros.nodes.conversions import findings_message, numbers, requested
 from bdnn_ros.online.estimate import parts
 from bdnn_ros.online.places import model_place
 from bdnn_ros.online.session import Served, Session
@@ -79,12 +79,12 @@ class Services:
             return _refused(response, error)
         told = parts(served.model, motion["position"], motion["velocity"], motion["acceleration"])
         response.joint_names = [served.model.joints[k] for k in index]
-        response.effort = told.effort[index].tolist()
-        response.effort_std = told.std[index].tolist() if len(told.std) else []
-        response.mass_matrix = told.mass_matrix[index][:, index].ravel().tolist()
-        response.coriolis = told.coriolis[index].tolist()
-        response.gravity = told.gravity[index].tolist()
-        response.friction = (told.friction + told.learned)[index].tolist()
+        response.effort = numbers(told.effort[index])
+        response.effort_std = numbers(told.std[index]) if len(told.std) else []
+        response.mass_matrix = numbers(told.mass_matrix[index][:, index])
+        response.coriolis = numbers(told.coriolis[index])
+        response.gravity = numbers(told.gravity[index])
+        response.friction = numbers((told.friction + told.learned)[index])
         response.model_version = served.number
         return _done(response)
 
@@ -99,7 +99,7 @@ class Services:
             return _refused(response, error)
         acceleration = served.model.forward_dynamics(motion["position"], motion["velocity"], motion["effort"])
         response.joint_names = [served.model.joints[k] for k in index]
-        response.acceleration = acceleration[index].tolist()
+        response.acceleration = numbers(acceleration[index])
         response.model_version = served.number
         return _done(response)
 
