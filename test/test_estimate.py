@@ -1,0 +1,78 @@
+"""The newest instant of a stream, and the parts of its effort."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from live_support import motion, real_robot
+
+from bdnn_ros.online.estimate import Smoother, effort_std, parts
+from bdnn_ros.online.feed import Samples
+from bdnn_ros.online.session import nominal
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+
+ARM = Robot.bundled("arm6")
+MODEL = nominal(real_robot(ARM))
+
+
+def test_the_parts_add_up():
+    q, v, a = np.random.default_rng(0).normal(size=(3, 6))
+    told = parts(MODEL, q, v, a)
+    np.testing.assert_allclose(told.effort, MODEL.inverse_dynamics(q, v, a))
+    total = told.inertial + told.coriolis + told.gravity + told.friction + told.learned
+    np.testing.assert_allclose(total, told.effort, atol=1e-12)
+    np.testing.assert_allclose(told.inertial, told.mass_matrix @ a)
+    np.testing.assert_allclose(told.friction, MODEL.friction(q, v), atol=1e-9)
+    np.testing.assert_allclose(effort_std(MODEL, q, v, a), MODEL.effort_std(q[None], v[None], a[None])[0])
+
+
+@pytest.mark.parametrize(("rate", "jitter"), [(1000.0, 0.0), (1000.0, 0.3), (125.0, 0.0), (50.0, 0.2)])
+def test_the_newest_instant_is_what_the_offline_low_pass_gives(rate, jitter):
+    recording = motion(real_robot(ARM), 3.0, rate)
+    time = recording.time + jitter / rate * np.random.default_rng(1).uniform(-0.5, 0.5, len(recording))
+    moved = [
+        np.stack([np.interp(time, recording.time, x) for x in field.T], axis=1)
+        for field in (recording.position, recording.effort)
+    ]
+    if jitter == 0.0:
+        moved = [recording.position, recording.effort]
+    smoother = Smoother()
+    smoother.settle(1.0 / rate)
+    end = len(time) - round(0.3 * rate)  # the stream has come so far; the recording goes on
+    last = slice(end - smoother.count, end)
+    samples = Samples(time[last], moved[0][last], moved[0][last], moved[1][last])
+    instant = smoother.at(samples, np.round(time[last] * 1e9).astype(np.int64))
+    assert instant is not None
+    signals = prepare(Recording(time, ARM.joints, moved[0], None, moved[1]))
+    moment = instant.stamp * 1e-9
+    assert time[end - 1] - moment < 4.5 * signals.kernel_std + 3.0 / rate
+
+    def offline(values: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(moment, signals.time, x) for x in values.T])
+
+    for name, tolerance in (("position", 1e-3), ("velocity", 2e-2), ("acceleration", 0.5)):
+        mine, theirs = getattr(instant, name), offline(getattr(signals, name))
+        np.testing.assert_allclose(mine, theirs, atol=tolerance * (1.0 + 5.0 * jitter), err_msg=name)
+
+
+def test_there_is_none_across_a_gap_or_too_early():
+    smoother = Smoother()
+    smoother.settle(0.01)
+    time = 0.01 * np.arange(smoother.count)
+    values = np.zeros((len(time), 6))
+    assert smoother.at(Samples(time, values, values, values), (time * 1e9).astype(int)) is not None
+    gap = time + np.where(np.arange(len(time)) > len(time) // 2, 1.0, 0.0)
+    assert smoother.at(Samples(gap, values, values, values), (gap * 1e9).astype(int)) is None
+    few = slice(0, 4)
+    assert smoother.at(Samples(time[few], values[few], values[few], values[few]), np.arange(4)) is None
+
+
+def test_missing_effort_is_told_as_missing():
+    smoother = Smoother()
+    smoother.settle(0.01)
+    time = 0.01 * np.arange(smoother.count)
+    values, missing = np.zeros((len(time), 6)), np.full((len(time), 6), np.nan)
+    instant = smoother.at(Samples(time, values, values, missing), (time * 1e9).astype(int))
+    assert instant is not None and np.isnan(instant.effort).all() and np.isfinite(instant.velocity).all()

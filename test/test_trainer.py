@@ -1,0 +1,237 @@
+"""The trainer's process and what keeps it alive, without ROS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_support import motion, real_robot, wait_until
+
+from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
+from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.channel import Channel, Message
+from bdnn_ros.online.feed import COMMAND_AGE, Feed
+from bdnn_ros.online.intake import CommandIntake, Intake
+from bdnn_ros.online.learning import Learning, check, squared_error
+from bdnn_ros.online.models import save_model
+from bdnn_ros.online.places import model_place
+from bdnn_ros.online.session import Session, Settings, nominal
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+
+ARM = Robot.bundled("arm2")
+REAL = real_robot(ARM)
+START = 1_000_000_000_000
+MS = 1_000_000
+
+
+def send(session: Session, recording: Recording, start: int = START) -> None:
+    """All samples of a recording at once."""
+    assert session.intake is not None
+    for row, moment in enumerate(recording.time):
+        stamp = start + round(moment * 1e9)
+        fields = (recording.position[row], recording.velocity[row], recording.effort[row])
+        assert session.intake.take(list(recording.joints), *fields, stamp, stamp)
+
+
+@pytest.fixture
+def session():
+    session = Session(Settings(diagnosis_period=0.0, niceness=0))
+    session.set_robot(ARM)
+    session.start()
+    session.begin(ARM.joints)
+    yield session
+    session.stop()
+    assert session.supervisor.pid == 0
+
+
+def test_a_session_learns_restarts_and_resets(session):
+    assert session.served.number == 0
+    first, second = motion(REAL, 7.0, 250.0).split(0.5)
+    send(session, first)
+    wait_until(lambda: session.served.number >= 2, 30.0)
+    q = np.array([0.3, -0.5])
+    expected = REAL.inverse_dynamics(q, q, q)
+    np.testing.assert_allclose(session.served.model.inverse_dynamics(q, q, q), expected, rtol=0.03, atol=0.03)
+    before, number = session.supervisor.pid, session.served.number
+    os.kill(before, signal.SIGKILL)
+    send(session, second)
+    wait_until(lambda: session.supervisor.restarts == 1 and session.supervisor.alive, 30.0)
+    wait_until(lambda: session.served.number >= number + 2, 30.0)
+    assert not Path(f"/proc/{before}").exists() and session.counts.overrun == 0
+    session.reset()
+    assert session.served.number == 0
+    np.testing.assert_allclose(session.served.model.inverse_dynamics(q, q, q), ARM.inverse_dynamics(q, q, q))
+    instant = session.instant()
+    assert instant is not None and np.isfinite(instant.acceleration).all()
+
+
+def test_a_question_that_dies_with_the_trainer_is_answered(session):
+    wait_until(lambda: session.supervisor.alive, 30.0)
+    answer = session.diagnose(0.0).result(30.0)
+    assert "No joint state" in answer.info["error"]
+    os.kill(session.supervisor.pid, signal.SIGSTOP)
+    pid = session.supervisor.pid
+    later = session.diagnose(0.0)
+    os.kill(pid, signal.SIGKILL)
+    with pytest.raises(DataError, match="ended"):
+        later.result(30.0)
+
+
+def test_models_of_others_are_not_loaded(session, tmp_path):
+    save_model(tmp_path / "other", nominal(Robot.bundled("arm6")))
+    with pytest.raises(ModelFileError, match="arm6_joint1"):
+        session.load(tmp_path / "other").result(10.0)
+    save_model(tmp_path / "same", nominal(REAL))
+    session.load(tmp_path / "same").result(10.0)
+    q = np.array([0.3, -0.5])
+    np.testing.assert_allclose(session.served.model.inverse_dynamics(q, q, q), REAL.inverse_dynamics(q, q, q))
+    with pytest.raises(UsageError, match="lacks joints"):
+        session.set_robot(Robot.bundled("arm6"))
+
+
+# -- learning --------------------------------------------------------------------------------------
+
+
+def test_the_size_of_the_pieces_makes_no_difference():
+    recording = motion(REAL, 6.3, 200.0, noise=0.002)
+    results = []
+    for sizes in (7, 113, 1000):
+        learning = Learning(ARM)
+        versions = []
+        for first in range(0, len(recording), sizes):
+            rows = slice(first, first + sizes)
+            versions += learning.take(recording.time[rows], recording.position[rows], recording.effort[rows])
+        versions += learning.finish()
+        results.append([v.model.parameters.vector() for v in versions])
+    assert len(results[0]) == len(results[1]) == len(results[2]) >= 4
+    np.testing.assert_allclose(results[0], results[1], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(results[0], results[2], rtol=1e-9, atol=1e-12)
+
+
+def test_a_pause_is_not_learned_across():
+    recording = motion(REAL, 4.0, 200.0)
+    time = recording.time + np.where(recording.time < 2.0, 0.0, 100.0)
+    learning = Learning(ARM)
+    list(learning.take(time, recording.position, recording.effort))
+    list(learning.finish())
+    q = np.array([0.3, -0.5])
+    got = learning.served.model.inverse_dynamics(q, q, q)
+    np.testing.assert_allclose(got, REAL.inverse_dynamics(q, q, q), rtol=0.03, atol=0.03)
+
+
+@pytest.mark.parametrize("fault", ["worse", "nan", "indefinite"])
+def test_a_bad_update_is_refused(fault):
+    signals = prepare(motion(REAL, 4.0, 200.0))
+    rows = np.flatnonzero(signals.interior)
+    measured = signals.smooth(signals.effort)[rows]
+    good = nominal(REAL)
+    before = squared_error(good, signals, rows, measured)
+    check(good, signals, rows, measured, before, measured.var(axis=0))
+    inertials = REAL.inertials.copy()
+    if fault == "worse":
+        bad = nominal(ARM)
+    elif fault == "nan":
+        inertials[0, 0] = np.nan
+        bad = nominal(REAL)
+        bad = type(bad)(REAL, np.full(2, np.nan), bad.covariance, bad.noise)
+    else:
+        bad = nominal(REAL.with_joint_parameters(armature=np.full(2, -50.0)))
+    with pytest.raises(DataError):
+        check(bad, signals, rows, measured, before, measured.var(axis=0))
+
+
+# -- the parts between -------------------------------------------------------------------------------
+
+
+def test_a_channel_carries_arrays_and_descriptors():
+    here, there = Channel.pair()
+    other = Channel(there)
+    ring = Ring.create(8, 2)
+    arrays = {"a": np.arange(6.0).reshape(2, 3), "b": np.zeros(0)}
+    here.send(Message("begin", {"x": [1, None, "é"]}, arrays, (ring.descriptor,)))
+    message = other.receive()
+    assert message.kind == "begin" and message.info == {"x": [1, None, "é"]}
+    np.testing.assert_array_equal(message.arrays["a"], arrays["a"])
+    again = Ring(message.descriptors[0])
+    ring.slot()[:] = 4.0
+    ring.commit(1, 1, 1)
+    assert again.latest(1).values.tolist() == [[4.0, 4.0]]
+    here.close()
+    with pytest.raises(ConnectionError):
+        other.receive()
+    with pytest.raises(ConnectionError):
+        for _ in range(3):
+            other.send(Message("x"))
+    again.close()
+    ring.close()
+
+
+def test_half_a_message_is_no_message():
+    here, there = socket.socketpair()
+    channel = Channel(there)
+    here.sendall(b"\x05\x00\x00")
+    here.close()
+    with pytest.raises(ConnectionError):
+        channel.receive()
+
+
+def test_commands_belong_to_the_states_sent_after_them():
+    states, commands = Ring.create(256, 6), Ring.create(256, 2)
+    intake, orders = Intake(ARM.joints, states, needs_effort=False), CommandIntake(ARM.joints, commands)
+    feed = Feed(ARM.joints, states, commands)
+    for k in range(40):
+        if k % 10 == 5:  # a command every 10 ms, between two states
+            orders.take([float(k), -float(k)], START + k * MS - MS // 2)
+        # the robot's own clock is an hour late: only the times of sending count
+        intake.take(list(ARM.joints), [0.0, 0.0], [], [], START - 3600_000 * MS + k * MS, START + k * MS)
+    samples = feed.read(1000)
+    assert len(samples) == 35  # up to the last command: for later ones it may still be on its way
+    effort = samples.effort[:, 0]
+    assert np.isnan(effort[:5]).all() and len(samples.with_effort()) == 30
+    assert effort[5:15].tolist() == [5.0] * 10 and effort[25:35].tolist() == [25.0] * 10
+    orders.take([99.0, 0.0], START + 40 * MS)
+    assert feed.read(1000).effort[:, 0].tolist() == [35.0] * 5
+    late = START + 41 * MS + int(COMMAND_AGE * 1e9)
+    for k in range(3):
+        stamp = late + k * int(COMMAND_AGE * 1e9)
+        intake.take(list(ARM.joints), [0.0, 0.0], [], [], stamp, stamp)
+    assert np.isnan(feed.read(1000).effort).all()
+    states.close()
+    commands.close()
+
+
+def test_the_kept_stream_becomes_a_recording():
+    states = Ring.create(1000, 6)
+    intake = Intake(ARM.joints, states)
+    feed = Feed(ARM.joints, states)
+    with pytest.raises(RecordingError, match="No joint state"):
+        feed.recording(0.0)
+    for k in range(500):
+        effort = [] if k < 100 else [1.0, 2.0]
+        intake.take(list(ARM.joints), [0.1, 0.2], [], effort, START + 10 * k * MS, START + 10 * k * MS)
+    whole, last = feed.recording(0.0), feed.recording(1.0)
+    assert len(whole) == 400 and len(last) == 100
+    assert whole.velocity is None and last.duration == pytest.approx(0.99)
+    states.close()
+
+
+@pytest.mark.parametrize(
+    "name", ["..", ".", "../x", "/etc/x", "a/../../x", "a//b", "a/", "a\0b", "a\nb", "x" * 300]
+)
+def test_names_stay_inside(tmp_path, name):
+    with pytest.raises(UsageError, match="model_directory"):
+        model_place(str(tmp_path), name)
+
+
+def test_places_of_models(tmp_path):
+    assert model_place(str(tmp_path), "") == tmp_path / "model.bdnn"
+    assert model_place(str(tmp_path), "arm") == tmp_path / "arm" / "model.bdnn"
+    assert model_place(str(tmp_path), "cell 1/arm") == tmp_path / "cell 1" / "arm" / "model.bdnn"
+    with pytest.raises(UsageError, match="not set"):
+        model_place("", "arm")
