@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,3 +123,22 @@ def test_pausing_and_diagnosing(tmp_path):
         assert ros.call(SetBool, f"{NODE}/set_training", data=True).success
         ros.stream(recording, speed=4.0, start=2_000_000_000_000)
         wait_until(lambda: int(status(diagnostics)["model_version"]) > 0)
+
+
+def test_a_payload_gripped_on_the_way_is_named(tmp_path):
+    """On ~/findings, with its mass, within five seconds of motion."""
+    mass, moment = 1.0, 10.0
+    inertials = REAL.inertials.copy()
+    inertials[-1, 0] += mass
+    before = motion(REAL, 16.0, 100.0, noise=0.002)
+    after = motion(REAL.with_inertials(inertials), 16.0, 100.0, noise=0.002)
+    effort = np.where((before.time < moment)[:, None], before.effort, after.effort)
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}
+    with node_process(tmp_path, 114, **parameters), Robotics(114) as ros:
+        findings = ros.keep(Findings, f"{NODE}/findings", latched=True)
+        ros.stream(replace(before, effort=effort), speed=2.0, start=1000 * 10**9)
+        told = wait_until(lambda: findings and findings[-1].findings[0], 20.0)
+        assert told.effect == "payload" and told.joint == "" and "gripped" in told.sentence
+        value = dict(zip(told.parameter_names, told.values, strict=True))
+        assert value["mass"] == pytest.approx(mass, rel=0.1)
+        assert value["start"] == pytest.approx(1000 + moment, abs=0.6)

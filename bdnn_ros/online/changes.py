@@ -32,6 +32,8 @@ LEAST = 1.5
 """Motion after a change that lasts before it is named [s]."""
 LEAST_PUSH = 0.2
 """A push is named from this share of a mean link's weight on: stiction and gears give less."""
+KNOWN = 3.0
+"""A payload is named when its mass is so many standard deviations from zero."""
 LONGEST = 8
 """Chunks that are looked at together."""
 CORRELATION = (3.0, 30.0)
@@ -147,6 +149,8 @@ class Monitor:
         if max(e.evidence for e in found) < SURE or best.share < EXPLAINED or seen < LEAST:
             return None
         if best.kind == "push" and np.linalg.norm(best.value[:3]) < LEAST_PUSH * 9.81 * self.scene.load:
+            return None
+        if best.kind == "payload" and abs(best.value[0]) < KNOWN * np.sqrt(best.covariance[0, 0]):
             return None
         rivals = tuple(e for e in found[1:] if best.evidence - e.evidence < APART and e.kind != best.kind)
         if rivals and len(self._suspects) < LONGEST - 1:

@@ -32,7 +32,7 @@ FRICTION = 0.3
 LEAST_CORRELATION = 3.0
 """Rows that say as much as one independent row under the low-pass alone."""
 ALIKE = 0.03
-"""Pushes on two links explain alike when they differ by less than this share."""
+"""Pushes or payloads on two links explain alike when they differ by less than this share."""
 OFF_TIP = -3.0
 """Log odds of a payload or a push on another link than the last."""
 
@@ -203,14 +203,20 @@ def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> lis
     misfit = max(found, key=lambda e: e.evidence).misfit
     found = [replace(e, evidence=e.evidence / misfit, covariance=e.covariance * e.misfit) for e in found]
     odds = [e.evidence + (OFF_TIP if e.kind != "friction" and e.target != tip else 0.0) for e in found]
-    ranked = [found[k] for k in np.argsort(odds)[::-1]]
-    if ranked[0].kind == "push":
-        # of links that share most joints the motion hardly says which is touched: the outermost is likeliest
-        alike = [e for e in ranked if e.kind == "push" and e.share > ranked[0].share - ALIKE]
-        outermost = max(alike, key=lambda e: e.target)
-        ranked.remove(outermost)
-        ranked.insert(0, outermost)
-    return ranked
+    return _outermost_first([found[k] for k in np.argsort(odds)[::-1]])
+
+
+def _outermost_first(ranked: list[Explanation]) -> list[Explanation]:
+    """With the outermost of the links that explain alike in front: neighbours share most of their motion."""
+    best = ranked[0]
+    if best.kind == "push":
+        alike = [e for e in ranked if e.kind == "push" and e.share > best.share - ALIKE]
+    elif best.kind == "payload":
+        alike = [e for e in ranked if e.kind == "payload" and e.evidence > (1.0 - ALIKE) * best.evidence]
+    else:
+        return ranked
+    chosen = max(alike, key=lambda e: e.target)
+    return [chosen, *(e for e in ranked if e is not chosen)]
 
 
 @dataclass(frozen=True)
