@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -126,9 +127,10 @@ print(seen)
 
 
 def test_nothing_is_left_in_shared_memory():
-    before = set(os.listdir("/dev/shm"))
+    folder = Path("/dev/shm")  # noqa: S108
+    before = set(folder.iterdir())
     ring = Ring.create(1000, 21)
-    assert set(os.listdir("/dev/shm")) == before
+    assert set(folder.iterdir()) == before
     descriptor = ring.descriptor
     ring.close()
     ring.close()

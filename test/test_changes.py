@@ -10,7 +10,7 @@ from live_support import motion, real_robot
 
 from bdnn_ros.online.changes import Change, Monitor
 from bdnn_ros.online.chunks import Chunks
-from bdnn_ros.online.session import nominal
+from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 

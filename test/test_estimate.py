@@ -8,7 +8,7 @@ from live_support import motion, real_robot
 
 from bdnn_ros.online.estimate import Smoother, effort_std, parts
 from bdnn_ros.online.feed import Samples
-from bdnn_ros.online.session import nominal
+from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare

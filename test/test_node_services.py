@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 from bdnn_interfaces.msg import Findings
 from bdnn_interfaces.srv import Diagnose, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.online.models import load_model, save_model
-from bdnn_ros.online.session import nominal
+from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros

@@ -19,7 +19,8 @@ from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.learning import Learning, check, squared_error
 from bdnn_ros.online.models import save_model
 from bdnn_ros.online.places import model_place
-from bdnn_ros.online.session import Session, Settings, nominal
+from bdnn_ros.online.serving import Settings, nominal
+from bdnn_ros.online.session import Session
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare

@@ -26,7 +26,7 @@ from bdnn_ros.nodes import parameters
 from bdnn_ros.nodes.conversions import effort_message, estimate_message, findings_message
 from bdnn_ros.nodes.diagnostics import ErrorNow, Reporter
 from bdnn_ros.nodes.services import Services
-from bdnn_ros.online import session as live
+from bdnn_ros.online import serving
 from bdnn_ros.online.estimate import parts
 from bdnn_ros.online.places import model_place
 from bdnn_ros.online.session import Session
@@ -74,7 +74,7 @@ class IdentificationNode(LifecycleNode):
         """Start the trainer, offer services and topics."""
         settings = self.settings
         session = Session(
-            live.Settings(
+            serving.Settings(
                 effort_source=settings["effort_source"],
                 cutoff=settings["cutoff"] or None,
                 capacity=settings["buffer_size"],
@@ -85,7 +85,7 @@ class IdentificationNode(LifecycleNode):
             training=settings["training"],
         )
         try:
-            if settings["effort_source"] == live.COMMANDED and not settings["joints"]:
+            if settings["effort_source"] == serving.COMMANDED and not settings["joints"]:
                 raise UsageError(
                     "effort_source command needs the parameter joints, the order of the commands."
                 )
@@ -233,7 +233,7 @@ class IdentificationNode(LifecycleNode):
             depth=self.settings["queue_depth"],
             reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
         )
-        if self.settings["effort_source"] == live.COMMANDED:
+        if self.settings["effort_source"] == serving.COMMANDED:
             self._streams.append(
                 self.create_subscription(Float64MultiArray, "effort_commands", self._on_command, profile)
             )

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import Future as Later
 from typing import Any, TypeVar
 
+import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
@@ -16,7 +17,8 @@ from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.nodes.conversions import findings_message, numbers, requested
 from bdnn_ros.online.estimate import parts
 from bdnn_ros.online.places import model_place
-from bdnn_ros.online.session import Served, Session
+from bdnn_ros.online.serving import Served
+from bdnn_ros.online.session import Session
 
 Result = TypeVar("Result")
 
@@ -95,9 +97,12 @@ class Services:
             served = self._served()
             fields = {name: getattr(request, name) for name in ("position", "velocity", "effort")}
             index, motion = requested(served.model.joints, request.joint_names, fields)
+            q, v, effort = (motion[name] for name in ("position", "velocity", "effort"))
+            acceleration = served.model.forward_dynamics(q, v, effort)
         except BdnnError as error:
             return _refused(response, error)
-        acceleration = served.model.forward_dynamics(motion["position"], motion["velocity"], motion["effort"])
+        except np.linalg.LinAlgError:
+            return _refused(response, UsageError("The mass matrix is singular in this position."))
         response.joint_names = [served.model.joints[k] for k in index]
         response.acceleration = numbers(acceleration[index])
         response.model_version = served.number

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from bdnn_ros.physical.parameters import Prior, Spread, prior
 from bdnn_ros.physical.presliding import Directions, directions
 from bdnn_ros.physical.recursive import Recursion
 from bdnn_ros.physical.selection import choose
-from bdnn_ros.physical.structure import Layout, Structure, layout, straightened
+from bdnn_ros.physical.structure import Layout, Structure, layout, straightened, typical_friction
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -26,6 +26,8 @@ REST_WEIGHT = 0.1
 """What a row counts for a joint at rest: dry friction may then hold anything up to its breakaway."""
 MOST_KEPT = 300
 """Chunks of motion kept to be gone through again; what later ones say is only summed up."""
+LEAST_FRICTION = 0.01
+"""Of a joint, in units of its effort scale: what it lacks may still be learned."""
 NEVER = 1 << 62
 FIRST_SETTLED = 4
 ITERATIONS = 10
@@ -82,7 +84,7 @@ class Identifier:
         self.scales = Scales(
             self.recursion.belief.effort_scale, np.where(np.isfinite(limit), limit, VELOCITY)
         )
-        self.structure = Structure.plain(robot.width)
+        self.structure = Structure.plain(self.recursion.belief)
         self.version = 0
         self.samples = 0
         self.chunks = 0
@@ -178,15 +180,19 @@ class Identifier:
         """Go through the motion again with the load as known now, and choose the terms that it supports."""
         if self.recursion.total is None:
             return
-        plain = Structure.plain(self.robot.width)
+        belief = self.recursion.belief
+        plain = Structure.plain(belief)
         self.recursion.doubt()  # the choice depends on the motion alone, not on when it was made before
-        posterior = self.recursion.solve(layout(plain, self.recursion.belief), ITERATIONS)
+        posterior = self.recursion.solve(layout(plain, belief), ITERATIONS)
+        friction = typical_friction(posterior.mean, posterior.layout, self.recursion.total)
+        lowest = LEAST_FRICTION * belief.effort_scale
+        plain = replace(plain, friction=tuple(np.clip(friction, lowest, belief.effort_scale)))
         if len(self._kept) == self._used:
             self._carrier = physical_model(self.robot, posterior, plain, self.scales).robot
             self.recursion.clear()
             for motion in self._kept:
                 self._sum(motion)
-        self.structure = choose(self.recursion, posterior.layout)
+        self.structure = choose(self.recursion, plain, posterior.layout)
         self._straight = straightened(self.structure, self.recursion.total)
 
     @property

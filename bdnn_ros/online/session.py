@@ -6,7 +6,6 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,62 +18,13 @@ from bdnn_ros.online.estimate import Instant, Smoother
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.models import Model, build_model, load_model, save_model
+from bdnn_ros.online.serving import COMMANDED, Counts, Served, Settings, nominal
 from bdnn_ros.online.supervisor import Supervisor
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import prior
 from bdnn_ros.robot import Robot
 
-COMMANDED, MEASURED = "command", "measured"
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What a session is told once.
-
-    Attributes:
-        effort_source: "measured" takes the joint states' effort, "command" the effort commands.
-        cutoff: of the low-pass [Hz], None chooses by rate.
-        capacity: joint states that are kept.
-        niceness: how much the trainer yields to other processes, 0 to 19.
-        diagnosis_period: stream time between diagnoses [s], 0 for none but those asked for.
-        diagnosis_window: stream time each looks back [s].
-    """
-
-    effort_source: str = MEASURED
-    cutoff: float | None = None
-    capacity: int = 131072
-    niceness: int = 10
-    diagnosis_period: float = 30.0
-    diagnosis_window: float = 60.0
-
-
-@dataclass(frozen=True)
-class Served:
-    """The model that answers.
-
-    Attributes:
-        model: any model of the robot.
-        number: its version; 0 is the robot description.
-        since: when it took over, `time.monotonic()` [s].
-        samples: samples it has learned from.
-        origin: where it is from, for messages.
-    """
-
-    model: Model
-    number: int
-    since: float
-    samples: int = 0
-    origin: str = "robot description"
-
-
-@dataclass
-class Counts:
-    """What happened on the trainer's side."""
-
-    updates_rejected: int = 0
-    reason: str = ""
-    overrun: int = 0
-    trouble: str = ""
+MOST_DEATHS = 3
+"""Trainers that may end over the same samples before these are left out."""
 
 
 class Session:
@@ -108,6 +58,7 @@ class Session:
         self._trained = 0
         self._epoch = 0
         self._number = 0
+        self._deaths = 0
 
     # -- life ------------------------------------------------------------------------------------
 
@@ -272,6 +223,8 @@ class Session:
         rings = [self.intake.ring.descriptor]
         if self.commands is not None:
             rings.append(self.commands.ring.descriptor)
+        if self._deaths >= MOST_DEATHS:  # whatever it is in these samples: leave them behind
+            self._start = self._trained = self.intake.ring.written
         resumed, start = self._resumed, self._start
         served = self.served
         if start < self.intake.ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
@@ -298,6 +251,7 @@ class Session:
         """A message of the trainer, in the supervisor's thread; attributes are swapped whole."""
         info = message.info
         if message.kind == "version":
+            self._deaths = 0
             self.counts.overrun = int(info["missed"])
             if info["epoch"] != self._epoch or info["end"] <= self._trained:
                 return  # of before a reset, or of a new trainer that catches up
@@ -314,14 +268,10 @@ class Session:
         elif message.kind == "findings":
             self.findings.append(message)
         elif message.kind == "lost":
+            self._deaths += 1
             for future in list(self._requests.values()):
                 future.set_exception(DataError("The trainer ended while it was asked.", "Ask again."))
             self._requests.clear()
         request = int(info.get("request") or 0)
         if request in self._requests:
             self._requests.pop(request).set_result(message)
-
-
-def nominal(robot: Robot) -> PhysicalModel:
-    """The robot description as a model, as unsure as one is of a robot before it has moved."""
-    return PhysicalModel(robot, np.zeros(robot.width), prior(robot).covariance, np.zeros(robot.width))

@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 
@@ -115,7 +116,7 @@ class Supervisor:
                 self._ready.clear()
                 channel.close()
                 self._end()
-                self._hear(Message(LOST))
+                self._listen(Message(LOST))
             if self._stopping.is_set():
                 return
             self.restarts += 1
@@ -148,7 +149,7 @@ class Supervisor:
                         channel.send(introduction)
                     self._ready.set()
                 else:
-                    self._hear(message)
+                    self._listen(message)
             if self._wake_read in readable:
                 os.read(self._wake_read, 4096)
             while self._outbox and self._ready.is_set():
@@ -158,6 +159,13 @@ class Supervisor:
             if self.ring is not None and self._ready.is_set() and HANG < self.ring.silence < float("inf"):
                 self.trouble = f"silent for {self.ring.silence:.0f} s"
                 return
+
+    def _listen(self, message: Message) -> None:
+        """Hear a message; one that cannot be used must not end this thread."""
+        try:
+            self._hear(message)
+        except BdnnError as error:
+            self.trouble = str(error)
 
     def _end(self) -> None:
         """See the process off: whatever it is doing, nothing it holds is needed any more."""

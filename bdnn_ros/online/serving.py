@@ -1,0 +1,69 @@
+"""What a live session is told, and what it serves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.online.models import Model
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import prior
+from bdnn_ros.robot import Robot
+
+COMMANDED, MEASURED = "command", "measured"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a session is told once.
+
+    Attributes:
+        effort_source: "measured" takes the joint states' effort, "command" the effort commands.
+        cutoff: of the low-pass [Hz], None chooses by rate.
+        capacity: joint states that are kept.
+        niceness: how much the trainer yields to other processes, 0 to 19.
+        diagnosis_period: stream time between diagnoses [s], 0 for none but those asked for.
+        diagnosis_window: stream time each looks back [s].
+    """
+
+    effort_source: str = MEASURED
+    cutoff: float | None = None
+    capacity: int = 131072
+    niceness: int = 10
+    diagnosis_period: float = 30.0
+    diagnosis_window: float = 60.0
+
+
+@dataclass(frozen=True)
+class Served:
+    """The model that answers.
+
+    Attributes:
+        model: any model of the robot.
+        number: its version; 0 is the robot description.
+        since: when it took over, `time.monotonic()` [s].
+        samples: samples it has learned from.
+        origin: where it is from, for messages.
+    """
+
+    model: Model
+    number: int
+    since: float
+    samples: int = 0
+    origin: str = "robot description"
+
+
+@dataclass
+class Counts:
+    """What happened on the trainer's side."""
+
+    updates_rejected: int = 0
+    reason: str = ""
+    overrun: int = 0
+    trouble: str = ""
+
+
+def nominal(robot: Robot) -> PhysicalModel:
+    """The robot description as a model, as unsure as one is of a robot before it has moved."""
+    return PhysicalModel(robot, np.zeros(robot.width), prior(robot).covariance, np.zeros(robot.width))

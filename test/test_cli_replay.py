@@ -1,0 +1,58 @@
+"""`bdnn replay`: the error goes down, the model is kept, and changes are named."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from live_support import motion, real_robot
+
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
+from bdnn_ros.online.models import load_model
+from bdnn_ros.robot import Robot
+
+ARM = Robot.bundled("arm2")
+REAL = real_robot(ARM)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A bag whose robot grips a kilogram at ten seconds."""
+    inertials = REAL.inertials.copy()
+    inertials[-1, 0] += 1.0
+    before = motion(REAL, 14.0, 100.0, noise=0.002)
+    after = motion(REAL.with_inertials(inertials), 14.0, 100.0, noise=0.002)
+    effort = np.where((before.time < 10.0)[:, None], before.effort, after.effort)
+    return bags.write(replace(before, effort=effort, urdf=ARM.urdf), tmp_path_factory.mktemp("bag") / "bag")
+
+
+def test_error_against_time(bag, tmp_path, capsys):
+    assert main(["replay", str(bag), "--json", "--out", str(tmp_path / "model")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["joints"] == list(ARM.joints) and told["samples"] == 1400
+    assert len(told["time"]) == len(told["nmse"]) == len(told["version"]) >= 13
+    error = dict(zip(np.round(told["time"]), told["nmse_mean"], strict=True))
+    assert error[1.0] > 0.05 and error[9.0] < 0.01 and told["version"][0] == 0
+    (change,) = told["changes"]
+    assert change["effect"] == "payload" and change["parameters"]["mass"]["value"] == pytest.approx(
+        1.0, rel=0.1
+    )
+    q = np.array([0.3, -0.4])
+    assert np.isfinite(load_model(tmp_path / "model").inverse_dynamics(q, q, q)).all()
+
+
+def test_table_and_pace(bag, capsys):
+    began = time.monotonic()
+    assert main(["replay", str(bag), "--rate", "8"]) == 0
+    assert time.monotonic() - began > 14.0 / 8.0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 13 and "gripped" in lines[-2] and "1400 samples" in lines[-1]
+
+
+def test_a_bad_rate_is_refused(bag, capsys):
+    assert main(["replay", str(bag), "--rate", "-1"]) == 2
+    assert "--rate -1" in capsys.readouterr().err
