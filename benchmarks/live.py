@@ -141,11 +141,12 @@ def measured_node(arguments: list[str]) -> int:
     import rclpy.executors  # noqa: F401
 
     from bdnn_ros.nodes import identification_node
+    from bdnn_ros.nodes.streams import Streams
 
     durations = np.zeros(2_000_000)
     latencies = np.zeros(2_000_000)
     count = 0
-    inner = identification_node.IdentificationNode._take
+    inner = Streams._take
 
     def timed(self: Any, message: Any, info: dict[str, int]) -> None:
         nonlocal count
@@ -157,7 +158,7 @@ def measured_node(arguments: list[str]) -> int:
             latencies[count] = (arrived - info["source_timestamp"]) * 1e-6
         count += 1
 
-    identification_node.IdentificationNode._take = timed  # type: ignore[method-assign]
+    Streams._take = timed  # type: ignore[method-assign]
     code = identification_node.main(arguments)
     kept = slice(1000, min(count, len(durations)))
     told = {"callback_ms": quantiles(durations[kept]), "latency_ms": quantiles(latencies[kept])}

@@ -9,35 +9,25 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
 
-from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
-from bdnn_ros.nodes.conversions import effort_message, estimate_message, findings_message
-from bdnn_ros.nodes.diagnostics import ErrorNow, Reporter
+from bdnn_ros.nodes.publishing import LATCHED, Publishing
 from bdnn_ros.nodes.services import Services
+from bdnn_ros.nodes.streams import Streams
 from bdnn_ros.online import serving
-from bdnn_ros.online.estimate import parts
 from bdnn_ros.online.places import model_place
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
 NAME = "identification_node"
-LATCHED = QoSProfile(
-    depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
-)
-MOST_AT_ONCE = 200
-"""Joint states taken in one go when they have piled up."""
 TRAINER_TIMEOUT = 10.0
 """Joint states are subscribed to when the trainer is ready, or after so long [s]."""
 SWITCH_INTERVAL = 5e-4
@@ -60,11 +50,10 @@ class IdentificationNode(LifecycleNode):
         self.settings = parameters.Settings(
             self, parameters.IDENTIFICATION, lambda: self._session is not None, self._setting_changed
         )
-        self._streams: list[Any] = []
+        self._streams: Streams | None = None
         self._timers_of_ours: list[Any] = []
         self._trouble = ""
         self._message_lost = 0
-        self._last_stamp = 0
         self._opening: Any = None
         self._complained: str = ""
 
@@ -98,12 +87,7 @@ class IdentificationNode(LifecycleNode):
         self._trouble = ""
         session.start()
         self._session = session
-        self._error = ErrorNow()
-        self._reporter = Reporter(session)
-        self._estimates = self._publisher(DynamicsEstimate, "~/estimate", 10)
-        self._efforts = self._publisher(JointState, "~/effort_estimate", 10)
-        self._findings = self._publisher(Findings, "~/findings", LATCHED)
-        self._diagnostics = self._publisher(DiagnosticArray, "/diagnostics", 10)
+        self._publishing = Publishing(self, session)
         self._services_of_ours = Services(
             self, session, lambda: self.settings["model_directory"], self._training_was_set
         )
@@ -126,7 +110,7 @@ class IdentificationNode(LifecycleNode):
         self._opening = self._every(0.02, self._open)
         rate = self.settings["estimate_rate"]
         if rate > 0:
-            self._timers_of_ours.append(self._every(1.0 / rate, self._publish_estimate))
+            self._timers_of_ours.append(self._every(1.0 / rate, self._publishing.estimate))
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -141,8 +125,7 @@ class IdentificationNode(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Save, end the trainer, withdraw services and topics."""
         self.finish()
-        for publisher in (self._estimates, self._efforts, self._findings, self._diagnostics):
-            self.destroy_publisher(publisher)
+        self._publishing.close()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -170,11 +153,6 @@ class IdentificationNode(LifecycleNode):
                 self.get_logger().info(f"model saved to {session.save_now(model_place(directory, ''))}")
             except BdnnError as error:
                 self.get_logger().error(str(error))
-
-    def _publisher(self, kind: Any, topic: str, profile: QoSProfile | int) -> Any:
-        """A publisher without event handlers: the executor asks each of them between any two joint states."""
-        quiet = PublisherEventCallbacks(use_default_callbacks=False)
-        return self.create_publisher(kind, topic, profile, event_callbacks=quiet)
 
     def _every(self, period: float, callback: Callable[[], None]) -> Any:
         """A timer by the steady clock: simulated time may stand still."""
@@ -233,57 +211,23 @@ class IdentificationNode(LifecycleNode):
             depth=self.settings["queue_depth"],
             reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
         )
-        if self.settings["effort_source"] == serving.COMMANDED:
-            self._streams.append(
-                self.create_subscription(Float64MultiArray, "effort_commands", self._on_command, profile)
-            )
-        self._stream = self.create_subscription(
-            JointState,
-            "joint_states",
-            self._on_joint_state,
-            profile,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
-        )
-        self._streams.append(self._stream)
+        commands = self.settings["effort_source"] == serving.COMMANDED
+        self._streams = Streams(self, session, self._choose_joints, profile, commands)
 
     def _close_streams(self) -> None:
         if self._opening is not None:
             self.destroy_timer(self._opening)
             self._opening = None
-        for stream in self._streams:
-            self.destroy_subscription(stream)
-        self._streams = []
+        if self._streams is not None:
+            self._message_lost += self._streams.lost
+            self._streams.close()
+            self._streams = None
 
-    def _on_joint_state(self, message: JointState, info: dict[str, int]) -> None:
-        self._take(message, info)
-        # what has piled up is taken at once: by way of the executor each would cost ten times as much
-        handle = self._stream.handle
-        with handle:
-            for _ in range(MOST_AT_ONCE):
-                taken = handle.take_message(JointState, False)
-                if taken is None:
-                    return
-                self._take(*taken)
-
-    def _take(self, message: JointState, info: dict[str, int]) -> None:
-        session = self._session
-        if session is None:
-            return
-        if session.intake is None and not self._choose_joints(session, message.name):
-            return
-        header = message.header.stamp
-        session.intake.take(  # type: ignore[union-attr]
-            message.name,
-            message.position,
-            message.velocity,
-            message.effort,
-            header.sec * 1_000_000_000 + header.nanosec,
-            info["source_timestamp"],
-        )
-
-    def _choose_joints(self, session: Session, names: Sequence[str]) -> bool:
+    def _choose_joints(self, names: Sequence[str]) -> bool:
         """Fix the joints by the first joint state that has some of the robot's."""
-        assert session.robot is not None
+        session = self._session
+        if session is None or session.robot is None:
+            return False
         joints = [joint for joint in session.robot.joints if joint in names]
         if joints:
             self._complained = ""
@@ -295,49 +239,9 @@ class IdentificationNode(LifecycleNode):
             self.get_logger().warning(complaint)
         return False
 
-    def _on_command(self, message: Float64MultiArray, info: dict[str, int]) -> None:
-        session = self._session
-        if session is None or session.commands is None:
-            return
-        session.commands.take(message.data, info["source_timestamp"])
-
-    def _on_lost(self, event: Any) -> None:
-        self._message_lost = int(event.total_count)
-
-    # -- what is published -------------------------------------------------------------------------
-
-    def _publish_estimate(self) -> None:
-        session = self._session
-        if session is None or session.served is None:
-            return
-        served = session.served
-        instant = session.instant()
-        if instant is None or instant.stamp == self._last_stamp:
-            return
-        self._last_stamp = instant.stamp
-        told = parts(served.model, instant.position, instant.velocity, instant.acceleration)
-        if np.isfinite(instant.effort).all():
-            self._error.add(instant.stamp, instant.effort, told.effort)
-        joints = served.model.joints
-        self._estimates.publish(estimate_message(joints, instant, told, served.number))
-        self._efforts.publish(effort_message(joints, instant, told))
-
     def _keep_house(self) -> None:
-        session = self._session
-        if session is None:
-            return
-        now = self.get_clock().now().to_msg()
-        array = DiagnosticArray()
-        array.header.stamp = now
-        trouble = self._trouble or self._complained
-        array.status = [self._reporter.status(self._error, self._active, trouble, self._message_lost)]
-        self._diagnostics.publish(array)
-        while session.findings:
-            info = session.findings.popleft().info
-            if "diagnosis" in info:
-                self._findings.publish(findings_message(info["diagnosis"], now))
-            else:
-                self.get_logger().info(f"no diagnosis: {info['error']}")
+        lost = self._message_lost + (self._streams.lost if self._streams else 0)
+        self._publishing.tell(self._active, self._trouble or self._complained, lost)
         gc.collect()
 
     # -- parameters ------------------------------------------------------------------------------

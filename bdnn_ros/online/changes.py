@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.online.hypotheses import Block, Explanation, Scene, base_parameters, blocks, explain, inverse
+from bdnn_ros.online.hypotheses import Explanation, explain
+from bdnn_ros.online.scene import Block, Scene, base_parameters, blocks, inverse
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.robot import PER_LINK, Robot
@@ -122,7 +123,7 @@ class Monitor:
         self._information += np.tensordot(phi, phi, axes=((0, 1), (0, 1)))
 
     def _start_over(self, belief: Prior) -> None:
-        self._information = inverse(belief.covariance)
+        self._information = inverse(belief.covariance)[0]
         self._dismiss(None)
 
     def _dismiss(self, model: PhysicalModel | None) -> None:

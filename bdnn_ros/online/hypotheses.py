@@ -11,57 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
-from bdnn_ros.physical.parameters import Parameters, of_robot, prior
-from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.online.scene import Block, Kind, Scene, inverse
 
-BLOCK_SECONDS = 0.25
-OWN = 4
-"""A joint's own parameters: armature, viscous, coulomb, offset."""
-LEVER = 0.15
-"""Typical distance of a payload's centre from its link's origin [m]."""
-GYRATION = 0.17
-"""Typical distance for its second moments [m]."""
-FRICTION = 0.3
-"""Typical change of friction, as a share of the joint's effort scale."""
 LEAST_CORRELATION = 3.0
 """Rows that say as much as one independent row under the low-pass alone."""
 ALIKE = 0.03
 """Pushes or payloads on two links explain alike when they differ by less than this share."""
 OFF_TIP = -3.0
 """Log odds of a payload or a push on another link than the last."""
-
-Kind = Literal["payload", "friction", "push"]
-
-
-@dataclass(frozen=True)
-class Block:
-    """Statistics of a short stretch of residuals, weighted by their noise.
-
-    Attributes:
-        start, end: [s].
-        gram, moment: of the robot's P base parameters, (P, P) and (P,).
-        pull_gram: of the wrenches on each body, (n, 6, 6).
-        pull_moment: (n, 6).
-        cross: wrench against parameters, (n, 6, P).
-        energy: Σ w r².
-        count: rows of all joints.
-    """
-
-    start: float
-    end: float
-    gram: np.ndarray
-    moment: np.ndarray
-    pull_gram: np.ndarray
-    pull_moment: np.ndarray
-    cross: np.ndarray
-    energy: float
-    count: int
 
 
 @dataclass(frozen=True)
@@ -89,99 +49,6 @@ class Explanation:
     covariance: np.ndarray
     mean: np.ndarray
     spread: np.ndarray
-
-
-class Scene:
-    """Columns and typical sizes of one robot.
-
-    Args:
-        robot: its description.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        self.width = robot.width
-        belief = prior(robot)
-        self.scale = belief.effort_scale
-        ridge = 1e-12 * np.diag(np.diagonal(belief.covariance))
-        self.information = _inverse(belief.covariance + ridge)[0]
-        self.links = [robot.moving_link(joint) for joint in robot.joints]
-        self.load = float(np.mean(np.maximum(robot.inertials[:, 0], 1e-3)))
-        velocity = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 2.0)
-        self._friction = FRICTION * np.stack([self.scale / velocity, self.scale, self.scale / 3.0])
-
-    def columns(self, signals: Signals, rows: np.ndarray) -> np.ndarray:
-        """Low-passed columns of the base parameters, (R, n, P)."""
-        robot, n = self.robot, self.width
-        own = np.zeros((len(signals), n, OWN, n))
-        each = np.arange(n)
-        terms = (signals.acceleration, signals.velocity, signals.sign, np.ones_like(signals.position))
-        for k, values in enumerate(terms):
-            own[:, each, k, each] = values
-        regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
-        columns = np.concatenate([regressor, own.reshape(len(signals), n, OWN * n)], axis=2)
-        weights = signals.smooth(np.eye(len(signals)))[rows]
-        return np.asarray(np.tensordot(weights, columns, axes=1))
-
-    def pulls(self, signals: Signals, rows: np.ndarray) -> np.ndarray:
-        """Columns of the wrenches on each body, (R, n, n, 6): they hardly change within a low-pass."""
-        jacobians = [self.robot.link_jacobian(signals.position[rows], link) for link in self.links]
-        return np.asarray(-np.stack(jacobians, axis=1).transpose(0, 3, 1, 2))
-
-    def changed(self, kind: Kind, target: int) -> tuple[np.ndarray, np.ndarray]:
-        """Which base parameters a payload or friction changes, and the prior covariance of the change."""
-        n = self.width
-        if kind == "payload":
-            moments = [1.0, *[LEVER] * 3, *[GYRATION**2] * 6]
-            return target * PER_LINK + np.arange(PER_LINK), np.diag((self.load * np.array(moments)) ** 2)
-        index = n * PER_LINK + np.array([1, 2, 3]) * n + target
-        return index, np.diag(self._friction[:, target] ** 2)
-
-    @property
-    def wrench(self) -> np.ndarray:
-        """Prior covariance of a push, (6, 6)."""
-        force = 9.81 * self.load
-        return np.diag([force**2] * 3 + [(LEVER * force) ** 2] * 3)
-
-
-def blocks(
-    scene: Scene,
-    signals: Signals,
-    rows: np.ndarray,
-    residual: np.ndarray,
-    noise: np.ndarray,
-    pushes: bool = True,
-) -> list[Block]:
-    """Statistics of residuals (R, n) [N·m] at the chosen samples, in blocks of time.
-
-    Args:
-        noise: standard deviation of one row, widened for the rows' correlation, (n,) [N·m].
-        pushes: whether wrenches will be asked about.
-    """
-    columns = scene.columns(signals, rows)
-    pull = scene.pulls(signals, rows) if pushes else np.zeros((len(rows), scene.width, scene.width, 6))
-    time = signals.time[rows]
-    number = np.floor((time - time[0]) / BLOCK_SECONDS + 1e-9).astype(int)
-    result = []
-    for k in np.unique(number):
-        inside = number == k
-        phi = (columns[inside] / noise[:, None]).reshape(-1, columns.shape[2])
-        r = (residual[inside] / noise).ravel()
-        w = (pull[inside] / noise[:, None, None]).reshape(-1, scene.width, 6).transpose(1, 0, 2)
-        result.append(
-            Block(
-                float(time[inside][0]),
-                float(time[inside][-1]),
-                phi.T @ phi,
-                phi.T @ r,
-                np.swapaxes(w, 1, 2) @ w,
-                np.swapaxes(w, 1, 2) @ r,
-                np.swapaxes(w, 1, 2) @ phi,
-                float(r @ r),
-                len(r),
-            )
-        )
-    return result
 
 
 def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> list[Explanation]:
@@ -233,14 +100,14 @@ class _Known:
     def of(cls, data: Sequence[Block], information: np.ndarray) -> _Known:
         gram = np.sum([block.gram for block in data], axis=0)
         moment = np.sum([block.moment for block in data], axis=0)
-        covariance = _inverse(information + gram)[0]
+        covariance = inverse(information + gram)[0]
         return cls(information, gram, moment, covariance @ moment, covariance)
 
 
 def _step(scene: Scene, data: Sequence[Block], known: _Known, kind: Kind, target: int) -> Explanation:
     """Parameters that are others from some block on, by Schur complements of what is known without."""
     index, size = scene.changed(kind, target)
-    inverse_size, log_size = _inverse(size)
+    inverse_size, log_size = inverse(size)
     gram, moment = np.zeros_like(known.gram), np.zeros_like(known.moment)
     best = (-np.inf, 0, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
     for first in range(len(data) - 1, -1, -1):
@@ -249,7 +116,7 @@ def _step(scene: Scene, data: Sequence[Block], known: _Known, kind: Kind, target
         cross = gram[index]
         inner = gram[np.ix_(index, index)] - cross @ known.covariance @ cross.T + inverse_size
         score = moment[index] - cross @ known.mean
-        spread, log_inner = _inverse(inner)
+        spread, log_inner = inverse(inner)
         change = spread @ score
         gain = 0.5 * (float(score @ change) - log_size - log_inner)
         if gain > best[0]:
@@ -279,10 +146,10 @@ def _step(scene: Scene, data: Sequence[Block], known: _Known, kind: Kind, target
 
 def _push(scene: Scene, data: Sequence[Block], known: _Known, target: int) -> Explanation | None:
     """A wrench on one body over some blocks, another one in each."""
-    inverse_size, log_size = _inverse(scene.wrench)
+    inverse_size, log_size = inverse(scene.wrench)
     spreads, gains = [], []
     for block in data:
-        spread, log_inner = _inverse(block.pull_gram[target] + inverse_size)
+        spread, log_inner = inverse(block.pull_gram[target] + inverse_size)
         score = block.pull_moment[target]
         spreads.append(spread)
         gains.append(0.5 * (float(score @ spread @ score) - log_size - log_inner))
@@ -294,7 +161,7 @@ def _push(scene: Scene, data: Sequence[Block], known: _Known, target: int) -> Ex
         cross = block.cross[target]
         gram -= cross.T @ spread @ cross
         moment -= cross.T @ (spread @ block.pull_moment[target])
-    covariance, log_with = _inverse(known.information + gram)
+    covariance, log_with = inverse(known.information + gram)
     mean = covariance @ moment
     log_without = -np.linalg.slogdet(known.covariance)[1]
     without = 0.5 * (float(known.moment @ known.mean) - log_without)
@@ -319,20 +186,6 @@ def _push(scene: Scene, data: Sequence[Block], known: _Known, target: int) -> Ex
         mean,
         covariance,
     )
-
-
-def _inverse(matrix: np.ndarray) -> tuple[np.ndarray, float]:
-    """Inverse of a positive-definite matrix, and the logarithm of its determinant."""
-    size = np.sqrt(np.diagonal(matrix))
-    factor, lower = cho_factor(matrix / np.outer(size, size), lower=True, check_finite=False)
-    inverse = cho_solve((factor, lower), np.eye(len(size)), check_finite=False) / np.outer(size, size)
-    log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum() + np.log(size).sum())
-    return 0.5 * (inverse + inverse.T), log_determinant
-
-
-def inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a positive-definite matrix."""
-    return _inverse(matrix)[0]
 
 
 def _energy(block: Block, mean: np.ndarray) -> float:
@@ -362,9 +215,3 @@ def _best_run(gains: Sequence[float]) -> tuple[int, int]:
         if total > best:
             best, result = total, (start, k + 1)
     return result
-
-
-def base_parameters(robot: Robot, offset: np.ndarray) -> np.ndarray:
-    """The P base parameters of an identified robot, (P,)."""
-    own = of_robot(robot)
-    return Parameters(own.inertials, own.armature, own.viscous, own.coulomb, offset).vector()

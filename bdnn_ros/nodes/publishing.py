@@ -1,0 +1,83 @@
+"""What the identification node publishes: estimates, findings, diagnostics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+
+from bdnn_interfaces.msg import DynamicsEstimate, Findings
+from bdnn_ros.nodes.conversions import effort_message, estimate_message, findings_message
+from bdnn_ros.nodes.diagnostics import ErrorNow, Reporter
+from bdnn_ros.online.estimate import parts
+from bdnn_ros.online.session import Session
+
+LATCHED = QoSProfile(
+    depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
+)
+
+
+class Publishing:
+    """Creates the publishers; `close` takes them away again.
+
+    Args:
+        node: to create them on.
+        session: what they tell of.
+    """
+
+    def __init__(self, node: Node, session: Session) -> None:
+        self._node = node
+        self._session = session
+        self._error = ErrorNow()
+        self._reporter = Reporter(session)
+        self._last_stamp = 0
+        self._estimates = self._publisher(DynamicsEstimate, "~/estimate", 10)
+        self._efforts = self._publisher(JointState, "~/effort_estimate", 10)
+        self._findings = self._publisher(Findings, "~/findings", LATCHED)
+        self._diagnostics = self._publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def close(self) -> None:
+        """Take the publishers away."""
+        for publisher in (self._estimates, self._efforts, self._findings, self._diagnostics):
+            self._node.destroy_publisher(publisher)
+
+    def estimate(self) -> None:
+        """Publish the newest instant, unless that was done."""
+        served, instant = self._session.served, self._session.instant()
+        if served is None or instant is None or instant.stamp == self._last_stamp:
+            return
+        self._last_stamp = instant.stamp
+        told = parts(served.model, instant.position, instant.velocity, instant.acceleration)
+        if np.isfinite(instant.effort).all():
+            self._error.add(instant.stamp, instant.effort, told.effort)
+        joints = served.model.joints
+        self._estimates.publish(estimate_message(joints, instant, told, served.number))
+        self._efforts.publish(effort_message(joints, instant, told))
+
+    def tell(self, active: bool, trouble: str, message_lost: int) -> None:
+        """Publish the state of things, and what diagnoses have said since.
+
+        Args:
+            active, trouble, message_lost: as `Reporter.status`.
+        """
+        now = self._node.get_clock().now().to_msg()
+        array = DiagnosticArray()
+        array.header.stamp = now
+        array.status = [self._reporter.status(self._error, active, trouble, message_lost)]
+        self._diagnostics.publish(array)
+        while self._session.findings:
+            info = self._session.findings.popleft().info
+            if "diagnosis" in info:
+                self._findings.publish(findings_message(info["diagnosis"], now))
+            else:
+                self._node.get_logger().info(f"no diagnosis: {info['error']}")
+
+    def _publisher(self, kind: Any, topic: str, profile: QoSProfile | int) -> Any:
+        """A publisher without event handlers: the executor asks each of them between any two joint states."""
+        quiet = PublisherEventCallbacks(use_default_callbacks=False)
+        return self._node.create_publisher(kind, topic, profile, event_callbacks=quiet)
