@@ -134,7 +134,7 @@ def test_namespace_remapping_simulated_time_and_commands(tmp_path):
     }
     for name, value in settings.items():
         arguments += ["-p", f"{name}:={value}"]
-    recording = motion(REAL, 5.0, 250.0)
+    recording = motion(REAL, 6.5, 250.0)
     commands = recording.effort
     process = Process(arguments, tmp_path / "log", 123)
     try:
@@ -150,14 +150,14 @@ def test_namespace_remapping_simulated_time_and_commands(tmp_path):
                 return message
 
             ros.stream(recording, topic="/cell_1/joint_states", start=5_000_000_000, change=command)
-            wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "1250")
-            wait_until(lambda: int(status(diagnostics)["model_version"]) >= 2)
+            wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "1625")
+            wait_until(lambda: int(status(diagnostics)["model_version"]) >= 4)
             assert status(diagnostics)["samples_rejected"] == "0"
             asked = {k: np.array(v) for k, v in pose(ARM).items()}
             answer = ros.call(InverseDynamics, "/cell_1/identification_node/inverse_dynamics", **pose(ARM))
             np.testing.assert_allclose(answer.effort, REAL.inverse_dynamics(**asked), rtol=0.03, atol=0.03)
             told = estimates[-1]
-            assert 5 < told.header.stamp.sec < 11 and len(told.effort_measured) == 2
+            assert 5 < told.header.stamp.sec < 12 and len(told.effort_measured) == 2
     finally:
         process.end()
         print(process.output)

@@ -47,9 +47,9 @@ def test_the_life_of_a_model(tmp_path):
     described = np.array(ARM.inverse_dynamics(*(np.array(x) for x in pose(ARM).values())))
     with node_process(tmp_path, 111, **parameters) as node, Robotics(111) as ros:
         diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
-        ros.stream(motion(REAL, 4.5, 250.0))
-        wait_until(lambda: diagnostics and int(status(diagnostics)["model_version"]) >= 2)
-        np.testing.assert_allclose(asked_effort(ros), real, rtol=0.02, atol=0.02)
+        ros.stream(motion(REAL, 5.5, 250.0))
+        wait_until(lambda: diagnostics and int(status(diagnostics)["model_version"]) >= 3)
+        np.testing.assert_allclose(asked_effort(ros), real, rtol=0.03, atol=0.03)
         answer = ros.call(SaveModel, f"{NODE}/save_model", name="first")
         assert answer.success and str(kept / "first" / "model.bdnn") in answer.message
         saved = load_model(kept / "first")
@@ -87,7 +87,7 @@ def test_the_life_of_a_model(tmp_path):
         np.testing.assert_allclose(asked_effort(ros), described)
         answer = ros.call(LoadModel, f"{NODE}/load_model", name="first")
         assert answer.success, answer.message
-        np.testing.assert_allclose(asked_effort(ros), real, rtol=0.02, atol=0.02)
+        np.testing.assert_allclose(asked_effort(ros), real, rtol=0.03, atol=0.03)
         learned = asked_effort(ros)
         assert node.end() == 0
     np.testing.assert_allclose(
