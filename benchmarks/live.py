@@ -143,8 +143,8 @@ def measured_node(arguments: list[str]) -> int:
     from bdnn_ros.nodes import identification_node
     from bdnn_ros.nodes.streams import Streams
 
-    durations = np.zeros(2_000_000)
-    latencies = np.zeros(2_000_000)
+    durations = np.full(700_000, np.nan)  # touched now, or it would look like memory that grows
+    latencies = np.full(700_000, np.nan)
     count = 0
     inner = Streams._take
 

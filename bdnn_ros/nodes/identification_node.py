@@ -242,7 +242,9 @@ class IdentificationNode(LifecycleNode):
     def _keep_house(self) -> None:
         lost = self._message_lost + (self._streams.lost if self._streams else 0)
         self._publishing.tell(self._active, self._trouble or self._complained, lost)
+        # what outlives a collection is not looked at again: it stays short however long the node runs
         gc.collect()
+        gc.freeze()
 
     # -- parameters ------------------------------------------------------------------------------
 
