@@ -276,6 +276,10 @@ def main(arguments: list[str] | None = None) -> int:
     except BdnnError as error:
         print(f"{NAME}: error: {error}", file=sys.stderr)
         status = error.exit_status
+    except Exception:
+        if rclpy.ok():
+            raise
+        # a signal that comes while the executor is at work makes any call to ROS fail: that is the end, too
     finally:
         for number in (signal.SIGINT, signal.SIGTERM):  # a second one must not leave half a model
             signal.signal(number, signal.SIG_IGN)

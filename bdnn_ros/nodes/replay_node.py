@@ -162,6 +162,9 @@ def main(arguments: list[str] | None = None) -> int:
     except BdnnError as error:
         print(f"{NAME}: error: {error}", file=sys.stderr)
         status = error.exit_status
+    except Exception:
+        if rclpy.ok():  # else a signal came while a call to ROS was under way: that is the end, too
+            raise
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         if node is not None:
