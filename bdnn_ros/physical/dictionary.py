@@ -17,7 +17,7 @@ HARMONICS = 30
 """Highest number of periods per radian of an effort that depends on the position."""
 LONG_WAVE = 4
 """Fewer periods per radian than these are believed less, the fewer the less."""
-DIRECTED_HARMONICS = 3
+DIRECTED_HARMONICS = 1
 """The same, of an effort that also depends on the direction."""
 CURVE_FEATURES = len(CURVE) + 1
 GROUPS = {
@@ -29,6 +29,8 @@ GROUPS = {
 }
 """Groups of features that are switched on together, and how many features each has."""
 FEATURES = sum(GROUPS.values())
+SPREAD = {"curve": 0.3, "load": 1.0, "direction": 0.1, "position": 1.0, "neighbours": 0.3}
+"""Prior standard deviation of the weights of each group, in units of the joint's friction."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +85,13 @@ def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
 
 
 def feature_spread() -> np.ndarray:
-    """Prior standard deviation of each feature's weight, in units of the effort scale, (FEATURES,)."""
-    spread = np.full(FEATURES, 0.2)
+    """Prior standard deviation of each feature's weight, in units of the joint's friction, (FEATURES,)."""
+    where, spread = group_slices(), np.empty(FEATURES)
     k = np.arange(1, HARMONICS + 1)
     # long waves look like gravity, which is known better
-    waves = 0.2 / k * np.minimum((k / LONG_WAVE) ** 2, 1.0)
-    spread[group_slices()["position"]] = np.concatenate([waves, waves])
+    waves = np.minimum((k / LONG_WAVE) ** 2, 1.0) / k
+    for name, values in SPREAD.items():
+        spread[where[name]] = values * np.concatenate([waves, waves]) if name == "position" else values
     return spread
 
 

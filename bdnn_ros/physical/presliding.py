@@ -6,13 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import binary_opening
 
 from bdnn_ros.signals import Signals
 
-BREAKAWAYS = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-"""Travel after which dry friction has turned round [rad]; the shortest is as good as sign(velocity)."""
-USUAL = 1
-"""Which of them a joint has until its motion shows another: short, yet longer than an encoder's noise."""
+BREAKAWAYS = (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+"""Travel in which dry friction turns round [rad]; zero turns with the velocity."""
+USUAL = 0
+"""Which of them a joint has until its motion shows another."""
+SLOW = 5e-3
+RESTING_SECONDS = 0.2
+RESTING = 1
+"""Slower than this [rad/s] for so long, a joint rests, and its friction is that of this breakaway."""
+TURNED = 1e-4
+NOISE_WIDTHS = 4.0
+"""A joint has turned round once it went back so far [rad], and so many standard deviations of its noise."""
 SUBSTEPS = 4
 """Steps of a sample period: friction turns round at a time, not at a sample."""
 COUPLING_SIGNS = (1, -1)
@@ -25,8 +33,7 @@ class Directions:
 
     Attributes:
         joints: of each joint for each of `BREAKAWAYS`, (N, n, len(BREAKAWAYS)).
-        pairs: of motors that turn with joint j + 1 and, by sign, with joint j, (N, n - 1,
-            len(COUPLING_SIGNS)).
+        pairs: of motors that turn with joint j + 1 and, by sign, with j, (N, n - 1, len(COUPLING_SIGNS)).
     """
 
     joints: np.ndarray
@@ -43,18 +50,27 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
     Args:
         start: state before the first sample; None takes the first direction of each joint.
     """
-    q, v, step, segments = signals.position, signals.velocity, 1.0 / signals.rate, signals.segments
-    count, pairs = len(signals), (signals.width - 1, len(COUPLING_SIGNS))
-    joints = slide(q, v, step, segments, BREAKAWAYS, None if start is None else start.joints)
-    motors = slide(
-        coupled(q).reshape(count, -1),
-        coupled(v).reshape(count, -1),
-        step,
-        segments,
-        BREAKAWAYS[USUAL : USUAL + 1],
-        None if start is None else start.pairs.reshape(-1, 1),
-    )
-    return Directions(joints, motors.reshape(count, *pairs))
+    width, count = signals.width, len(signals)
+    noise = signals.position_noise / np.sqrt(max(signals.kernel_std * signals.raw_rate, 1.0))
+    turned = np.maximum(TURNED, NOISE_WIDTHS * noise)
+    both = np.repeat(turned[1:] + turned[:-1], len(COUPLING_SIGNS)) / 2.0
+    joints = np.empty((count, width, len(BREAKAWAYS)))
+    pairs = np.empty((count, (width - 1) * len(COUPLING_SIGNS)))
+    for rows in signals.segments:
+        fine = _between(signals.position[rows], signals.velocity[rows], 1.0 / signals.rate)
+        motors = coupled(fine).reshape(len(fine), -1)
+        before = None if start is None else start.joints[:, 0]
+        joints[rows, :, 0] = _mean_around(turning(fine, turned, before))
+        pairs[rows] = _mean_around(turning(motors, both, None if start is None else start.pairs.ravel()))
+        state = joints[rows.start, :, :1] if start is None else start.joints[:, 1:]
+        joints[rows, :, 1:] = _mean_around(slide(fine, BREAKAWAYS[1:], state))
+        resting = slide(motors, BREAKAWAYS[RESTING : RESTING + 1], pairs[rows.start, :, None])
+        rest = _at_rest(coupled(signals.velocity[rows]).reshape(-1, pairs.shape[1]), signals.rate)
+        pairs[rows] = np.where(rest, 0.5 * _mean_around(resting)[:, :, 0], pairs[rows])
+        rest = _at_rest(signals.velocity[rows], signals.rate)
+        joints[rows, :, 0] = np.where(rest, 0.5 * joints[rows, :, RESTING], joints[rows, :, 0])
+        start = None
+    return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)))
 
 
 def coupled(values: np.ndarray) -> np.ndarray:
@@ -62,55 +78,69 @@ def coupled(values: np.ndarray) -> np.ndarray:
     return values[..., 1:, None] + np.array(COUPLING_SIGNS) * values[..., :-1, None]
 
 
-def slide(
-    position: np.ndarray,
-    velocity: np.ndarray,
-    step: float,
-    segments: Sequence[slice],
-    breakaways: Sequence[float],
-    start: np.ndarray | None,
-) -> np.ndarray:
-    """Dahl's state of friction along paths (N, m), mean over each sample period, (N, m, len(breakaways)).
+def turning(position: np.ndarray, turned: np.ndarray, start: np.ndarray | None) -> np.ndarray:
+    """Direction of paths (M, m), -1 or 1, which changes where a path turns round and goes back further than noise.
 
-    dz = (sign(dq) − z) |dq| / breakaway, exact over each of `SUBSTEPS` (Dahl 1968; Canudas de Wit et al.,
-    IEEE TAC 1995). Unlike sign(velocity) it keeps its value at rest.
+    Unlike sign(velocity) it keeps its value at rest.
 
     Args:
-        step: sample period [s].
-        start: state at the first sample, (m, len(breakaways)); None takes the first direction of each path.
+        turned: how far a path must go back, (m,).
+        start: direction at first, (m,); None takes the first one.
     """
-    result = np.empty((*position.shape, len(breakaways)))
-    for segment in segments:
-        fine = _between(position[segment], velocity[segment], step)
-        travel = np.diff(fine, axis=0)
-        sign = np.sign(travel)
-        if start is None:
-            first = np.argmax(sign != 0.0, axis=0) if len(sign) else 0
-            one = sign[first, np.arange(position.shape[1])] if len(sign) else np.zeros(position.shape[1])
-            state = np.repeat(one[:, None], len(breakaways), axis=1)
-        else:
-            state, start = start, None
-        keep = np.exp(-np.abs(travel)[:, :, None] / np.asarray(breakaways))
-        gain = sign[:, :, None] * (1.0 - keep)
-        states = np.empty((len(fine), *state.shape))
-        states[0] = state
-        for k in range(len(travel)):
-            state = gain[k] + keep[k] * state
-            states[k + 1] = state
-        result[segment] = _mean_around(states)
+    result = np.empty_like(position)
+    for k, (path, least) in enumerate(zip(position.T, turned, strict=True)):
+        steps = np.sign(np.diff(path))
+        ends = np.flatnonzero(steps[1:] * steps[:-1] <= 0.0) + 1
+        way = 0.0 if start is None else float(np.sign(start[k]))
+        last, furthest = 0, 0
+        for index in (*ends.tolist(), len(path) - 1):
+            back = path[index] - path[furthest]
+            if back * way >= 0.0 and way != 0.0:
+                furthest = index
+            elif abs(back) > least:
+                if way != 0.0:
+                    result[last:furthest, k] = way
+                    last = furthest
+                way, furthest = float(np.sign(back)), index
+        result[last:, k] = way
     return result
+
+
+def slide(position: np.ndarray, breakaways: Sequence[float], start: np.ndarray) -> np.ndarray:
+    """Dahl's state of friction along paths (M, m), (M, m, len(breakaways)).
+
+    dz = (sign(dq) − z) |dq| / breakaway, exact over each step (Dahl 1968; Canudas de Wit et al., IEEE TAC 1995).
+
+    Args:
+        start: state at first, (m, 1 or len(breakaways)).
+    """
+    travel = np.diff(position, axis=0)
+    keep = np.exp(-np.abs(travel)[:, :, None] / np.asarray(breakaways))
+    gain = np.sign(travel)[:, :, None] * (1.0 - keep)
+    states = np.empty((*position.shape, len(breakaways)))
+    states[0] = state = np.broadcast_to(start, states[0].shape)
+    for k in range(len(travel)):
+        state = gain[k] + keep[k] * state
+        states[k + 1] = state
+    return states
+
+
+def _at_rest(velocity: np.ndarray, rate: float) -> np.ndarray:
+    """Where paths with these velocities (N, m) rest, (N, m) bool."""
+    least = int(np.ceil(RESTING_SECONDS * rate))
+    return np.asarray(binary_opening(np.abs(velocity) < SLOW, np.ones((least, 1), bool)))
 
 
 def _between(position: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray:
     """Positions (N, m) with SUBSTEPS − 1 more between each two, on the cubic of both ends' velocities."""
     t = np.arange(SUBSTEPS)[:, None] / SUBSTEPS
-    parts = [
-        (1.0 + 2.0 * t) * (1.0 - t) ** 2 * position[:-1, None],
-        t * (1.0 - t) ** 2 * step * velocity[:-1, None],
-        t**2 * (3.0 - 2.0 * t) * position[1:, None],
-        t**2 * (t - 1.0) * step * velocity[1:, None],
-    ]
-    return np.concatenate([sum(parts).reshape(-1, position.shape[1]), position[-1:]])
+    parts = (
+        (1.0 + 2.0 * t) * (1.0 - t) ** 2 * position[:-1, None]
+        + t * (1.0 - t) ** 2 * step * velocity[:-1, None]
+        + t**2 * (3.0 - 2.0 * t) * position[1:, None]
+        + t**2 * (t - 1.0) * step * velocity[1:, None]
+    )
+    return np.concatenate([parts.reshape(-1, position.shape[1]), position[-1:]])
 
 
 def _mean_around(states: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ FOLDS = 6
 """Stretches of time left out in turn."""
 FEWEST_BLOCKS = 4
 """With fewer blocks of data nothing is switched on."""
-GROUP_COST = {"curve": 0.05, "load": 0.05, "direction": 0.1, "position": 0.2, "neighbours": 0.1}
+GROUP_COST = {"curve": 0.05, "load": 0.05, "direction": 0.2, "position": 0.2, "neighbours": 0.1}
 """Share of the squared error on what was left out that a group must remove; more if it could fit anything."""
 BREAKAWAY_COST = 0.05
 """The same, of another breakaway than the usual one."""
@@ -44,20 +44,18 @@ Terms = tuple[int, tuple[str, ...]]
 """Index of the breakaway, and the groups that are on."""
 
 
-def choose(recursion: Recursion, layout: Layout) -> Structure:
+def choose(recursion: Recursion, plain: Structure, layout: Layout) -> Structure:
     """The structure that predicts best what was left out.
 
     Args:
-        layout: of the structure by which the noise was estimated.
+        plain: nothing switched on; by its layout the noise was estimated.
     """
-    width = len(recursion.noise)
-    plain = Structure.plain(width)
     blocks = recursion.blocks
     if len(blocks) < FEWEST_BLOCKS:
         return plain
     edges = np.linspace(0, len(blocks), min(FOLDS, len(blocks)) + 1).round().astype(int)
     folds = [summed(blocks[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    joints = [_Joint(recursion, layout, folds, joint) for joint in range(width)]
+    joints = [_Joint(recursion, plain, layout, folds, joint) for joint in range(len(plain.groups))]
     chosen = replace(plain, couplings=_couplings(joints))
     for number, joint in enumerate(joints):
         chosen = chosen.with_joint(number, *_best(joint, chosen.couplings))
@@ -70,13 +68,20 @@ class _Joint:
     The bodies take part in every choice of terms: they are eliminated once, and a choice costs only its own.
     """
 
-    def __init__(self, recursion: Recursion, layout: Layout, folds: Sequence[Statistics], joint: int) -> None:
+    def __init__(
+        self,
+        recursion: Recursion,
+        plain: Structure,
+        layout: Layout,
+        folds: Sequence[Statistics],
+        joint: int,
+    ) -> None:
         self.joint = joint
         self.where = Columns(len(recursion.noise))
         self.bodies = self.where.own
         self.correlation = float(recursion.correlation[joint])
         self.information, self.vector = recursion.without_joint(layout, joint)
-        self.prior, self.pull = self._prior(recursion.belief)
+        self.prior, self.pull = self._prior(recursion.belief, plain)
         self.gram = np.array([fold.gram[joint] for fold in folds])
         self.moment = np.array([fold.moment[joint] for fold in folds])
         self.energy = np.array([fold.energy[joint] for fold in folds])
@@ -122,7 +127,7 @@ class _Joint:
         errors = self._constant - 2.0 * np.einsum("fk,fk->f", x, self._linear[:, index]) + fitted
         return float(np.maximum(errors, 0.0).sum()) + NEGLIGIBLE * float(self.energy.sum())
 
-    def _prior(self, belief: Prior) -> tuple[np.ndarray, np.ndarray]:
+    def _prior(self, belief: Prior, plain: Structure) -> tuple[np.ndarray, np.ndarray]:
         """Information and vector of all columns but the bodies', before any data."""
         where, n = self.where, self.bodies
         information, vector = np.ones(where.count), np.zeros(where.count)
@@ -131,12 +136,12 @@ class _Joint:
             information[own] = np.diagonal(self.information)[n:]
             vector[own] = self.vector[n:]
         for name in GROUPS:
-            information[where.of_group(name)] = 1.0 / group_deviation(belief, name, self.joint) ** 2
+            information[where.of_group(name)] = 1.0 / group_deviation(plain, name, self.joint) ** 2
         width = len(belief.effort_scale)
         for first in {max(self.joint - 1, 0), min(self.joint, width - 2)}:
             for sign in COUPLING_SIGNS:
                 motor = where.of_coupling(self.joint == first, sign)
-                information[motor] = 1.0 / coupling_deviation(belief, first) ** 2
+                information[motor] = 1.0 / coupling_deviation(belief, plain, first) ** 2
         return information[n:], vector[n:]
 
 

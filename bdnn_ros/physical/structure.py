@@ -14,6 +14,9 @@ from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
 from bdnn_ros.physical.statistics import Regression, Statistics
 from bdnn_ros.robot import PER_LINK
 
+MOTOR_CURVE = 0.2
+"""Prior standard deviation of the weights of a coupled motor's curve, in units of its joints' friction."""
+
 
 @dataclass(frozen=True)
 class Structure:
@@ -22,17 +25,20 @@ class Structure:
     Attributes:
         breakaway: index into `BREAKAWAYS` of each joint, n.
         groups: names of the groups of features of each joint, n tuples.
+        friction: typical friction of each joint, n [N·m]: learned weights are believed to be of its order.
         couplings: motors that turn with two joints.
     """
 
     breakaway: tuple[int, ...]
     groups: tuple[tuple[str, ...], ...]
+    friction: tuple[float, ...]
     couplings: tuple[Coupling, ...] = ()
 
     @classmethod
-    def plain(cls, width: int) -> Structure:
+    def plain(cls, belief: Prior) -> Structure:
         """Rigid bodies, armature, viscous and Coulomb friction, offset."""
-        return cls((USUAL,) * width, ((),) * width)
+        width = len(belief.effort_scale)
+        return cls((USUAL,) * width, ((),) * width, tuple(0.1 * belief.effort_scale))
 
     def with_joint(self, joint: int, breakaway: int, groups: tuple[str, ...]) -> Structure:
         """The same with another choice for one joint."""
@@ -142,6 +148,17 @@ class Layout:
         return slice(count - len(self.straight[joint]), count), slice(bodies + 1, bodies + PER_JOINT)
 
 
+def typical_friction(posterior_mean: np.ndarray, plain: Layout, statistics: Statistics) -> tuple[float, ...]:
+    """Root mean square of each joint's viscous and Coulomb friction along the motion, n [N·m]."""
+    result = []
+    for joint, parameters in enumerate(plain.parameters):
+        own = len(plain.columns) * PER_LINK + np.array([1, 2])
+        sums = statistics.of_joint(joint, plain.columns[joint][own])
+        x = posterior_mean[parameters[own]]
+        result.append(float(np.sqrt(max(x @ sums.gram @ x, 0.0) / max(sums.count, 1.0))))
+    return tuple(result)
+
+
 def straightened(structure: Structure, statistics: Statistics) -> tuple[np.ndarray, ...]:
     """What is taken from each joint's features so that they hold no friction or offset of their own.
 
@@ -184,8 +201,9 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
         for joint, after in ((coupling.joint, True), (coupling.joint + 1, False)):
             columns[joint].append(where.of_coupling(after, coupling.sign))
             parameters[joint].append(own)
-        deviation.insert(k, coupling_deviation(belief, coupling.joint)[:PER_COUPLING])
-        deviation.append(coupling_deviation(belief, coupling.joint)[PER_COUPLING:])
+        spread = coupling_deviation(belief, structure, coupling.joint)
+        deviation.insert(k, spread[:PER_COUPLING])
+        deviation.append(spread[PER_COUPLING:])
         motors.append(slice(free, free + CURVE_FEATURES))
         free += CURVE_FEATURES
     weights = []
@@ -195,7 +213,7 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
             chosen = where.of_group(name)
             columns[joint].append(chosen)
             parameters[joint].append(free + np.arange(len(chosen)))
-            deviation.append(group_deviation(belief, name, joint))
+            deviation.append(group_deviation(structure, name, joint))
             free += len(chosen)
         weights.append(slice(begin, free))
     return Layout(
@@ -210,14 +228,14 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
     )
 
 
-def coupling_deviation(belief: Prior, joint: int) -> np.ndarray:
+def coupling_deviation(belief: Prior, structure: Structure, joint: int) -> np.ndarray:
     """Prior deviation of a coupled motor's parameters and of its curve's weights: means of its two joints."""
     width = len(belief.effort_scale)
     deviation = np.sqrt(np.diagonal(belief.covariance)[width * PER_LINK :]).reshape(PER_JOINT, width)
-    curve = np.mean([group_deviation(belief, "curve", joint + k) for k in (0, 1)], axis=0)
+    curve = np.full(CURVE_FEATURES, MOTOR_CURVE * np.mean(structure.friction[joint : joint + 2]))
     return np.concatenate([deviation[:PER_COUPLING, joint : joint + 2].mean(axis=1), curve])
 
 
-def group_deviation(belief: Prior, name: str, joint: int) -> np.ndarray:
+def group_deviation(structure: Structure, name: str, joint: int) -> np.ndarray:
     """Prior deviation of the weights of a joint's group of features [N·m]."""
-    return np.asarray(feature_spread()[group_slices()[name]] * belief.effort_scale[joint])
+    return np.asarray(feature_spread()[group_slices()[name]] * structure.friction[joint])
