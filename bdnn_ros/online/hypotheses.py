@@ -79,7 +79,8 @@ def _outermost_first(ranked: list[Explanation]) -> list[Explanation]:
     if best.kind == "push":
         alike = [e for e in ranked if e.kind == "push" and e.share > best.share - ALIKE]
     elif best.kind == "payload":
-        alike = [e for e in ranked if e.kind == "payload" and e.evidence > (1.0 - ALIKE) * best.evidence]
+        least = best.evidence - ALIKE * abs(best.evidence)
+        alike = [e for e in ranked if e.kind == "payload" and e.evidence >= least]
     else:
         return ranked
     chosen = max(alike, key=lambda e: e.target)
