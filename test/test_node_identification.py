@@ -135,7 +135,7 @@ def test_refusals_name_what_is_wrong(tmp_path):
         moved = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "effort": [float("inf"), 0.0]}
         assert f"effort of {a}" in ask(forward, "forward_dynamics", **moved)
         assert "window" in ask(Diagnose, "diagnose", window=-1.0)
-        assert "No joint state" in ask(Diagnose, "diagnose", window=0.0)
+        wait_until(lambda: "No joint state" in ask(Diagnose, "diagnose", window=0.0), 20.0)
         assert "model_directory" in ask(SaveModel, "save_model", name="x")
         assert "model_directory" in ask(LoadModel, "load_model", name="x")
         # joints in the request's order, and the node goes on

@@ -161,7 +161,11 @@ class Session:
             self._begin_again()
 
     def diagnose(self, window: float) -> Future[Message]:
-        """Ask what the robot description gets wrong over the last `window` [s], 0 for all that is kept."""
+        """Ask what the robot description gets wrong over the last `window` [s], 0 for all that is kept.
+
+        Raises:
+            DataError: there is nobody to ask just now.
+        """
         return self._ask("diagnose", {"window": window})
 
     def save(self, path: Path) -> Future[Path]:
@@ -201,6 +205,8 @@ class Session:
         return model
 
     def _ask(self, kind: str, info: dict[str, Any]) -> Future[Message]:
+        if not self.supervisor.alive:
+            raise DataError("The trainer is just being started.", "Ask again in a moment.")
         self._request += 1
         future: Future[Message] = Future()
         self._requests[self._request] = future
