@@ -12,6 +12,7 @@ from typing import NoReturn
 from bdnn_ros.errors import BdnnError, UsageError, listed
 
 VERBS = {
+    "demo": "simulate a worn robot with a hidden effect, identify it, diagnose it, and reveal the truth",
     "simulate": "record a simulated robot with chosen or hidden effects",
     "info": "say what a bag holds and whether it is fit for identification",
     "identify": "identify a model from recordings",

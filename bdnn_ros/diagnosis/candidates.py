@@ -15,6 +15,7 @@ from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
+SETTLING_ROUNDS = 2
 ON_BODIES = frozenset({"payload", "link_inertia"})
 COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
 """What almost every drive has; they stand in for the unknown cause while the noise is first estimated."""
@@ -102,6 +103,26 @@ class Candidates:
                 values = term.effect.values(coefficients, dict(term.shape))
                 term.effect.install(plant, term.target, values, term.link)
         return plant.robot
+
+
+def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
+    """The pool with load and bodies as its own fit has them.
+
+    Only then is the sum of the terms what the effects do together: a scaled effort scales the friction found beside
+    it, a tilt turns the payload's gravity.
+    """
+    for _ in range(SETTLING_ROUNDS):
+        fit = pool.fit(range(len(pool.terms)))
+        found = equations, pool, fit
+        load, bodies = candidates.load(*found), candidates.bodies(*found)
+        terms = list(pool.terms)
+        for chosen in fit.terms:
+            term, (coefficients, _) = terms[chosen], pool.part(fit, chosen)
+            if term.effect.name not in ON_BODIES:  # a payload's centre would drift: its mass gives way to it
+                terms[chosen] = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
+        equations.relieve(load, bodies)
+        pool = Pool(equations, pool.noise, terms, pool.link_error)
+    return pool
 
 
 def lone_gain(equations: Equations, pool: Pool, fit: Fit, term: Term) -> float:

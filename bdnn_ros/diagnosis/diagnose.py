@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.candidates import Candidates, settled
 from bdnn_ros.diagnosis.equations import CUTOFF_OF_USUAL, Equations, build, quiet_cutoff
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.identifiability import Judgement, advice, judge
@@ -119,10 +119,11 @@ def examine(
     say("weighing rivals")
     judgements = judge(search, selection)
     fitted = Pool(equations, selection.pool.noise, selection.terms, selection.pool.link_error)
+    fitted = settled(search.candidates, equations, fitted)
     extended = fitted.residual(fitted.fit(range(len(selection.terms))), blur=False)
     equations.usable = whole
-    pool = Pool(equations, selection.pool.noise, selection.terms, selection.pool.link_error)
-    fit = pool.fit(range(len(selection.terms)))
+    pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
+    fit = pool.fit(range(len(pool.terms)))
     found = estimates(pool, fit)
     remainder = describe(equations, pool.residual(fit, blur=False))
     diagnosis = _diagnosis(

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
-from scipy.optimize import lsq_linear
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bdnn_ros.diagnosis.equations import Equations, Noise, Term
 
@@ -74,11 +73,13 @@ class Pool:
         self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
         self.white_target = equations.whiten(equations.target, noise)
         self.gram, self.moment, self.power = _by_block(self.white, self.white_target, equations)
+        self._fits: dict[tuple[tuple[int, ...], int | None], Fit] = {}
         self._scale = float(np.sum(equations.counted() * np.log(noise.std)))
 
     def believing(self, link_error: float) -> Pool:
         """The same pool with another prior spread of the links' errors."""
         other = copy(self)
+        other._fits = {}
         other.link_error = link_error
         links = self.equations.rigid.shape[2]
         other.precision = np.concatenate([np.full(links, link_error**-2.0), self.precision[links:]])
@@ -87,6 +88,7 @@ class Pool:
     def replacing(self, one: int, term: Term) -> Pool:
         """The same pool with another shape of one term."""
         other, slot = copy(self), self.slots[one]
+        other._fits = {}
         columns = self.equations.columns(term)
         other.terms = [*self.terms[:one], term, *self.terms[one + 1 :]]
         other.precision = self.precision.copy()
@@ -110,6 +112,12 @@ class Pool:
 
     def fit(self, chosen: Sequence[int], left_out: int | None = None) -> Fit:
         """Posterior of a set of terms, optionally without one block, with coefficients inside their bounds."""
+        key = (tuple(chosen), left_out)
+        if key not in self._fits:
+            self._fits[key] = self._fit(chosen, left_out)
+        return self._fits[key]
+
+    def _fit(self, chosen: Sequence[int], left_out: int | None) -> Fit:
         gram, moment, power = self.total
         if left_out is not None:
             gram, moment = gram - self.gram[left_out], moment - self.moment[left_out]
@@ -120,7 +128,7 @@ class Pool:
         best = cho_solve(factor, moment[index])
         low, high = self.lower[index], self.upper[index]
         if ((best < low - 1e-12) | (best > high + 1e-12)).any():
-            best = _bounded(a, moment[index], low, high)
+            best = _held(factor[0], best, low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
         volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor[0])))
         return Fit(tuple(chosen), best, factor[0], float(volume - loss - self._scale), float(loss))
@@ -133,9 +141,10 @@ class Pool:
         """Log evidence each candidate would add to a fit, one at a time, (len(candidates),)."""
         gram, moment, _ = self.total
         index = self.columns_of(fit.terms)
-        root = cholesky(gram[np.ix_(index, index)] + np.diag(self.precision[index]), lower=True)
         left = moment - gram[:, index] @ fit.coefficients
-        half = solve_triangular(root, gram[index], lower=True)
+        wanted = np.concatenate([self.slots[c] for c in candidates])
+        half = np.zeros((len(index), gram.shape[0]))
+        half[:, wanted] = solve_triangular(fit.factor, gram[np.ix_(index, wanted)], lower=True)
         result = np.empty(len(candidates))
         sizes = np.array([len(self.slots[c]) for c in candidates])
         for size in np.unique(sizes):
@@ -223,11 +232,36 @@ def _by_block(
     return np.array(grams), np.array(moments), np.array(powers)
 
 
+def _held(factor: np.ndarray, best: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The optimum `best` of a quadratic with Cholesky factor `factor`, moved to where it obeys its bounds.
+
+    What leaves its bound is held there and the rest follows, until nothing else leaves.
+    """
+    held = np.zeros(len(best), bool)
+    goal, result = np.zeros(len(best)), best
+    while True:
+        outside = ~held & ((result < low - 1e-12) | (result > high + 1e-12))
+        if not outside.any():
+            return np.clip(result, low, high)
+        goal = np.where(outside, np.clip(result, low, high), goal)
+        held |= outside
+        response = cho_solve((factor, True), np.eye(len(best))[:, held])
+        result = best - response @ np.linalg.solve(response[held], best[held] - goal[held])
+
+
 def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimum of ½ x'Ax - m'x inside bounds."""
-    root = cholesky(a, lower=True)
-    solution = lsq_linear(root.T, solve_triangular(root, moment, lower=True), (low, high), method="bvls")
-    return np.asarray(np.clip(solution.x, low, high))
+    """Minimum of ½ x'Ax - m'x inside bounds, by an active set: what leaves its bound is held there, the rest solved again."""
+    free = np.ones(len(moment), bool)
+    best = np.zeros(len(moment))
+    while True:
+        held = ~free
+        rest = np.linalg.solve(a[np.ix_(free, free)], moment[free] - a[np.ix_(free, held)] @ best[held])
+        best[free] = rest
+        outside = free & ((best < low) | (best > high))
+        if not outside.any():
+            return best
+        best = np.where(outside, np.clip(best, low, high), best)
+        free &= ~outside
 
 
 def _gains(

@@ -46,8 +46,8 @@ WITH_MEMORY = frozenset(
 LOAD_ROUNDS = 100
 """Most rounds of the fixed point between load and the friction that depends on it."""
 LOAD_TOLERANCE = 1e-10
-LOOSE_ROUNDS = 6
-"""The same where a gear is loose: its sides are found in two or three rounds, and may flicker afterwards."""
+GEAR_ROUNDS = {"joint_elasticity": 1, "backlash": 2}
+"""The same for effects of the load that a gear passes on: more rounds feed the deflection's curvature back."""
 
 
 @dataclass(frozen=True)
@@ -200,16 +200,16 @@ class ExtendedModel:
         own = replace(signals, effort=None)
         motion = Motion(own, robot, rigid + drive)
         others = [e for e in self.effects if e.effect.name not in IN_PLANT]
-        loaded = [e for e in others if e.effect.of_load or e.effect.name == "backlash"]
+        loaded = [e for e in others if e.effect.of_load or e.effect.name in GEAR_ROUNDS]
         for effect in others:
             if effect not in loaded:
                 part = contribution(effect, motion)
                 rigid, drive = (rigid, drive + part) if effect.effect.in_drive else (rigid + part, drive)
-        loose = any(effect.effect.name == "backlash" for effect in loaded)
+        geared = max((GEAR_ROUNDS.get(effect.effect.name, 0) for effect in loaded), default=0)
         fixed = acting = rigid + drive
-        for _ in range(0 if not loaded else LOOSE_ROUNDS if loose else LOAD_ROUNDS):
+        for _ in range(geared or (LOAD_ROUNDS if loaded else 0)):
             motion = motion.with_load(acting, drive)
-            if loose:
+            if geared:
                 motion = replace(motion, signals=replace(own, effort=acting))
             previous, acting = acting, fixed + sum(contribution(effect, motion) for effect in loaded)
             if np.abs(acting - previous).max(initial=0.0) < LOAD_TOLERANCE:

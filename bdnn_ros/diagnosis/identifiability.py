@@ -14,6 +14,7 @@ TEMPERATURE = 2.0
 """Evidence differences are divided by this: the noise model is never quite right."""
 LISTED = 0.02
 """Rivals less probable than this are not listed."""
+CLOSE = 12.0
 TIE = 0.1
 """A rival at least this probable makes the finding a tie, and earns advice."""
 SAME_PHYSICS = (frozenset({"payload", "link_inertia"}),)
@@ -47,13 +48,12 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
         fit = pool.fit(base)
         costs = search.costs(pool, base)
         start = search.score(pool, base)
-        rivals = [
-            c
-            for c in range(len(pool.terms))
-            if c != one and c not in base and not search.conflict(pool, c, base)
-        ]
+        rivals = [c for c in search.open_to(pool, base, term.target) if c != one]
         for c, gain in zip(rivals, pool.gains(fit, rivals), strict=True):
-            scores[c] = max(scores.get(c, -np.inf), start + float(gain) - costs[c])
+            score = start + float(gain) - costs[c]
+            if score > own - CLOSE:  # gains let the other terms leave their bounds
+                score = search.score(pool, [*base, c])
+            scores[c] = max(scores.get(c, -np.inf), score)
     nothing = max(search.score(pool, base) for base in _bases(search, selection, term, rest))
     keys = list(scores)
     logs = np.array([own, nothing, *(scores[k] for k in keys)]) / TEMPERATURE

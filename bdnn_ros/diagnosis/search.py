@@ -11,12 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.candidates import COMMON, Candidates
 from bdnn_ros.diagnosis.equations import Equations, Noise, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 
 COST = 8.0
 """Log prior odds against one effect at one place: about 150 candidates, and a false name is worse than none."""
+RARE = ("drift", "external_wrench", "hysteresis", "asymmetric_friction")
+RARE_COST = 2.0
+"""Log prior odds against kinds that a simpler one may stand for."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
@@ -26,6 +29,9 @@ LINK_ERROR_COST = 400.0
 NOISE_FLOOR = 1e-4
 """Smallest noise as a share of the effort's spread."""
 MOST_ROUNDS = 4
+RIVALS_TRIED = 4
+BETTER = 0.5
+"""A rival must score so much better to take a term's place."""
 WINS = 0.6
 """Share of held-out blocks (of those that change) that must gain."""
 
@@ -142,9 +148,7 @@ class Search:
         refused: set[int] = set()
         while True:
             fit = pool.fit(chosen)
-            open_ = [
-                c for c in range(len(pool.terms)) if c not in refused and not self.conflict(pool, c, chosen)
-            ]
+            open_ = [c for c in self.open_to(pool, chosen) if c not in refused]
             if not open_:
                 return pool, chosen
             gains = pool.gains(fit, open_) - self.costs(pool, chosen)[open_]
@@ -178,22 +182,21 @@ class Search:
             rest = [c for c in chosen if c not in group]
             fit = pool.fit(rest)
             costs = self.costs(pool, rest)
-            rivals = [
-                c for c in range(len(pool.terms)) if c not in group and not self.conflict(pool, c, rest)
-            ]
+            near = pool.terms[group[0]].target
+            rivals = [c for c in self.open_to(pool, rest, near) if c not in group]
             if not rivals:
                 continue
             scores = pool.gains(fit, rivals) - costs[rivals]
-            now = self.score(pool, chosen) - self.score(pool, rest)
-            best = int(np.argmax(scores))
-            if scores[best] > now + 0.5:
-                grown = [c for c in rest if not contains(pool.terms[rivals[best]], pool.terms[c])] + [
-                    rivals[best]
-                ]
-                if self.score(pool, grown) > self.score(pool, chosen) + 0.5 and self._pays(
-                    pool, grown, rivals[best]
-                ):
+            now = self.score(pool, chosen)
+            kept = now - self.score(pool, rest)
+            for best in np.argsort(-scores)[:RIVALS_TRIED]:
+                if scores[best] <= kept + BETTER:
+                    break
+                rival = rivals[best]
+                grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
+                if self.score(pool, grown) > now + BETTER and self._pays(pool, grown, rival):
                     chosen = grown
+                    break
         return chosen
 
     def _drop(self, pool: Pool, chosen: list[int]) -> list[int]:
@@ -210,29 +213,39 @@ class Search:
     # -- judgements ---------------------------------------------------------------------------------------------
 
     def score(self, pool: Pool, chosen: Sequence[int]) -> float:
-        costs = [self.costs(pool, [c for c in chosen if c != one])[one] for one in chosen]
-        return pool.fit(chosen).evidence - float(np.sum(costs))
+        """Log evidence of a set less the log prior odds against it."""
+        having = _having(pool, chosen)
+        return pool.fit(chosen).evidence - sum(self._cost(pool.terms[one], having) for one in chosen)
 
     def costs(self, pool: Pool, company: Sequence[int]) -> np.ndarray:
-        """Log prior odds against each pool term: kinds that most other joints have are expected on this one."""
-        width = self.equations.width
-        having: dict[str, set[int]] = {}
-        for c in company:
-            term = pool.terms[c]
-            for name in (term.effect.name, *term.effect.contains):
-                having.setdefault(name, set()).add(term.target)
-        costs = np.full(len(pool.terms), COST)
-        for i, term in enumerate(pool.terms):
-            if term.effect.on == "joint" and width > 2:
-                others = len(having.get(term.effect.name, set()) - {term.target})
-                share = min(others / (width - 1), 1.0)
-                costs[i] = COST + (COMMON_COST - COST) * max(2.0 * share - 1.0, 0.0)
-        return costs
+        """Log prior odds against each pool term beside some company."""
+        having = _having(pool, company)
+        return np.array([self._cost(term, having) for term in pool.terms])
 
-    def conflict(self, pool: Pool, candidate: int, chosen: Sequence[int]) -> bool:
-        """Whether a candidate is already said by the chosen: same effect and place, or contained in one of them."""
-        term = pool.terms[candidate]
-        return any(pool.terms[c].place == term.place or contains(pool.terms[c], term) for c in chosen)
+    def _cost(self, term: Term, having: dict[str, set[int]]) -> float:
+        """Log prior odds against a term: a kind that most other joints have is expected on this one."""
+        width = self.equations.width
+        cost = COST + (RARE_COST if term.effect.name in RARE else 0.0)
+        if term.effect.name not in COMMON or width <= 2:
+            return cost
+        share = len(having.get(term.effect.name, set()) - {term.target}) / (width - 1)
+        return cost + (COMMON_COST - cost) * max(2.0 * share - 1.0, 0.0)
+
+    def open_to(self, pool: Pool, chosen: Sequence[int], near: int = -1) -> list[int]:
+        """Candidates that the chosen do not say already: not at the same place, nor contained in one of them.
+
+        Args:
+            near: only those that can stand for an effect at this joint; -1 for all.
+        """
+        taken = {pool.terms[c].place for c in chosen}
+        inside = {(name, pool.terms[c].target) for c in chosen for name in pool.terms[c].effect.contains}
+        return [
+            c
+            for c, term in enumerate(pool.terms)
+            if (near < 0 or term.target in (near, -1) or term.link)
+            and term.place not in taken
+            and (term.effect.name, term.target) not in inside
+        ]
 
     def _pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:
         """Whether a term pays on blocks it was not fitted to."""
@@ -244,3 +257,13 @@ class Search:
 
 def contains(larger: Term, smaller: Term) -> bool:
     return smaller.effect.name in larger.effect.contains and smaller.target == larger.target
+
+
+def _having(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
+    """Which joints have each kind of effect, also as a part of another."""
+    having: dict[str, set[int]] = {}
+    for c in company:
+        term = pool.terms[c]
+        for name in (term.effect.name, *term.effect.contains):
+            having.setdefault(name, set()).add(term.target)
+    return having
