@@ -24,7 +24,9 @@ def place(effect: str, joint: str | None = None, link: str | None = None, p: flo
 
 
 def finding(of: dict[str, Any], parameters: dict[str, float], *rivals: dict[str, Any]) -> dict[str, Any]:
-    quantities = {name: {"value": v, "std": 0.1 * abs(v), "unit": UNITS[name]} for name, v in parameters.items()}
+    quantities = {
+        name: {"value": v, "std": 0.1 * abs(v), "unit": UNITS[name]} for name, v in parameters.items()
+    }
     return {**of, "parameters": quantities, "share": 0.5, "rivals": list(rivals), "sentence": "Something is."}
 
 

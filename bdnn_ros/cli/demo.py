@@ -22,7 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("demo_output"), help="default: %(default)s")
     parser.add_argument("--robot", default="arm7", help="a bundled robot (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=3, help="of everything, the hidden effect included")
-    parser.add_argument("--duration", type=float, default=40.0, help="seconds of motion (default: %(default)s)")
+    parser.add_argument(
+        "--duration", type=float, default=40.0, help="seconds of motion (default: %(default)s)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,7 +69,9 @@ def _verb(module: Any, words: list[str]) -> None:
     module.add_arguments(parser)
     status = module.run(parser.parse_args(words))
     if status:
-        raise UsageError(f"The demo stopped with status {status}.", f"Its command was: {' '.join(words)}{os.linesep}")
+        raise UsageError(
+            f"The demo stopped with status {status}.", f"Its command was: {' '.join(words)}{os.linesep}"
+        )
 
 
 def _say(text: str) -> None:

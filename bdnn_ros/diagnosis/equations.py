@@ -285,9 +285,13 @@ def _noise_ratio(recording: Recording, robot: Robot, cutoff: float) -> float:
     some = recording.position[:: max(len(recording) // 50, 1)]
     mass = np.sqrt(np.mean(robot.mass_matrix(some) ** 2, axis=0))
     acceleration = position_noise(recording) * np.sqrt(3.0 / (8.0 * np.sqrt(np.pi) * std**5 * recording.rate))
-    effort = white_noise(recording.require_effort()) * np.sqrt(1.0 / (2.0 * np.sqrt(np.pi) * std * recording.rate))
+    effort = white_noise(recording.require_effort()) * np.sqrt(
+        1.0 / (2.0 * np.sqrt(np.pi) * std * recording.rate)
+    )
     from_position = np.sqrt(mass**2 @ acceleration**2)
-    return float(np.max(from_position / np.maximum(effort, 1e-4 * np.std(recording.require_effort(), axis=0))))
+    return float(
+        np.max(from_position / np.maximum(effort, 1e-4 * np.std(recording.require_effort(), axis=0)))
+    )
 
 
 def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:

@@ -149,7 +149,7 @@ class Pool:
         sizes = np.array([len(self.slots[c]) for c in candidates])
         for size in np.unique(sizes):
             same = np.flatnonzero(sizes == size)
-            slots = np.array([self.slots[candidates[i]] for i in same])
+            slots = np.array([self.slots[candidates[int(i)]] for i in same])
             inner = gram[slots[:, :, None], slots[:, None, :]]
             seen = half[:, slots].transpose(1, 2, 0)
             schur = inner - seen @ seen.transpose(0, 2, 1)
@@ -235,18 +235,24 @@ def _by_block(
 def _held(factor: np.ndarray, best: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The optimum `best` of a quadratic with Cholesky factor `factor`, moved to where it obeys its bounds.
 
-    What leaves its bound is held there and the rest follows, until nothing else leaves.
+    An active set: what leaves its bound is held there and the rest follows; what would rather return is released.
     """
     held = np.zeros(len(best), bool)
     goal, result = np.zeros(len(best)), best
-    while True:
+    for _ in range(3 * len(best)):
         outside = ~held & ((result < low - 1e-12) | (result > high + 1e-12))
-        if not outside.any():
-            return np.clip(result, low, high)
-        goal = np.where(outside, np.clip(result, low, high), goal)
-        held |= outside
+        slope = factor @ (factor.T @ (result - best))
+        returning = held & np.where(goal <= low, slope < 0.0, slope > 0.0)
+        if outside.any():
+            goal = np.where(outside, np.clip(result, low, high), goal)
+            held |= outside
+        elif returning.any():
+            held[np.argmax(np.where(returning, np.abs(slope), -1.0))] = False
+        else:
+            break
         response = cho_solve((factor, True), np.eye(len(best))[:, held])
         result = best - response @ np.linalg.solve(response[held], best[held] - goal[held])
+    return np.clip(result, low, high)
 
 
 def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
