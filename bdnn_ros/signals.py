@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.kernels import gaussian_kernel, gaussian_std, velocity_noise
 from bdnn_ros.recording import Recording, position_noise
 from bdnn_ros.repeats import without_repeats
 
@@ -26,8 +27,6 @@ DEFAULT_CUTOFF = 10.0
 CUTOFF_PER_RATE = 1.0 / 6.0
 SAMPLES_PER_CUTOFF = 20.0
 """Working rate per cut-off frequency: 200 Hz for 10 Hz."""
-KERNEL_WIDTHS = 4.0
-"""Half length of the kernel in standard deviations."""
 MINIMUM_SAMPLES = 20
 """A segment shorter than this many working samples is left out."""
 ROUNDING = 0.05
@@ -200,9 +199,8 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
 def flattened(signals: Signals, cutoff: float) -> Signals:
     """The same signals with their low-pass made flat, to be compared behind a lower one.
 
-    What the kernel takes from a signal is given back once (twicing: 2 K - K², a kernel of fourth order), from motion and effort
-    alike. So a model that is not linear in the motion commutes with the filter, and `smooth` at `cutoff`, well below the
-    first one, hides what little is left; noise at high frequencies falls with it (Stuetzle and Mittal, 1979).
+    What the kernel takes is given back once (twicing: 2 K - K², of fourth order; Stuetzle and Mittal, 1979), from motion and
+    effort alike, so that a model which is not linear in the motion commutes with the filter.
 
     Args:
         cutoff: -3 dB frequency of `smooth` [Hz] from now on.
@@ -278,34 +276,6 @@ def suitable_cutoff(rate: float, cutoff: float | None = None) -> float:
             f"Choose up to {rate * CUTOFF_PER_RATE:g} Hz.",
         )
     return chosen
-
-
-def gaussian_std(cutoff: float) -> float:
-    """Standard deviation [s] of the Gaussian kernel whose gain is -3 dB at `cutoff` [Hz]."""
-    return float(np.sqrt(np.log(2.0)) / (2.0 * np.pi * cutoff))
-
-
-def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights of the low-pass and of its first and second derivative, to be convolved with even samples.
-
-    Moments are made exact on the grid: the low-pass keeps constants and ramps (a parabola is raised by the
-    kernel's variance), and the derivatives of parabolas are exact.
-    """
-    half = max(int(np.ceil(KERNEL_WIDTHS * std * rate)), 2)
-    t = np.arange(-half, half + 1) / rate
-    weights = np.exp(-0.5 * (t / std) ** 2)
-    weights /= weights.sum()
-    first = -t * weights
-    first /= -(first * t).sum()
-    spread = (weights * t**2).sum()
-    second = (t**2 - spread) * weights
-    second /= 0.5 * (second * t**2).sum()
-    return weights, first, second
-
-
-def velocity_noise(position_noise: np.ndarray, std: float, rate: float) -> np.ndarray:
-    """Standard deviation of the low-passed velocity under white position noise, (n,) [rad/s]."""
-    return np.asarray(position_noise / np.sqrt(4.0 * np.sqrt(np.pi) * std**3 * rate))
 
 
 def _grid(rate: float, cutoff: float) -> tuple[float, int]:

@@ -10,14 +10,13 @@ from diagnosis_cases import CUTOFF, coloured, equations_of, signals_of, term, wh
 
 from bdnn_ros.diagnosis.equations import (
     BLOCK_SECONDS,
-    CUTOFF_OF_USUAL,
     Equations,
     Noise,
     build,
     nominal_effort,
-    quiet_cutoff,
     relative_inertials,
 )
+from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot

@@ -9,10 +9,11 @@ from typing import Protocol
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates, settled
-from bdnn_ros.diagnosis.equations import CUTOFF_OF_USUAL, Equations, build, quiet_cutoff
+from bdnn_ros.diagnosis.equations import Equations, build
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.identifiability import Judgement, advice, judge
 from bdnn_ros.diagnosis.kinematics import reported_velocity
+from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.search import Search, Selection

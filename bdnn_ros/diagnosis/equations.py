@@ -7,7 +7,6 @@ autoregressive model of its own residual, so that sums of squares are log likeli
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,9 +14,8 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
-from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.signals import Signals, gaussian_std, usual_cutoff
+from bdnn_ros.signals import Signals
 
 ROWS_PER_CUTOFF = 2.5
 """Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
@@ -27,14 +25,6 @@ TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
 BLOCK_SECONDS = 2.0
 """Held-out blocks are about this long."""
-
-
-CUTOFFS = (7.0, 6.0, 5.0, 4.2, 3.5, 3.0)
-"""Low-passes tried [Hz], widest first."""
-CUTOFF_OF_USUAL = 0.7
-"""Motion and effort are compared behind a low-pass at most this share of the usual one."""
-QUIET = 1.0
-"""Noise from the position may be so large beside the effort's."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +232,7 @@ def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -
         raise RecordingError(
             "No joint moves in this recording.", "Move the joints, each over a good part of its range."
         )
-    step = max(int(round(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff))), 1)
+    step = max(round(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
     rows = np.concatenate([np.arange(s.start, s.stop, step) for s in signals.segments])
     rows = rows[signals.interior[rows]]
     owner = np.zeros(len(signals), int)
@@ -263,35 +253,6 @@ def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -
     effort = signals.smooth(signals.effort)[rows]
     scale = np.maximum(np.std(effort, axis=0), 1e-3 * max(float(np.std(effort)), 1e-9))
     return Equations(motion, simulated, rows, target, usable, block.astype(int), runs, rigid, relative, scale)
-
-
-def quiet_cutoff(recordings: Sequence[Recording], robot: Robot) -> float:
-    """The highest low-pass [Hz] at which noise of the position does not drown that of the effort.
-
-    Noise of the position reaches the regressor through the acceleration. Where it outweighs the effort's own, everything that
-    acts as a further low-pass (a delay, an elastic joint) seems to explain something.
-    """
-    highest = CUTOFF_OF_USUAL * min(usual_cutoff(recording.rate) for recording in recordings)
-    tried = [cutoff for cutoff in CUTOFFS if cutoff <= highest] or [highest]
-    for cutoff in tried:
-        if max(_noise_ratio(recording, robot, cutoff) for recording in recordings) <= QUIET:
-            return cutoff
-    return tried[-1]
-
-
-def _noise_ratio(recording: Recording, robot: Robot, cutoff: float) -> float:
-    """Largest ratio, over joints, of the effort's noise that comes from the position to the sensor's own."""
-    std = gaussian_std(cutoff)
-    some = recording.position[:: max(len(recording) // 50, 1)]
-    mass = np.sqrt(np.mean(robot.mass_matrix(some) ** 2, axis=0))
-    acceleration = position_noise(recording) * np.sqrt(3.0 / (8.0 * np.sqrt(np.pi) * std**5 * recording.rate))
-    effort = white_noise(recording.require_effort()) * np.sqrt(
-        1.0 / (2.0 * np.sqrt(np.pi) * std * recording.rate)
-    )
-    from_position = np.sqrt(mass**2 @ acceleration**2)
-    return float(
-        np.max(from_position / np.maximum(effort, 1e-4 * np.std(recording.require_effort(), axis=0)))
-    )
 
 
 def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:

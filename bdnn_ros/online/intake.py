@@ -159,10 +159,8 @@ class Intake:
         """Finite where measured; drivers without velocity or effort may fill them with NaN throughout."""
         if not np.isfinite(row[:n]).all():
             return False
-        for part in (row[n : 2 * n], row[2 * n :]):
-            if not np.isfinite(part).all() and not np.isnan(part).all():
-                return False
-        return True
+        rest = (row[n : 2 * n], row[2 * n :])
+        return all(bool(np.isfinite(part).all() or np.isnan(part).all()) for part in rest)
 
     def _learn_order(self, names: Sequence[str]) -> None:
         known = [name for name in self.joints if name in names]

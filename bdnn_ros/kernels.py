@@ -1,0 +1,36 @@
+"""Gaussian kernels: a low-pass, its derivatives, and the noise they let through."""
+
+from __future__ import annotations
+
+import numpy as np
+
+KERNEL_WIDTHS = 4.0
+"""Half length of the kernel in standard deviations."""
+
+
+def gaussian_std(cutoff: float) -> float:
+    """Standard deviation [s] of the Gaussian kernel whose gain is -3 dB at `cutoff` [Hz]."""
+    return float(np.sqrt(np.log(2.0)) / (2.0 * np.pi * cutoff))
+
+
+def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights of the low-pass and of its first and second derivative, to be convolved with even samples.
+
+    Moments are made exact on the grid: the low-pass keeps constants and ramps (a parabola is raised by the
+    kernel's variance), and the derivatives of parabolas are exact.
+    """
+    half = max(int(np.ceil(KERNEL_WIDTHS * std * rate)), 2)
+    t = np.arange(-half, half + 1) / rate
+    weights = np.exp(-0.5 * (t / std) ** 2)
+    weights /= weights.sum()
+    first = -t * weights
+    first /= -(first * t).sum()
+    spread = (weights * t**2).sum()
+    second = (t**2 - spread) * weights
+    second /= 0.5 * (second * t**2).sum()
+    return weights, first, second
+
+
+def velocity_noise(position_noise: np.ndarray, std: float, rate: float) -> np.ndarray:
+    """Standard deviation of the low-passed velocity under white position noise, (n,) [rad/s]."""
+    return np.asarray(position_noise / np.sqrt(4.0 * np.sqrt(np.pi) * std**3 * rate))
