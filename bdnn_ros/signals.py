@@ -111,10 +111,7 @@ class Signals:
 
     @cached_property
     def sign(self) -> np.ndarray:
-        """Direction low-passed as the effort was, (N, n): steps of dry friction are as soft in both.
-
-        With the sharp `direction` in its place the residual at reversals is a hundred times the noise's.
-        """
+        """Direction low-passed as the effort was, (N, n): steps of dry friction are as soft in both."""
         return self.soften(self.direction)
 
     @cached_property

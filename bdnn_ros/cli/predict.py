@@ -16,13 +16,12 @@ from scipy.interpolate import PchipInterpolator
 from bdnn_ros.bags import Progress
 from bdnn_ros.cli import options
 from bdnn_ros.errors import BdnnError
+from bdnn_ros.kernels import KERNEL_WIDTHS, gaussian_std
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import (
-    KERNEL_WIDTHS,
     MINIMUM_SAMPLES,
     SAMPLES_PER_CUTOFF,
-    gaussian_std,
     prepare,
     suitable_cutoff,
 )

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import lsq_linear
 
 from bdnn_ros.diagnosis.equations import Equations, Noise, Term
 
@@ -128,7 +129,7 @@ class Pool:
         best = cho_solve(factor, moment[index])
         low, high = self.lower[index], self.upper[index]
         if ((best < low - 1e-12) | (best > high + 1e-12)).any():
-            best = _held(factor[0], best, low, high)
+            best = _held(factor[0], moment[index], low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
         volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor[0])))
         return Fit(tuple(chosen), best, factor[0], float(volume - loss - self._scale), float(loss))
@@ -232,27 +233,11 @@ def _by_block(
     return np.array(grams), np.array(moments), np.array(powers)
 
 
-def _held(factor: np.ndarray, best: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The optimum `best` of a quadratic with Cholesky factor `factor`, moved to where it obeys its bounds.
-
-    An active set: what leaves its bound is held there and the rest follows; what would rather return is released.
-    """
-    held = np.zeros(len(best), bool)
-    goal, result = np.zeros(len(best)), best
-    for _ in range(3 * len(best)):
-        outside = ~held & ((result < low - 1e-12) | (result > high + 1e-12))
-        slope = factor @ (factor.T @ (result - best))
-        returning = held & np.where(goal <= low, slope < 0.0, slope > 0.0)
-        if outside.any():
-            goal = np.where(outside, np.clip(result, low, high), goal)
-            held |= outside
-        elif returning.any():
-            held[np.argmax(np.where(returning, np.abs(slope), -1.0))] = False
-        else:
-            break
-        response = cho_solve((factor, True), np.eye(len(best))[:, held])
-        result = best - response @ np.linalg.solve(response[held], best[held] - goal[held])
-    return np.clip(result, low, high)
+def _held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor."""
+    target = solve_triangular(factor, moment, lower=True)
+    solution = lsq_linear(np.tril(factor).T, target, (low, high), method="bvls")
+    return np.asarray(np.clip(solution.x, low, high))
 
 
 def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
