@@ -99,6 +99,17 @@ def test_a_saved_model_answers_as_before(real, tmp_path):
     assert again.table() == model.table()
 
 
+def test_an_effort_that_is_ahead_is_told_from_inertia(real):
+    recording = motion(real, 20.0, rate=500.0)
+    ahead = np.stack([np.interp(recording.time + 0.004, recording.time, e) for e in recording.effort.T], 1)
+    model = Identifier(Robot.bundled("arm6")).fit(
+        [Recording(recording.time, recording.joints, recording.position, None, ahead)]
+    )
+    np.testing.assert_allclose(model.lead, 0.004, atol=3e-4)
+    np.testing.assert_allclose(model.robot.viscous, 2.0, atol=0.05)
+    np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.05)
+
+
 def test_dynamics_agree_with_one_another(real):
     model = Identifier(Robot.bundled("arm6")).fit([motion(real, 4.0)])
     generator = np.random.default_rng(0)

@@ -22,6 +22,12 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
+FAST = 0.02
+"""Speed, in units of the limit, above which friction is sliding friction."""
+SLIDING = 0.05
+TURNING_WEIGHT = 0.2
+"""Rows near a joint's reversal, slower than so many velocity limits, count less for its parameters, down to this:
+dry friction may then be anything. What is learned beside the parameters is chosen with all rows alike."""
 REST_WEIGHT = 0.1
 """What a row counts for a joint at rest: dry friction may then hold anything up to its breakaway."""
 MOST_KEPT = 300
@@ -90,6 +96,8 @@ class Identifier:
         self.chunks = 0
         self.latest: tuple[Signals, np.ndarray] | None = None
         self._stream = Chunks(robot.joints, cutoff)
+        self._evidence = Recursion(self.recursion.belief)
+        self._fast = np.zeros(())
         self._straight: tuple[np.ndarray, ...] = ()
         self._carrier = robot
         self._kept: list[_Motion] = []
@@ -178,22 +186,25 @@ class Identifier:
 
     def settle(self) -> None:
         """Go through the motion again with the load as known now, and choose the terms that it supports."""
-        if self.recursion.total is None:
+        evidence, belief = self._evidence, self.recursion.belief
+        if evidence.total is None:
             return
-        belief = self.recursion.belief
         plain = Structure.plain(belief)
-        self.recursion.doubt()  # the choice depends on the motion alone, not on when it was made before
-        posterior = self.recursion.solve(layout(plain, belief), ITERATIONS)
-        friction = typical_friction(posterior.mean, posterior.layout, self.recursion.total)
+        for sums in (self.recursion, evidence):
+            sums.doubt()  # the choice depends on the motion alone, not on when it was made before
+        posterior = evidence.solve(layout(plain, belief), ITERATIONS)
+        friction = typical_friction(posterior.mean, posterior.layout, evidence.total)
         lowest = LEAST_FRICTION * belief.effort_scale
         plain = replace(plain, friction=tuple(np.clip(friction, lowest, belief.effort_scale)))
         if len(self._kept) == self._used:
             self._carrier = physical_model(self.robot, posterior, plain, self.scales).robot
             self.recursion.clear()
+            evidence.clear()
+            self._fast = np.zeros(())
             for motion in self._kept:
                 self._sum(motion)
-        self.structure = choose(self.recursion, plain, posterior.layout)
-        self._straight = straightened(self.structure, self.recursion.total)
+        self.structure = choose(evidence, plain, posterior.layout)
+        self._straight = straightened(self.structure, self._fast)
 
     @property
     def _layout(self) -> Layout:
@@ -234,8 +245,13 @@ class Identifier:
         load = smooth[:, :, :bodies] @ self._carrier.inertials.ravel()
         sharp = sharp_columns(signals, state, load, self.scales)
         columns = low_passed(signals, smooth, sharp, rows)
-        weights = np.where(signals.at_rest[rows], REST_WEIGHT, 1.0)
-        self.recursion.update(columns, signals.smooth(signals.effort)[rows], weights)
+        fast = np.abs(signals.velocity[rows]) > FAST * self.scales.velocity
+        moving = (columns[:, :, bodies:] * fast[:, :, None]).transpose(1, 2, 0)
+        self._fast = self._fast + moving @ moving.transpose(0, 2, 1)
+        effort = signals.smooth(signals.effort)[rows]
+        self._evidence.update(columns, effort, np.where(signals.at_rest[rows], REST_WEIGHT, 1.0))
+        speed = (signals.velocity[rows] / self.scales.velocity / SLIDING) ** 2
+        self.recursion.update(columns, effort, np.maximum(speed / (1.0 + speed), TURNING_WEIGHT))
         return state
 
     def _state_at(self, time: float) -> Directions | None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from bdnn_ros.kernels import gaussian_kernel
 from bdnn_ros.physical.dictionary import Scales, curve, features
 from bdnn_ros.physical.presliding import COUPLING_SIGNS, USUAL, Directions, coupled
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals, gaussian_kernel
+from bdnn_ros.signals import Signals
 
 
 def smooth_columns(robot: Robot, signals: Signals) -> np.ndarray:
@@ -15,7 +16,8 @@ def smooth_columns(robot: Robot, signals: Signals) -> np.ndarray:
     q, v, a = signals.position, signals.velocity, signals.acceleration
     own = np.stack([a, v, np.ones_like(q)], axis=-1)
     motors = np.stack([coupled(a), coupled(v)], axis=-1)
-    return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors)], axis=-1)
+    rate = _derivative(signals)[:, :, None]
+    return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors), rate], axis=-1)
 
 
 def sharp_columns(signals: Signals, direction: Directions, load: np.ndarray, scales: Scales) -> np.ndarray:
@@ -54,6 +56,15 @@ def _filter(signals: Signals, kernel: np.ndarray, rows: np.ndarray) -> np.ndarra
         inside = np.flatnonzero((rows >= segment.start) & (rows < segment.stop))
         taps = np.clip(rows[inside, None] + np.arange(-half, half + 1), segment.start, segment.stop - 1)
         np.add.at(result, (inside[:, None], taps), kernel)
+    return result
+
+
+def _derivative(signals: Signals) -> np.ndarray:
+    """Rate of the measured effort, (N, n) [N·m/s]: what a sensor that is a second ahead would add."""
+    assert signals.effort is not None
+    result = np.empty_like(signals.effort)
+    for segment in signals.segments:
+        result[segment] = np.gradient(signals.effort[segment], 1.0 / signals.rate, axis=0)
     return result
 
 

@@ -10,10 +10,15 @@ from bdnn_ros.physical.couplings import PER_COUPLING, CoupledMotors
 from bdnn_ros.physical.dictionary import CURVE_FEATURES, Scales
 from bdnn_ros.physical.local import LocalResiduals, spread_weights
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import Parameters
+from bdnn_ros.physical.parameters import PER_JOINT, Parameters
 from bdnn_ros.physical.recursive import Posterior, inverse, solve
 from bdnn_ros.physical.structure import Structure
-from bdnn_ros.robot import Robot
+from bdnn_ros.robot import PER_LINK, Robot
+
+FRICTION_LAW = 0.01
+"""Coulomb and viscous friction are idealisations, good to this share of the friction."""
+USUAL_SPEED = 0.25
+"""Speed at which that share is meant, in units of the limit."""
 
 
 def physical_model(
@@ -30,7 +35,8 @@ def physical_model(
     layout, width = posterior.layout, robot.width
     if not np.isfinite(posterior.mean).all():
         raise UpdateRejected("The identified parameters are not finite.", "Check the efforts for outliers.")
-    physical = np.arange(layout.base + PER_COUPLING * len(structure.couplings))
+    lead = layout.base + PER_COUPLING * len(structure.couplings)
+    physical = np.arange(lead + 1)
     learned = np.arange(len(physical), layout.size)
     cross = posterior.information[np.ix_(learned, physical)]
     follow = solve(posterior.information[np.ix_(learned, learned)], cross) if len(learned) else cross
@@ -50,7 +56,7 @@ def physical_model(
     pairs = structure.couplings
     motors = CoupledMotors(
         pairs,
-        vector[layout.base :].reshape(-1, PER_COUPLING),
+        vector[layout.base : lead].reshape(-1, PER_COUPLING),
         np.array([part(where) for where in layout.motors]).reshape(-1, CURVE_FEATURES),
         np.array([scales.velocity[pair.joint] + scales.velocity[pair.joint + 1] for pair in pairs]),
     )
@@ -64,10 +70,22 @@ def physical_model(
     return PhysicalModel(
         identified,
         values.offset,
-        inverse(information)[: layout.base, : layout.base],
+        inverse(information)[: layout.base, : layout.base] + _idealised(structure, scales),
         posterior.noise,
         version,
         structure.breakaway,
         motors,
         learned_effort,
+        float(vector[lead]),
     )
+
+
+def _idealised(structure: Structure, scales: Scales) -> np.ndarray:
+    """What the friction laws' own error adds to the covariance of the base parameters, (P, P)."""
+    width = len(structure.friction)
+    bodies = width * PER_LINK
+    friction = FRICTION_LAW * np.array(structure.friction)
+    added = np.zeros(bodies + PER_JOINT * width)
+    added[bodies + width : bodies + 2 * width] = friction / (USUAL_SPEED * scales.velocity)
+    added[bodies + 2 * width : bodies + 3 * width] = friction
+    return np.diag(added**2)

@@ -35,6 +35,7 @@ class PhysicalModel:
         breakaway: index into `BREAKAWAYS` of each joint: the travel in which dry friction turns round.
         motors: motors that turn with two joints.
         learned: what the joints' networks add, or None.
+        lead: how far the measured effort is ahead of the motion [s]; a command held for a period is by half of it.
     """
 
     kind: ClassVar[str] = "physical"
@@ -47,6 +48,7 @@ class PhysicalModel:
     breakaway: tuple[int, ...] = ()
     motors: CoupledMotors = field(default_factory=CoupledMotors)
     learned: LocalResiduals | None = None
+    lead: float = 0.0
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -135,7 +137,18 @@ class PhysicalModel:
             sharp = sharp + self.learned.effort(q, v, state.joints[:, :, USUAL], load, dry)
         linear = robot.armature * a + robot.viscous * v + self.offset
         linear = linear + self.motors.inertial(a) + self.motors.viscous(v)
-        return load + linear + signals.smooth(sharp)
+        return self._shifted(load + linear + signals.smooth(sharp), signals)
+
+    def _shifted(self, effort: np.ndarray, signals: Signals) -> np.ndarray:
+        """The effort as a sensor reports it that is ahead of the motion."""
+        if self.lead == 0.0:
+            return effort
+        result = np.empty_like(effort)
+        for rows in signals.segments:
+            time = signals.time[rows]
+            for joint, column in enumerate(effort[rows].T):
+                result[rows, joint] = np.interp(time + self.lead, time, column)
+        return result
 
     def effort_std(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Standard deviation of the effort by parameters and residual, (N, n) [N·m]; all (N, n)."""
@@ -172,6 +185,7 @@ class PhysicalModel:
             "joints": list(robot.joints),
             "version": self.version,
             "breakaway": list(self.breakaway),
+            "lead": self.lead,
             "motors": pairs,
         }
         if self.learned is not None:
@@ -198,6 +212,7 @@ class PhysicalModel:
                 noise=arrays["noise"],
                 version=int(info["version"]),
                 breakaway=breakaway,
+                lead=float(info["lead"]),
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )

@@ -15,6 +15,7 @@ from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
 from bdnn_ros.physical.recursive import Recursion, solve
 from bdnn_ros.physical.statistics import Statistics, summed
 from bdnn_ros.physical.structure import (
+    LEAD,
     Columns,
     Layout,
     Structure,
@@ -117,7 +118,11 @@ class _Joint:
 
     def error(self, breakaway: int, groups: Sequence[str] = (), couplings: Sequence[Coupling] = ()) -> float:
         """Squared error on what was left out, fold by fold, under the coefficients of all other folds."""
-        columns = [self.where.of_joint(breakaway), *(self.where.of_group(name) for name in groups)]
+        columns = [
+            self.where.of_joint(breakaway),
+            np.array([self.where.lead]),
+            *(self.where.of_group(name) for name in groups),
+        ]
         for coupling in couplings:
             if self.joint - coupling.joint in (0, 1):
                 columns.append(self.where.of_coupling(self.joint == coupling.joint, coupling.sign))
@@ -135,6 +140,7 @@ class _Joint:
             own = where.of_joint(breakaway)
             information[own] = np.diagonal(self.information)[n:]
             vector[own] = self.vector[n:]
+        information[where.lead] = 1.0 / LEAD**2
         for name in GROUPS:
             information[where.of_group(name)] = 1.0 / group_deviation(plain, name, self.joint) ** 2
         width = len(belief.effort_scale)

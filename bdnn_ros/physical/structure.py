@@ -14,6 +14,8 @@ from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
 from bdnn_ros.physical.statistics import Regression, Statistics
 from bdnn_ros.robot import PER_LINK
 
+LEAD = 0.003
+"""Prior standard deviation of how far the measured effort may be ahead of the motion [s]."""
 MOTOR_CURVE = 0.2
 """Prior standard deviation of the weights of a coupled motor's curve, in units of its joints' friction."""
 
@@ -52,18 +54,18 @@ class Structure:
 class Columns:
     """Where each term is among the K columns of a joint.
 
-    In order, low-passed once: the bodies (n · PER_LINK), armature, viscous, offset, and for the pair with the
-    joint before and the joint after, for each sign, armature and viscous friction of a coupled motor. Then,
-    low-passed
-    twice: Coulomb friction for each of `BREAKAWAYS`, the features, and Coulomb friction of the coupled
-        motors.
+    In order, low-passed once: the bodies (n · PER_LINK), armature, viscous, offset, for the pair with the
+    joint before and the joint after, for each sign, armature and viscous friction of a coupled motor, and the
+    rate of the measured effort. Then, low-passed twice: Coulomb friction for each of `BREAKAWAYS`, the
+    features, and Coulomb friction of the coupled motors with its curve.
     """
 
     def __init__(self, width: int) -> None:
         pairs = 2 * len(COUPLING_SIGNS)
         self.own = width * PER_LINK
         self.coupled_smooth = self.own + 3
-        self.coulomb = self.coupled_smooth + 2 * pairs
+        self.lead = self.coupled_smooth + 2 * pairs
+        self.coulomb = self.lead + 1
         self.features = self.coulomb + len(BREAKAWAYS)
         self.coupled_sharp = self.features + FEATURES
         self.count = self.coupled_sharp + pairs * (1 + CURVE_FEATURES)
@@ -92,8 +94,8 @@ class Columns:
 class Layout:
     """Where the P parameters of a structure are.
 
-    Those of `Prior`, then `PER_COUPLING` of each coupling, the weights of the couplings' curves, and the
-    weights of the joints' features.
+    Those of `Prior`, then `PER_COUPLING` of each coupling, the time the effort is ahead, the weights of the
+    couplings' curves, and the weights of the joints' features.
 
     Attributes:
         columns: of each joint, which of its K columns take part.
@@ -159,22 +161,26 @@ def typical_friction(posterior_mean: np.ndarray, plain: Layout, statistics: Stat
     return tuple(result)
 
 
-def straightened(structure: Structure, statistics: Statistics) -> tuple[np.ndarray, ...]:
+def straightened(structure: Structure, gram: np.ndarray) -> tuple[np.ndarray, ...]:
     """What is taken from each joint's features so that they hold no friction or offset of their own.
 
     Viscous and Coulomb friction and offset stay what fits the motion best, whatever is learned beside them.
+
+    Args:
+        gram: Σ φ φᵀ of each joint's columns after the bodies', over fast motion: where a joint turns round, dry
+            friction is anything, (n, K - n · PER_LINK, K - n · PER_LINK).
     """
     result = []
     where = Columns(len(structure.groups))
     for joint, (breakaway, groups) in enumerate(zip(structure.breakaway, structure.groups, strict=True)):
         own = where.of_joint(breakaway)[1:]
         chosen = [where.of_group(name) for name in GROUPS if name in groups]
-        columns = np.concatenate([own, *chosen])
-        gram = statistics.of_joint(joint, columns).gram
+        columns = np.concatenate([own, *chosen]) - where.own
+        sums = gram[joint][np.ix_(columns, columns)]
         count = len(own)
-        known = gram[:count, :count]
+        known = sums[:count, :count]
         ridge = 1e-9 * np.diag(np.diagonal(known) + 1e-12)
-        result.append(np.linalg.solve(known + ridge, gram[:count, count:]).T)
+        result.append(np.linalg.solve(known + ridge, sums[:count, count:]).T)
     return tuple(result)
 
 
@@ -191,8 +197,9 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
     columns = [[bodies, where.of_joint(structure.breakaway[j])] for j in range(width)]
     parameters = [[bodies, width * PER_LINK + np.arange(PER_JOINT) * width + j] for j in range(width)]
     deviation: list[np.ndarray] = []
-    free = base + PER_COUPLING * len(structure.couplings)
-    positive = [width * PER_LINK + np.arange(PER_COUPLING * width), np.arange(base, free)]
+    lead = base + PER_COUPLING * len(structure.couplings)
+    free = lead + 1
+    positive = [width * PER_LINK + np.arange(PER_COUPLING * width), np.arange(base, lead)]
     motors = []
     for k, coupling in enumerate(structure.couplings):
         own = np.concatenate(
@@ -206,6 +213,10 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
         deviation.append(spread[PER_COUPLING:])
         motors.append(slice(free, free + CURVE_FEATURES))
         free += CURVE_FEATURES
+    for joint in range(width):
+        columns[joint].append(np.array([where.lead]))
+        parameters[joint].append(np.array([lead]))
+    deviation.insert(len(structure.couplings), np.array([LEAD]))
     weights = []
     for joint, groups in enumerate(structure.groups):
         begin = free
