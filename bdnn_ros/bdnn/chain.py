@@ -27,8 +27,10 @@ LARGEST_TURN = 0.8
 FOUND_AGAIN = 1.1
 """A start that ends within this factor of the best has found it again."""
 CHUNK = 1000
-GENERIC_STRENGTH = 0.1
+GENERIC_STRENGTH = 1.0
 """How firmly the generic body is believed in [nats]."""
+LONGEST = 0.5
+"""Distance between two axes that a link seldom has [m]."""
 LEAST_GAIN = 0.5
 """A step of the axes that gains less is not worth another [nats]."""
 NOISE_FLOOR = 1e-3
@@ -54,9 +56,10 @@ class Chain:
         regressor = self.kinematics.regressor(samples.position, samples.velocity, samples.acceleration)
         return columns(regressor, samples) @ self.parameters
 
-    def error(self, samples: Samples) -> np.ndarray:
-        """Mean squared error over the effort's variance by joint, (n,)."""
-        return np.mean((self.effort(samples) - samples.effort) ** 2, axis=0) / scales_of(samples).effort ** 2
+    def error(self, samples: Samples, scale: np.ndarray | None = None) -> np.ndarray:
+        """Mean squared error by joint, (n,), over the square of a scale (n,), else of the effort's own."""
+        scale = scales_of(samples).effort if scale is None else scale
+        return np.asarray(np.mean(((self.effort(samples) - samples.effort) / scale) ** 2, axis=0))
 
 
 # -- search ----------------------------------------------------------------------------------------------
@@ -183,6 +186,7 @@ def refine(samples: Samples, chain: Chain, belief: Belief) -> Chain | None:
     """
     noise = noise_of(samples, chain)
     now = _error(samples, chain.kinematics, noise).nats(chain.parameters) + belief.nats(chain.parameters)
+    now += _reach_nats(chain.kinematics)
     hessian, gradient = _normal(samples, chain, belief, noise)
     if not np.isfinite(hessian).all():
         return None
@@ -195,10 +199,15 @@ def refine(samples: Samples, chain: Chain, belief: Belief) -> Chain | None:
         error = _error(samples, moved, noise)
         start = chain.parameters + step[edge:]
         theta = fit(error, belief, start if np.isfinite(belief.nats(start)) else chain.parameters)
-        if error.nats(theta) + belief.nats(theta) < now - LEAST_GAIN:
+        if error.nats(theta) + belief.nats(theta) + _reach_nats(moved) < now - LEAST_GAIN:
             return _costed(samples, Chain(moved, theta, np.nan))
         damping *= 30.0
     return None
+
+
+def _reach_nats(kinematics: Kinematics) -> float:
+    """What is believed of the distances between axes: links are seldom longer than `LONGEST`."""
+    return 0.5 * float(np.sum(kinematics.translations**2)) / LONGEST**2
 
 
 def refit(samples: Samples, chain: Chain, belief: Belief) -> Chain:
@@ -245,6 +254,11 @@ def _normal(
         rows = (full / noise[:, None]).reshape(-1, size)
         hessian += rows.T @ rows
         gradient += rows.T @ ((design @ theta - part.effort) / noise).ravel()
+    for joint in range(n):
+        rows = slice(6 * joint, 6 * joint + 3)
+        turned = chain.kinematics.rotations[joint].T @ chain.kinematics.translations[joint]
+        gradient[rows] += turned / LONGEST**2
+        hessian[rows, rows] += np.eye(3) / LONGEST**2
     believed, curvature = belief.slopes(theta)
     gradient[edge:] += believed
     hessian[edge:, edge:] += curvature

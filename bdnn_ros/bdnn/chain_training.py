@@ -12,51 +12,48 @@ from bdnn_ros.bdnn import chain as chains
 from bdnn_ros.bdnn.chain import Chain, Search
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.dynamics import BDNN
-from bdnn_ros.bdnn.kinematics import Kinematics
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local
-from bdnn_ros.bdnn.samples import Samples, joined, samples_of, scales_of
+from bdnn_ros.bdnn.refinement import Refinement, get_chain, put_chain
+from bdnn_ros.bdnn.samples import Samples, samples_of, scales_of
 from bdnn_ros.errors import DataError
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
 SEARCH_SHARE = 0.5
 """Share of the budget after which no new start is made."""
-POLISH_SAMPLES = 1500
-POLISH_STEPS = 30
-REFINE_SAMPLES = 4000
-FIRMNESS = (1e3, 1e3, 1e2, 1e2, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0)
-"""How firmly the generic body is held, step by step: on the edge of what can exist axes hardly move."""
-CLEAR = 1e-3
-"""A start that leaves less than this of the effort's variance needs no rival."""
-PATIENCE = 0.3
-"""Share of the budget after which two starts that agree end the search, clear or not."""
 LAST_SHARE = 0.85
-"""Share of the budget kept free for the last fits: they cost little."""
+"""Share of the budget after which only the last fits are made: they cost little."""
+CLEAR = 1e-3
+"""A start that leaves less than this of the effort's variance, and was found twice, needs no rival."""
+HOPELESS = 2.0
+"""A start that leaves this much more than the best is not refined."""
+POLISH_SAMPLES, POLISH_STEPS = 1500, 30
+REFINE_SAMPLES = 4000
 
 
 class ChainTraining:
     """One black box in the making, a short piece of work at a time.
 
-    The stages are: search random axes until two starts agree; polish the best on more samples; make their
-    bodies real and refine them; keep the one that does best on what was held out; fit its bodies and its
-    local networks to all.
+    The stages are: search random axes until two starts agree; polish the best on more samples, make their
+    bodies real and refine them; keep the one with the least error, fit its bodies and local networks to all.
+    Every chain has as many weights, few beside the samples, so nothing need be held out to choose one; the
+    local networks are judged on blocks of time left out.
     """
 
     def __init__(
         self, train: Sequence[Signals], validation: Sequence[Signals], rng: np.random.Generator
     ) -> None:
-        self._train, self._validation = list(train), list(validation)
+        self._parts = [*train, *validation]
         self._joints = train[0].joints
-        self._samples, self._judge = samples_of(train), samples_of(validation)
+        self._samples = samples_of(self._parts)
         self._rng = rng
         self._search = Search(self._samples, rng)
         self._polish = self._samples.some(POLISH_SAMPLES, rng)
         self._refine = self._samples.some(REFINE_SAMPLES, rng)
         self._belief = chains.generic(self._samples)
         self._waiting: list[Chain] = []
-        self._done: list[Chain] = []
-        self._steps = len(FIRMNESS)
+        self._refinements: list[Refinement] = []
         self.stage = "search"
         self._model: BDNN | None = None
 
@@ -65,10 +62,22 @@ class ChainTraining:
         """Whether nothing is left to do."""
         return self.stage == "finished"
 
+    @property
+    def told(self) -> str:
+        """What is being done, for a progress line."""
+        if self.stage == "search":
+            best = f", best error {100.0 * self._search.found[0].cost:.3g} %" if self._search.found else ""
+            return f"searching axes: start {self._search.starts}{best}"
+        done = self._done()
+        return "refining bodies" + (f", error {100.0 * done[0].cost:.3g} %" if done else "")
+
     def advance(self, used: Callable[[], float]) -> None:
         """One piece of work; `used` tells the share of the budget that is spent."""
         if self.stage == "search":
-            self._search_once(used)
+            self._search.try_once(lambda: bool(self._search.found) and used() > SEARCH_SHARE)
+            agreed = self._search.settled and self._search.found[0].cost < CLEAR
+            if agreed or used() > SEARCH_SHARE:
+                self.stage, self._waiting = "refine", self._promising()
         elif self.stage == "refine":
             self._refine_once(used)
         elif self.stage == "fit":
@@ -82,96 +91,73 @@ class ChainTraining:
             DataError: there was no time to find one.
         """
         if self._model is None:
-            if not self._done and not self._found():
+            if not self._search.found:
                 raise DataError(
                     "The budget is too short to find a model.", "Give more seconds with --budget."
                 )
             self._model = self._fitted()
         return self._model
 
-    @property
-    def told(self) -> str:
-        """What is being done, for a progress line."""
-        if self.stage == "search":
-            best = f", best error {100.0 * self._search.found[0].cost:.3g} %" if self._search.found else ""
-            return f"searching axes: start {self._search.starts}{best}"
-        best = f", held-out error {100.0 * self._score(self._done[0]):.3g} %" if self._done else ""
-        return f"refining bodies{best}"
-
     # -- stages ----------------------------------------------------------------------------------------------
 
-    def _search_once(self, used: Callable[[], float]) -> None:
-        self._search.try_once(lambda: bool(self._search.found) and used() > SEARCH_SHARE)
-        agreed = self._search.settled and (self._search.found[0].cost < CLEAR or used() > PATIENCE)
-        if agreed or used() > SEARCH_SHARE:
-            self.stage, self._waiting = "refine", self._found()
-
-    def _found(self) -> list[Chain]:
+    def _promising(self) -> list[Chain]:
         """What the search found, without what the best makes idle."""
         found = self._search.found
         if found and found[0].cost < CLEAR:
             return found[:1]
-        return [chain for chain in found if chain.cost < 2.0 * found[0].cost]
+        return [chain for chain in found if chain.cost < HOPELESS * found[0].cost]
 
     def _refine_once(self, used: Callable[[], float]) -> None:
-        """Polish a waiting chain and make it real, or refine the one in hand by a step."""
+        """A step of the refinement in hand, or the next one begun."""
         hurried = used() > LAST_SHARE
-        if self._steps == len(FIRMNESS) and self._waiting and not (hurried and self._done):
+        if hurried and self._done():
+            self.stage = "fit"
+        elif self._refinements and not self._refinements[-1].finished:
+            self._refinements[-1].advance(self._refine, self._belief)
+        elif self._waiting:
             chain = self._waiting.pop(0)
             if not hurried:
-                start, samples = chain.kinematics, self._polish
-                chain = chains.descend(samples, start, POLISH_STEPS, lambda: used() > LAST_SHARE)
-            firmness = 1.0 if hurried else FIRMNESS[0]
-            self._done.append(chains.feasible(self._refine, chain, self._belief.stronger(firmness)))
-            self._steps = 0
-        elif self._steps < len(FIRMNESS) and not hurried:
-            belief = self._belief.stronger(FIRMNESS[self._steps])
-            self._done[-1] = chains.refine(self._refine, self._done[-1], belief) or self._done[-1]
-            self._steps += 1
+                give_up = lambda: used() > LAST_SHARE  # noqa: E731
+                chain = chains.descend(self._polish, chain.kinematics, POLISH_STEPS, give_up)
+            self._refinements.append(Refinement(chain))
         else:
             self.stage = "fit"
 
-    def _score(self, chain: Chain) -> float:
-        return float(chain.error(self._judge).mean())
+    def _done(self) -> list[Chain]:
+        """The best of each refinement, best first."""
+        ends = [refinement.best for refinement in self._refinements]
+        return sorted((chain for chain in ends if chain is not None), key=lambda chain: chain.cost)
 
     def _fitted(self) -> BDNN:
-        """The black box of the chain that does best on what was held out, fitted to all."""
-        done = self._done or [chains.feasible(self._refine, self._found()[0], self._belief)]
-        best = min(done, key=self._score)
-        learned = chains.refit(self._samples, best, self._belief)
-        core = core_of(learned, self._joints, self._samples)
-        networks = fit_local(core, self._train, self._validation)
-        # what was held out has chosen; now it may teach as well
-        full = chains.refit(joined(self._samples, self._judge), learned, self._belief)
-        return BDNN(with_networks(core_of(full, self._joints, self._samples), networks))
+        """The black box of the chain with the least error, fitted to all."""
+        done = self._done()
+        best = done[0] if done else chains.feasible(self._refine, self._promising()[0], self._belief)
+        core = core_of(chains.refit(self._samples, best, self._belief), self._joints, self._samples)
+        return BDNN(replace(core, local=fit_local(core, self._parts)))
 
     # -- files -----------------------------------------------------------------------------------------------
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest from which the training goes on."""
         arrays: dict[str, np.ndarray] = {}
-        for name, group in (("found", self._search.found), ("waiting", self._waiting), ("done", self._done)):
+        for name, group in (("found", self._search.found), ("waiting", self._waiting)):
             for k, chain in enumerate(group):
-                arrays[f"{name}.{k}.rotations"] = chain.kinematics.rotations
-                arrays[f"{name}.{k}.translations"] = chain.kinematics.translations
-                arrays[f"{name}.{k}.parameters"] = chain.parameters
-                arrays[f"{name}.{k}.cost"] = np.array(chain.cost)
-        info = {
-            "stage": self.stage,
-            "starts": self._search.starts,
-            "steps": self._steps,
-            "rng": self._rng.bit_generator.state,
-        }
-        return arrays, info
+                put_chain(f"{name}{k}", chain, arrays)
+        refined = [one.to_state(f"refinement{k}", arrays) for k, one in enumerate(self._refinements)]
+        counts = {"found": len(self._search.found), "waiting": len(self._waiting), "refinements": refined}
+        rng = self._rng.bit_generator.state
+        return arrays, {"stage": self.stage, "starts": self._search.starts, "rng": rng, **counts}
 
     def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
         """Go on from a state of the same data."""
-        groups: dict[str, list[Chain]] = {}
-        for name in ("found", "waiting", "done"):
-            count = sum(key.startswith(f"{name}.") and key.endswith(".cost") for key in arrays)
-            groups[name] = [_chain(arrays, f"{name}.{k}") for k in range(count)]
-        self._search.found, self._waiting, self._done = groups["found"], groups["waiting"], groups["done"]
-        self._search.starts, self._steps = int(info["starts"]), int(info["steps"])
+        found, self._waiting = (
+            [get_chain(f"{name}{k}", arrays) for k in range(int(info[name]))] for name in ("found", "waiting")
+        )
+        self._search.found, self._search.starts = found, int(info["starts"])
+        self._refinements = [
+            Refinement.from_state(f"refinement{k}", arrays, told)
+            for k, told in enumerate(info["refinements"])
+        ]
         self.stage = "fit" if info["stage"] == "finished" else str(info["stage"])
         self._rng.bit_generator.state = info["rng"]
 
@@ -186,13 +172,3 @@ def core_of(chain: Chain, joints: Sequence[str], samples: Samples) -> PriorCore:
     load = np.maximum(np.std(robot.gravity(samples.position), axis=0), 1e-3 * scales.effort)
     networks = LocalNetworks.silent(scales.velocity, load).with_offset(offset)
     return PriorCore(robot, networks, None, scales.slow)
-
-
-def with_networks(core: PriorCore, networks: LocalNetworks) -> PriorCore:
-    """The core with other networks beside its offset."""
-    return replace(core, local=networks.with_offset(core.local.output_weights[:, 0]))
-
-
-def _chain(arrays: dict[str, np.ndarray], prefix: str) -> Chain:
-    kinematics = Kinematics(arrays[f"{prefix}.rotations"], arrays[f"{prefix}.translations"])
-    return Chain(kinematics, arrays[f"{prefix}.parameters"], float(arrays[f"{prefix}.cost"]))

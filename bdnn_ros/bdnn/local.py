@@ -1,10 +1,10 @@
 """One small network per joint for what a prior's bias leaves out: friction's shape, cogging, springs.
 
-A joint's network sees that joint alone: its position with harmonics, its velocity, its direction of
-motion and its gravity load. So little data teaches much, and nothing is learned that the motion did not
-show joint by joint. The hidden layer is drawn at random and the output layer solved for (a random-vector
-functional-link network: Pao and Takefuji, "Functional-link net computing", Computer 25(5), 1992): no
-steps, no local minima.
+A joint's network sees that joint alone: its position with harmonics, its velocity, its direction of motion
+and its gravity load; of its neighbours, which may share a gear, only velocity and direction. So little data
+teaches much, and nothing is learned that the motion did not show joint by joint. The hidden layer is drawn
+at random and the output layer solved for (a random-vector functional-link network: Pao and Takefuji,
+"Functional-link net computing", Computer 25(5), 1992): no steps, no local minima.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import numpy as np
 
 HARMONICS = 20
 HIDDEN = 24
+PLAIN = 10
+"""Features that are neither harmonics nor hidden units."""
 STEEPEST = 30.0
 """Largest gain of a hidden unit on the velocity, over the joint's typical velocity."""
 
@@ -46,7 +48,7 @@ class LocalNetworks:
         weights = rng.normal(size=(n, HIDDEN, 5)) * np.array([1.0, 1.0, 1.0, 0.5, 0.5])
         weights[:, :, 2] *= np.exp(rng.uniform(0.0, np.log(STEEPEST), (n, HIDDEN)))
         bias = rng.normal(size=(n, HIDDEN))
-        return cls(weights, bias, np.zeros((n, 6 + 2 * HARMONICS + HIDDEN)), velocity, load)
+        return cls(weights, bias, np.zeros((n, PLAIN + 2 * HARMONICS + HIDDEN)), velocity, load)
 
     @property
     def is_silent(self) -> bool:
@@ -71,28 +73,27 @@ class LocalNetworks:
         """
         if not self.output_weights[:, 1:].any():
             return np.broadcast_to(self.output_weights[:, 0], position.shape)
-        return np.einsum(
-            "bnf,nf->bn", self.features(position, velocity, direction, load), self.output_weights
-        )
+        efforts = [
+            self.features(joint, position, velocity, direction, load) @ weights
+            for joint, weights in enumerate(self.output_weights)
+        ]
+        return np.stack(efforts, axis=1)
 
     def features(
-        self, position: np.ndarray, velocity: np.ndarray, direction: np.ndarray, load: np.ndarray
+        self, joint: int, position: np.ndarray, velocity: np.ndarray, direction: np.ndarray, load: np.ndarray
     ) -> np.ndarray:
-        """What the output layer weighs, (B, n, F): 1, velocity terms, harmonics, hidden units."""
-        rate, carried = velocity / self.velocity, load / self.load
-        phase = position[..., None] * np.arange(1, self.harmonics + 1)
+        """What a joint's output layer weighs, (B, F): 1, velocities, neighbours, harmonics, hidden units."""
+        rates = velocity / self.velocity
+        rate, turn, carried = rates[:, joint], direction[:, joint], load[:, joint] / self.load[joint]
+        phase = position[:, joint, None] * np.arange(1, self.harmonics + 1)
         sine, cosine = np.sin(phase), np.cos(phase)
-        plain = [
-            np.ones_like(rate),
-            rate,
-            direction,
-            rate * np.abs(rate),
-            np.abs(carried) * direction,
-            carried,
-        ]
-        inputs = np.stack([sine[..., 0], cosine[..., 0], rate, direction, carried], axis=-1)
-        hidden = np.tanh(np.einsum("bni,nhi->bnh", inputs, self.hidden_weights) + self.hidden_bias)
-        return np.concatenate([np.stack(plain, axis=-1), sine, cosine, hidden], axis=-1)
+        plain = [np.ones_like(rate), rate, turn, rate * np.abs(rate), np.abs(carried) * turn, carried]
+        for other in (joint - 1, joint + 1):
+            there = 0 <= other < position.shape[1]
+            plain += [values[:, other] if there else np.zeros_like(rate) for values in (rates, direction)]
+        inputs = np.stack([sine[:, 0], cosine[:, 0], rate, turn, carried], axis=1)
+        hidden = np.tanh(inputs @ self.hidden_weights[joint].T + self.hidden_bias[joint])
+        return np.concatenate([np.stack(plain, axis=1), sine, cosine, hidden], axis=1)
 
     array_names: ClassVar[tuple[str, ...]] = (
         "hidden_weights",
@@ -118,5 +119,5 @@ def penalties(networks: LocalNetworks) -> np.ndarray:
     """How much each feature's weight is held back, (F,): high harmonics more, plain friction little."""
     orders = np.arange(1, networks.harmonics + 1)
     wavy = 1.0 + 0.3 * (orders - 1.0)
-    plain = np.array([1e-3, 1e-2, 1e-2, 1.0, 1.0, 1.0])
+    plain = np.array([1e-3, 1e-2, 1e-2, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     return np.concatenate([plain, wavy, wavy, np.ones(networks.hidden_bias.shape[1])])

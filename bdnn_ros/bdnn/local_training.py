@@ -1,10 +1,9 @@
-"""Fitting the local networks: a ridge whose strength the held-out blocks choose, joint by joint."""
+"""Fitting the local networks: a ridge, its strength chosen by leaving blocks of time out, joint by joint."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,10 @@ from bdnn_ros.signals import Signals
 STRENGTHS = tuple(10.0**power for power in range(-6, 2))
 """Ridge strengths tried, relative to the features' mean square."""
 LEAST_GAIN = 0.02
-"""A joint keeps its network if the held-out error falls by this share at least."""
+"""A joint keeps its network if the error on blocks left out falls by this share at least ..."""
+CERTAINTY = 2.0
+"""... and by so many standard errors over the blocks."""
+BLOCKS = 10
 PIECE = 20_000
 """Samples at a time: features are many."""
 
@@ -44,67 +46,87 @@ class Sums:
             self.count + other.count,
         )
 
+    def __sub__(self, other: Sums) -> Sums:
+        gram, right = self.gram - other.gram, self.right - other.right
+        return Sums(gram, right, self.square - other.square, self.count - other.count)
+
     def error(self, weights: np.ndarray) -> float:
         """Mean squared residual with output weights (F,)."""
         return float(weights @ (self.gram @ weights - 2.0 * self.right) + self.square) / self.count
 
 
-def fit_local(core: PriorCore, train: Sequence[Signals], validation: Sequence[Signals]) -> LocalNetworks:
+def fit_local(core: PriorCore, parts: Sequence[Signals]) -> LocalNetworks:
     """Networks for what the core's prior leaves out; silent but for an offset where they do not help.
 
-    Features and residual are low-passed alike. Once the strength is chosen, the weights are those of all
-    data.
+    Features and residual are low-passed alike.
     """
     silent = replace(core.local, output_weights=np.zeros_like(core.local.output_weights))
-    learn, judge = (sums_of(replace(core, local=silent), parts) for parts in (train, validation))
-    weights = np.array([_chosen(a, b, penalties(core.local)) for a, b in zip(learn, judge, strict=True)])
+    blocks = sums_of(replace(core, local=silent), parts)
+    weights = np.array([_chosen(of_joint, penalties(core.local)) for of_joint in blocks])
     return replace(core.local, output_weights=weights)
 
 
-def sums_of(core: PriorCore, parts: Sequence[Signals]) -> list[Sums]:
-    """Sums of every joint over several recordings' signals."""
-    total: list[Sums] = []
+def sums_of(core: PriorCore, parts: Sequence[Signals]) -> list[list[Sums]]:
+    """Sums of every joint over blocks of time, `BLOCKS` of them or one for each part."""
+    each = max(round(BLOCKS / len(parts)), 1)
+    result: list[list[Sums]] = [[] for _ in core.joints]
     for signals in parts:
         assert signals.effort is not None
         residual = signals.smooth(signals.effort - core.predict(signals))
         load = core.prior.gravity(signals.position)
-        found = [_joint_sums(core.local, signals, residual, load, joint) for joint in range(signals.width)]
-        total = [a + b for a, b in zip(total, found, strict=True)] if total else found
-    return total
+        for joint, sums in enumerate(result):
+            sums += _joint_sums(core.local, signals, residual[:, joint], load, joint, each)
+    return result
 
 
 def _joint_sums(
-    networks: LocalNetworks, signals: Signals, residual: np.ndarray, load: np.ndarray, joint: int
-) -> Sums:
-    held: dict[str, Any] = {k: getattr(networks, k)[joint : joint + 1] for k in networks.array_names}
-    one = LocalNetworks(**held, harmonics=networks.harmonics)
-    column = slice(joint, joint + 1)
-    inputs = (signals.position, signals.velocity, signals.sign, load)
-    features = signals.smooth(_features(one, [values[:, column] for values in inputs]))[signals.interior]
-    target = residual[signals.interior, joint]
-    return Sums(features.T @ features, features.T @ target, float(target @ target), len(target))
-
-
-def _features(networks: LocalNetworks, inputs: list[np.ndarray]) -> np.ndarray:
+    networks: LocalNetworks, signals: Signals, residual: np.ndarray, load: np.ndarray, joint: int, blocks: int
+) -> list[Sums]:
+    motion = (signals.position, signals.velocity, signals.sign, load)
     pieces = [
-        networks.features(*(values[k : k + PIECE] for values in inputs))[:, 0]
-        for k in range(0, len(inputs[0]), PIECE)
+        networks.features(joint, *(values[k : k + PIECE] for values in motion))
+        for k in range(0, len(signals), PIECE)
     ]
-    return np.concatenate(pieces)
+    features = signals.smooth(np.concatenate(pieces))
+    result = []
+    for rows in np.array_split(np.flatnonzero(signals.interior), blocks):
+        x, y = features[rows], residual[rows]
+        result.append(Sums(x.T @ x, x.T @ y, float(y @ y), len(rows)))
+    return result
 
 
-def _chosen(learn: Sums, judge: Sums, penalty: np.ndarray) -> np.ndarray:
+def _chosen(blocks: list[Sums], penalty: np.ndarray) -> np.ndarray:
     """Output weights (F,) of one joint."""
-    both = learn + judge
-    offset = np.zeros_like(penalty)
-    offset[0] = learn.right[0] / learn.gram[0, 0]
-    best = min((judge.error(_ridge(learn, penalty, s)), s) for s in STRENGTHS)
-    if best[0] < (1.0 - LEAST_GAIN) * min(judge.error(offset), judge.error(0.0 * offset)):
-        return _ridge(both, penalty, best[1])
-    offset[0] = both.right[0] / both.gram[0, 0]
-    return offset if judge.error(offset) < judge.error(0.0 * offset) else 0.0 * offset
+    everything = sum(blocks[1:], blocks[0])
+    plain = _left_out(blocks, everything, _offset)
+    trials = {s: _left_out(blocks, everything, _Ridge(penalty, s)) for s in STRENGTHS}
+    strength = min(STRENGTHS, key=lambda s: float(np.mean(trials[s])))
+    gains = plain - trials[strength]
+    doubt = CERTAINTY * float(np.std(gains)) / np.sqrt(max(len(gains) - 1, 1))
+    if float(np.mean(gains)) > max(doubt, LEAST_GAIN * float(np.mean(plain))):
+        return _Ridge(penalty, strength)(everything)
+    still = np.array([block.error(np.zeros_like(penalty)) for block in blocks])
+    return _offset(everything) if np.mean(plain) < np.mean(still) else np.zeros_like(penalty)
 
 
-def _ridge(sums: Sums, penalty: np.ndarray, strength: float) -> np.ndarray:
-    size = float(np.mean(np.diag(sums.gram)))
-    return np.linalg.solve(sums.gram + strength * size * np.diag(penalty), sums.right)
+def _left_out(blocks: list[Sums], everything: Sums, solve: Callable[[Sums], np.ndarray]) -> np.ndarray:
+    """Error on each block of the weights solved without it; on one block only, of its own."""
+    if len(blocks) == 1:
+        return np.array([blocks[0].error(solve(blocks[0]))])
+    return np.array([block.error(solve(everything - block)) for block in blocks])
+
+
+def _offset(sums: Sums) -> np.ndarray:
+    weights = np.zeros_like(sums.right)
+    weights[0] = sums.right[0] / sums.gram[0, 0]
+    return weights
+
+
+@dataclass(frozen=True)
+class _Ridge:
+    penalty: np.ndarray
+    strength: float
+
+    def __call__(self, sums: Sums) -> np.ndarray:
+        size = self.strength * float(np.mean(np.diag(sums.gram)))
+        return np.linalg.solve(sums.gram + size * np.diag(self.penalty), sums.right)

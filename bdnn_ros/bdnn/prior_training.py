@@ -71,9 +71,8 @@ class PriorTraining:
             self._identify_bodies()
             self.stage = "networks"
         elif self.stage == "networks":
-            networks = fit_local(self._core, self._train, self._validation)
-            offset = self._core.local.output_weights[:, 0]
-            self._core = replace(self._core, local=networks.with_offset(offset))
+            networks = fit_local(self._core, [*self._train, *self._validation])
+            self._core = replace(self._core, local=networks)
             self.stage = "correction"
         elif self.stage == "correction":
             give_up = lambda: used() > CORRECTION_SHARE  # noqa: E731

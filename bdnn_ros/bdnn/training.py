@@ -62,7 +62,8 @@ def identify(
 
     Args:
         signals_train: motions to learn from, of one recording or several.
-        signals_validation: held-out motions that choose and stop.
+        signals_validation: held-out motions that choose and stop; a chain, which needs neither, learns from
+            them too.
         prior: what is known; a `Robot`'s bodies and joints are identified, any other dynamics stay as they
             are, and networks learn the rest. None learns all.
         budget: [s]; the training ends by itself, at the latest 10 % later.
