@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import qr
 
 from bdnn_ros.physical.parameters import INERTIAL_NAMES, JOINT_NAMES, PER_JOINT
 from bdnn_ros.robot import PER_LINK, Robot
@@ -104,7 +105,7 @@ def _columns(robot: Robot) -> np.ndarray:
 
 def _independent(columns: np.ndarray) -> tuple[list[int], np.ndarray]:
     """Columns that no others before them make up, and how much of every column each takes in, (kept, all)."""
-    triangle = np.linalg.qr(columns, mode="r")
+    triangle = qr(columns, mode="r")[0][: columns.shape[1]]
     length = np.linalg.norm(columns, axis=0)
     kept: list[int] = []
     basis = np.zeros((len(triangle), 0))
