@@ -15,7 +15,14 @@ from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local
 from bdnn_ros.bdnn.refinement import Refinement, get_chain, put_chain
-from bdnn_ros.bdnn.samples import Samples, samples_of, scales_of
+from bdnn_ros.bdnn.samples import (
+    Samples,
+    most_samples,
+    most_working_samples,
+    samples_of,
+    scales_of,
+    shortened,
+)
 from bdnn_ros.errors import DataError
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
@@ -42,9 +49,14 @@ class ChainTraining:
     """
 
     def __init__(
-        self, train: Sequence[Signals], validation: Sequence[Signals], rng: np.random.Generator
+        self,
+        train: Sequence[Signals],
+        validation: Sequence[Signals],
+        rng: np.random.Generator,
+        budget: float = np.inf,
     ) -> None:
         self._parts = [*train, *validation]
+        self._budget = budget
         self._joints = train[0].joints
         self._samples = samples_of(self._parts)
         self._rng = rng
@@ -132,8 +144,10 @@ class ChainTraining:
         """The black box of the chain with the least error, fitted to all."""
         done = self._done()
         best = done[0] if done else chains.feasible(self._refine, self._promising()[0], self._belief)
-        core = core_of(chains.refit(self._samples, best, self._belief), self._joints, self._samples)
-        return BDNN(replace(core, local=fit_local(core, self._parts)))
+        samples = self._samples.some(most_samples(self._budget), self._rng)
+        core = core_of(chains.refit(samples, best, self._belief), self._joints, self._samples)
+        parts = shortened(self._parts, most_working_samples(self._budget))
+        return BDNN(replace(core, local=fit_local(core, parts)))
 
     # -- files -----------------------------------------------------------------------------------------------
 

@@ -20,10 +20,10 @@ from bdnn_ros.bdnn.samples import Samples, samples_of, scales_of
 from bdnn_ros.signals import Signals
 
 BATCH = 256
-RATE = 4e-3
+RATE = 1e-2
 """Adam's learning rate at the start; it falls to nothing like a cosine."""
 FORWARD_WEIGHT = 0.1
-FORWARD_EVERY = 8
+FORWARD_EVERY = 24
 """Steps between two with rollouts."""
 WINDOWS, WINDOW_STEPS = 32, 10
 WARM_STEPS = 100
@@ -105,12 +105,7 @@ class NetworkTraining:
         rows = self._rng.integers(len(self._samples), size=BATCH)
         _, gradient = effort_loss(self._field, [values[rows] for values in self._columns])
         if self._forward_weight and self._steps % FORWARD_EVERY == 0:
-            windows = self._rollouts.draw(WINDOWS, self._rng)
-            _, forward = discrete_gradient(self._field, windows)
-            size = np.linalg.norm(forward)
-            # a rollout that runs away must not drown the rest
-            limit = np.linalg.norm(gradient) / max(float(size), 1e-12)
-            gradient += min(self._forward_weight * FORWARD_EVERY, float(limit)) * forward
+            self._add_forward(gradient)
         self._steps += 1
         first, second = self._moments
         first += 0.1 * (gradient - first)
@@ -118,6 +113,16 @@ class NetworkTraining:
         unbias = np.sqrt(1.0 - 0.999**self._steps) / (1.0 - 0.9**self._steps)
         rate = RATE * 0.5 * (1.0 + np.cos(np.pi * progress)) * min(1.0, self._steps / WARM_STEPS)
         self._weights -= np.float32(rate * unbias) * first / (np.sqrt(second) + np.float32(1e-8))
+
+    def _add_forward(self, gradient: np.ndarray) -> None:
+        """Add the gradient of some rollouts; one that runs away must not drown the rest."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            _, forward = discrete_gradient(self._field, self._rollouts.draw(WINDOWS, self._rng))
+            size = float(np.linalg.norm(forward))
+        if 0.0 < size < np.inf:
+            gradient += (
+                min(self._forward_weight * FORWARD_EVERY, float(np.linalg.norm(gradient)) / size) * forward
+            )
 
     def _look(self) -> None:
         """Keep the weights if they are the best so far on what was held out."""

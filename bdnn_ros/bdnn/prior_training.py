@@ -14,7 +14,15 @@ from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
-from bdnn_ros.bdnn.samples import Samples, joined, samples_of, scales_of
+from bdnn_ros.bdnn.samples import (
+    Samples,
+    joined,
+    most_samples,
+    most_working_samples,
+    samples_of,
+    scales_of,
+    shortened,
+)
 from bdnn_ros.robot import PER_LINK, Dynamics, Robot
 from bdnn_ros.signals import Signals
 
@@ -40,10 +48,11 @@ class PriorTraining:
         validation: Sequence[Signals],
         prior: Dynamics,
         rng: np.random.Generator,
+        budget: float = np.inf,
     ) -> None:
         self._train, self._validation = list(train), list(validation)
         self._samples, self._judge = samples_of(train), samples_of(validation)
-        self._rng = rng
+        self._rng, self._budget = rng, budget
         scales = scales_of(self._samples)
         load = np.maximum(np.std(prior.gravity(self._samples.position), axis=0), 1e-3 * scales.effort)
         self._core = PriorCore(prior, LocalNetworks.silent(scales.velocity, load), None, scales.slow)
@@ -71,8 +80,8 @@ class PriorTraining:
             self._identify_bodies()
             self.stage = "networks"
         elif self.stage == "networks":
-            networks = fit_local(self._core, [*self._train, *self._validation])
-            self._core = replace(self._core, local=networks)
+            parts = shortened([*self._train, *self._validation], most_working_samples(self._budget))
+            self._core = replace(self._core, local=fit_local(self._core, parts))
             self.stage = "correction"
         elif self.stage == "correction":
             give_up = lambda: used() > CORRECTION_SHARE  # noqa: E731
@@ -82,9 +91,10 @@ class PriorTraining:
     def _identify_bodies(self) -> None:
         prior = self._core.prior
         assert isinstance(prior, Robot)
+        most = most_samples(self._budget) // 2
         belief = belief_of(prior, self._samples)
-        theta = identified(prior, belief, self._samples, None)
-        every = joined(self._samples, self._judge)
+        theta = identified(prior, belief, self._samples.some(most, self._rng), None)
+        every = joined(self._samples, self._judge).some(most, self._rng)
         if _error(prior, theta, self._judge) < _error(prior, belief.reference, self._judge):
             theta = identified(prior, belief, every, theta)
             robot, offset = robot_of(prior, theta)

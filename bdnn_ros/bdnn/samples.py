@@ -9,13 +9,15 @@ import numpy as np
 
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import MINIMUM_SAMPLES, Signals
 
 THINNING = 1.0
 """Distance of the samples kept, in standard deviations of the low-pass that all have passed."""
 SLOW_SHARE = 0.03
 """Dry friction changes over within this share of a joint's typical velocity."""
 FEWEST = 50
+SAMPLES_PER_SECOND, WORKING_SAMPLES_PER_SECOND = 300.0, 1000.0
+"""What the last fits may take per second of budget, so that they end within it."""
 
 
 @dataclass(frozen=True)
@@ -95,3 +97,26 @@ def joined(first: Samples, second: Samples) -> Samples:
     """Samples of both."""
     names = Samples.__dataclass_fields__
     return Samples(*(np.concatenate([getattr(first, name), getattr(second, name)]) for name in names))
+
+
+def shortened(parts: Sequence[Signals], most: int) -> list[Signals]:
+    """The beginnings of several recordings' signals, `most` working samples in all."""
+    total = sum(len(signals) for signals in parts)
+    if total <= most:
+        return list(parts)
+    shares = [int(most * len(signals) / total) for signals in parts]
+    return [
+        signals.rows(np.arange(len(signals)) < share)
+        for signals, share in zip(parts, shares, strict=True)
+        if share >= MINIMUM_SAMPLES
+    ]
+
+
+def most_samples(budget: float) -> int:
+    """Samples that the last fit of the bodies may take within a budget [s]."""
+    return int(min(SAMPLES_PER_SECOND * budget, 1e9))
+
+
+def most_working_samples(budget: float) -> int:
+    """Working samples that the fit of the local networks may take within a budget [s]."""
+    return int(min(WORKING_SAMPLES_PER_SECOND * budget, 1e9))

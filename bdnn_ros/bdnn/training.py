@@ -85,7 +85,7 @@ def identify(
     validation = [signals_validation] if isinstance(signals_validation, Signals) else list(signals_validation)
     _check(train, validation, prior, budget, architecture)
     rng = np.random.default_rng(seed)
-    training = _training(train, validation, prior, rng, architecture)
+    training = _training(train, validation, prior, rng, architecture, budget)
     label = "prior" if prior is not None else architecture
     path = None if state is None else Path(state)
     spent = _restore(training, path, label)
@@ -117,15 +117,16 @@ def _training(
     prior: Dynamics | None,
     rng: np.random.Generator,
     architecture: str,
+    budget: float,
 ) -> Training:
     if prior is not None:
         from bdnn_ros.bdnn.prior_training import PriorTraining
 
-        return PriorTraining(train, validation, prior, rng)
+        return PriorTraining(train, validation, prior, rng, budget)
     if architecture == "chain":
         from bdnn_ros.bdnn.chain_training import ChainTraining
 
-        return ChainTraining(train, validation, rng)
+        return ChainTraining(train, validation, rng, budget)
     from bdnn_ros.bdnn.network_training import NetworkTraining
 
     return NetworkTraining(train, validation, rng)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,17 +15,21 @@ from bdnn_ros.cli import options
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.recording import Recording
-from bdnn_ros.robot import Dynamics, Robot
-from bdnn_ros.scores import Scores, score
+from bdnn_ros.robot import Robot
+from bdnn_ros.scores import Scores, score, score_model
 from bdnn_ros.signals import Signals, prepare
 
 HELP = "identify a model from recordings"
+MOST_REMARKS = 8
+"""Sentences about the data that are printed; parameters.json has all."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn identify`."""
     options.add_recording_arguments(parser, bags="many")
-    parser.add_argument("--out", type=Path, required=True, help="directory for model.bdnn and metrics.json")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="directory for model.bdnn, metrics.json and parameters.json"
+    )
     parser.add_argument(
         "--prior",
         choices=("urdf", "none"),
@@ -44,28 +48,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify, score on what was held out, write the model."""
-    if not args.budget > 0.0:
+    if not 0.0 < args.budget < float("inf"):
         raise UsageError(f"--budget {args.budget:g} is not a time.", "Give seconds above zero.")
     recordings, robot = options.load(args)
     parts = [recording.split(args.holdout) for recording in recordings]
     training, held_out = [first for first, _ in parts], [last for _, last in parts]
-    if args.prior == "urdf":
-        if robot is None:
-            raise UsageError(
-                "There is no URDF to start from.", "Give --urdf FILE or --robot NAME, or --prior none."
-            )
-        model: Model = _from_prior(robot, training, args.cutoff)
-    else:
+    tested = [prepare(recording, args.cutoff) for recording in held_out]
+    if args.prior == "none":
         model = _from_nothing(training, args)
-    metrics = {
-        "held_out": _scores(model, held_out, args.cutoff),
-        "training": _scores(model, training, args.cutoff),
-    }
+    elif robot is None:
+        raise UsageError(
+            "There is no URDF to start from.", "Give --urdf FILE or --robot NAME, or --prior none."
+        )
+    else:
+        model = _from_prior(robot, training, args.cutoff)
+    seen = [prepare(recording, args.cutoff) for recording in training]
+    metrics = {"held_out": score_model(model, tested), "training": score_model(model, seen)}
     if robot is not None:
-        metrics["simulation"] = _scores(robot, held_out, args.cutoff)
+        metrics["simulation"] = _simulation(robot, tested)
     path = save_model(args.out, model)
-    _write(path.parent / "metrics.json", metrics)
-    _print(metrics, path)
+    _write(path.with_name("metrics.json"), {key: value.as_json() for key, value in metrics.items()})
+    if args.prior == "urdf" and robot is not None:
+        _report_parameters(path.with_name("parameters.json"), robot, model, training, args.cutoff)
+    _print(metrics, tested[0].cutoff, path)
     return 0
 
 
@@ -84,49 +89,65 @@ def _from_nothing(training: Sequence[Recording], args: argparse.Namespace) -> Mo
     return model
 
 
-def _scores(model: Dynamics, recordings: Sequence[Recording], cutoff: float | None) -> Scores:
-    """Measured against predicted effort of all recordings, low-passed alike."""
-    measured, predicted = [], []
-    for recording in recordings:
-        recording.require_effort()
-        signals = prepare(recording, cutoff)
+def _simulation(robot: Robot, parts: Sequence[Signals]) -> Scores:
+    """What the URDF alone achieves."""
+    measured, nominal = [], []
+    for signals in parts:
         assert signals.effort is not None
+        effort = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
         measured.append(signals.smooth(signals.effort)[signals.interior])
-        predicted.append(signals.smooth(_predict(model, signals))[signals.interior])
-    return score(np.concatenate(measured), np.concatenate(predicted), model.joints)
+        nominal.append(signals.smooth(effort)[signals.interior])
+    return score(np.concatenate(measured), np.concatenate(nominal), robot.joints)
 
 
-def _predict(model: Dynamics, signals: Signals) -> np.ndarray:
-    predict = getattr(model, "predict", None)
-    if predict is not None:
-        return np.asarray(predict(signals))
-    return model.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+def _report_parameters(
+    path: Path, robot: Robot, model: Model, training: Sequence[Recording], cutoff: float | None
+) -> None:
+    """Write what was identified and how sure it is; tell what the data leaves open."""
+    from bdnn_ros.online.identifier import Identifier
+    from bdnn_ros.physical import agreement, check, parameters_report
+    from bdnn_ros.physical.model import PhysicalModel
+
+    assert isinstance(model, PhysicalModel)
+    remarks = check.check(training, robot, model, cutoff)
+    agreements = []
+    if len(training) > 1:
+        each = [Identifier(robot, cutoff).fit([recording]) for recording in training]
+        agreements = agreement.agreement(each)
+    _write(path, parameters_report.as_json(model, remarks, agreements))
+    for remark in remarks[:MOST_REMARKS]:
+        options.say(str(remark))
+    if len(remarks) > MOST_REMARKS:
+        options.say(f"{len(remarks) - MOST_REMARKS} more in {path}.")
+    differing = [one for one in agreements if one.differs]
+    if agreements:
+        agreed = len(agreements) - len(differing)
+        options.say(f"The recordings agree on {agreed} of {len(agreements)} parameters.")
+    for one in differing[:MOST_REMARKS]:
+        options.say(one.sentence())
 
 
-def _write(path: Path, metrics: dict[str, Scores]) -> None:
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(json.dumps({key: value.as_json() for key, value in metrics.items()}, indent=1) + "\n")
-    os.replace(beside, path)
+def _write(path: Path, content: dict[str, Any]) -> None:
+    with options.written_whole(path) as file:
+        json.dump(content, file, indent=1, allow_nan=False)
+        file.write("\n")
 
 
-def _print(metrics: dict[str, Scores], path: Path) -> None:
+def _print(metrics: dict[str, Scores], cutoff: float, path: Path) -> None:
     held_out, simulation = metrics["held_out"], metrics.get("simulation")
-    width = max(len(joint) for joint in held_out.joints)
+    width = max(len("held out"), *(len(joint) for joint in held_out.joints))
     print(f"{'held out':{width}}   RMSE [N·m]   NRMSE" + ("   URDF's NRMSE" if simulation else ""))
     for k, joint in enumerate(held_out.joints):
         row = f"{joint:{width}}   {held_out.rmse[k]:10.4g}   {held_out.nrmse[k]:5.3f}"
         print(row + (f"   {simulation.nrmse[k]:12.3f}" if simulation else ""))
     row = f"{'mean':{width}}   {'':10}   {held_out.nrmse_mean:5.3f}"
     print(row + (f"   {simulation.nrmse_mean:12.3f}" if simulation else ""))
+    print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")
     print(f"model: {path}")
 
 
 def _progress(share: float, what: str) -> None:
     """Progress on a terminal only: a log wants none of it."""
     if sys.stderr.isatty():
-        print(
-            f"\r{100.0 * share:3.0f} % {what:40.40}",
-            end="" if share < 1.0 else "\n",
-            file=sys.stderr,
-            flush=True,
-        )
+        end = "" if share < 1.0 else "\n"
+        print(f"\r{100.0 * share:3.0f} % {what:40.40}", end=end, file=sys.stderr, flush=True)

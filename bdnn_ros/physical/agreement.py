@@ -1,0 +1,68 @@
+"""Several recordings, several answers: what they agree on, and what they do not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from bdnn_ros.errors import UsageError
+from bdnn_ros.physical.combinations import combinations
+from bdnn_ros.physical.model import PhysicalModel
+
+CHANCE = 0.01
+"""Probability that chance alone makes any of all parameters seem to differ."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """One parameter, or combination of parameters, as each recording gives it.
+
+    Attributes:
+        words, unit: what it is.
+        values, stds: by each recording, (m,) each.
+        mean: weighted by what each recording knows.
+        spread: standard deviation of the values.
+        differs: whether they differ more than their errors allow.
+    """
+
+    words: str
+    unit: str
+    values: np.ndarray
+    stds: np.ndarray
+    mean: float
+    spread: float
+    differs: bool
+
+    def sentence(self) -> str:
+        """The values in one sentence."""
+        values = ", ".join(f"{v:.4g} ± {s:.2g}" for v, s in zip(self.values, self.stds, strict=True))
+        verdict = "the recordings disagree" if self.differs else "the recordings agree"
+        return f"{self.words} [{self.unit}]: {values}; {verdict}."
+
+
+def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
+    """What models of one robot, each of another recording, say of every parameter that motion can tell.
+
+    Values differ where their weighted squared distances from the mean are more than chance explains (χ² test,
+    level divided by the number of parameters after Bonferroni).
+
+    Raises:
+        UsageError: there are fewer than two, or of different robots.
+    """
+    if len(models) < 2 or any(model.joints != models[0].joints for model in models):
+        raise UsageError("Agreement takes two or more models of one robot.", "Give several recordings of it.")
+    found = combinations(models[0].robot)
+    parameters = [model.parameters.vector() for model in models]
+    result = []
+    for one in found:
+        values = np.array([one.value(vector) for vector in parameters])
+        stds = np.array([max(one.std(model.covariance), 1e-12) for model in models])
+        weights = 1.0 / stds**2
+        mean = float(weights @ values / weights.sum())
+        distance = float(weights @ (values - mean) ** 2)
+        differs = bool(chi2.sf(distance, len(models) - 1) < CHANCE / len(found))
+        result.append(Agreement(one.words, one.unit, values, stds, mean, float(values.std(ddof=1)), differs))
+    return result

@@ -1,0 +1,180 @@
+"""What a recording cannot tell, and what is odd about it: each with the sentence that says what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.physical.combinations import WORDS, combinations
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, prior
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals, prepare
+
+UNKNOWN = 0.5
+"""A parameter whose standard deviation is still this share of what it was before is hardly known."""
+ILL_CONDITIONED = 100.0
+"""Condition number above which parameters are hard to tell apart (Gautier and Khalil, IJRR 1992)."""
+MOST_ROWS = 2000
+"""Samples that the condition is found from."""
+PERIODS = 0.75
+"""Delays shorter than this many sample periods are those of held commands."""
+SHORTEST_DELAY = 0.001
+"""Shorter delays are not worth a word [s]."""
+CERTAIN = 3.0
+"""Standard deviations that make a lag of the velocity certain."""
+VELOCITY_GAIN = 0.03
+"""Share by which the reported velocity may differ from the position's derivative."""
+AT_LIMIT = 0.98
+"""An effort above this share of its limit is saturated."""
+SATURATED = 0.01
+"""Share of saturated samples that is worth a word."""
+EXAMPLES = 3
+REMEDIES = {
+    "armature": "Let it accelerate harder.",
+    "viscous": "Let it move at several speeds, up to its usual one.",
+    "coulomb": "Let it move slowly both ways.",
+}
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Something the user should know about the data.
+
+    Attributes:
+        about: joint, or empty for the whole recording.
+        problem: one sentence.
+        remedy: what to do about it, one sentence.
+    """
+
+    about: str
+    problem: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.problem} {self.remedy}"
+
+
+def check(
+    recordings: Sequence[Recording], robot: Robot, model: PhysicalModel, cutoff: float | None = None
+) -> list[Remark]:
+    """What these recordings of a robot leave open, or do oddly.
+
+    Args:
+        robot: the simulation's, the prior of the model.
+        model: identified from the recordings.
+        cutoff: of the low-pass [Hz].
+    """
+    signals = [prepare(recording, cutoff) for recording in recordings]
+    found = [*unexcited(robot, model), *conditioned(robot, signals), *delayed(model, recordings)]
+    for recording, one in zip(recordings, signals, strict=True):
+        found += [*saturated(recording, robot), *odd_velocity(recording, one)]
+    return found
+
+
+def unexcited(robot: Robot, model: PhysicalModel) -> Iterator[Remark]:
+    """Parameters of which the motion says little."""
+    belief = prior(robot)
+    before = Parameters.from_vector(np.sqrt(np.diagonal(belief.covariance)))
+    for kind in JOINT_NAMES[:-1]:
+        share = getattr(model.std, kind) / getattr(before, kind)
+        for joint, value in zip(robot.joints, share, strict=True):
+            if value > UNKNOWN:
+                yield Remark(
+                    joint, f"The motion says little of the {WORDS[kind][0]} of {joint}.", REMEDIES[kind]
+                )
+    inertial = [one for one in combinations(robot) if one.unit.startswith("kg")]
+    open_ = [c for c in inertial if c.std(model.covariance) > UNKNOWN * c.std(belief.covariance)]
+    if open_:
+        examples = "; ".join(one.words.split(", with")[0] for one in open_[:EXAMPLES])
+        yield Remark(
+            "",
+            f"{len(open_)} of {len(inertial)} inertial parameters are hardly known: {examples} ...",
+            "Move all joints at once, over their whole range and faster; bdnn excite plans such a motion.",
+        )
+
+
+def conditioned(robot: Robot, signals: Sequence[Signals]) -> Iterator[Remark]:
+    """Whether parameters are hard to tell apart on this motion."""
+    value = condition(robot, signals)
+    if value > ILL_CONDITIONED:
+        yield Remark(
+            "",
+            f"Parameters are hard to tell apart on this motion: its condition number is {value:.0f}.",
+            "Move all joints at once, each with another rhythm; below 100 is good.",
+        )
+
+
+def condition(robot: Robot, signals: Sequence[Signals]) -> float:
+    """Condition number of the effort's columns by the base parameters, each of unit length."""
+    count = sum(len(one) for one in signals)
+    step = max(count // MOST_ROWS, 1)
+    q, v, a = (
+        np.concatenate([getattr(one, name)[::step] for one in signals])
+        for name in ("position", "velocity", "acceleration")
+    )
+    rotors = np.einsum("tj,jk->tjk", a, np.eye(robot.width))
+    columns = np.concatenate([robot.regressor(q, v, a), rotors], axis=-1)
+    weights = np.array([one.weights for one in combinations(robot) if one.unit.startswith("kg")])
+    kept = columns.reshape(-1, columns.shape[-1]) @ np.linalg.pinv(weights[:, : columns.shape[-1]])
+    length = np.linalg.norm(kept, axis=0)
+    return float(np.linalg.cond(kept / np.maximum(length, 1e-12)))
+
+
+def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[Remark]:
+    """Whether effort and motion are apart in time."""
+    period = 1.0 / min(recording.rate for recording in recordings)
+    if abs(model.lead) > max(PERIODS * period, SHORTEST_DELAY):
+        side = "ahead of" if model.lead > 0.0 else "behind"
+        yield Remark(
+            "",
+            f"The effort is {1e3 * abs(model.lead):.1f} ms {side} the motion.",
+            "Stamp position and effort where they are measured; the model allows for it.",
+        )
+
+
+def saturated(recording: Recording, robot: Robot) -> Iterator[Remark]:
+    """Joints that are at their effort limit."""
+    effort = recording.require_effort()
+    for joint, column, limit in zip(robot.joints, effort.T, robot.limits.effort, strict=True):
+        share = float(np.mean(np.abs(column) >= AT_LIMIT * limit))
+        if share > SATURATED:
+            yield Remark(
+                joint,
+                f"{recording.name}: {joint} is at its effort limit {100 * share:.0f} % of the time.",
+                "Move it more gently: what is cut off cannot be identified.",
+            )
+
+
+def odd_velocity(recording: Recording, signals: Signals) -> Iterator[Remark]:
+    """Joints whose reported velocity is not the derivative of their position."""
+    if signals.reported_velocity is None:
+        return
+    inside = signals.interior
+    for k, joint in enumerate(signals.joints):
+        v, a = signals.velocity[inside, k], signals.acceleration[inside, k]
+        reported = signals.reported_velocity[inside, k]
+        basis = np.stack([v, -a], axis=-1)
+        gram = basis.T @ basis
+        if len(v) < 3 or np.linalg.cond(gram) > 1e12:
+            continue
+        (gain, slope), residual, *_ = np.linalg.lstsq(basis, reported, rcond=None)
+        noise = float(np.sqrt(residual[0] / len(v))) if len(residual) else 0.0
+        doubt = noise * float(np.sqrt(np.linalg.inv(gram)[1, 1]))
+        lag = slope / gain if abs(gain) > 1e-3 else 0.0
+        if abs(gain - 1.0) > VELOCITY_GAIN:
+            yield Remark(
+                joint,
+                f"{recording.name}: the velocity of {joint} is {gain:.2f} times its position's derivative.",
+                "Check its unit and sign; it is not used here.",
+            )
+        elif lag > max(PERIODS / signals.raw_rate, SHORTEST_DELAY) and slope > CERTAIN * doubt:
+            yield Remark(
+                joint,
+                f"{recording.name}: the velocity of {joint} lags {1e3 * lag:.1f} ms behind its position, as "
+                f"behind a low-pass of {1.0 / (2.0 * np.pi * lag):.0f} Hz.",
+                "It is not used here; a controller that uses it sees the past.",
+            )

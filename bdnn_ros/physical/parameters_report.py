@@ -1,0 +1,69 @@
+"""What was identified, as numbers with their uncertainty, for people and programs to read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from bdnn_ros.physical.agreement import Agreement
+from bdnn_ros.physical.check import Remark
+from bdnn_ros.physical.combinations import WORDS, combinations
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL
+
+FORMAT, VERSION = "bdnn_ros/parameters", 1
+
+
+def as_json(
+    model: PhysicalModel, remarks: Sequence[Remark] = (), agreements: Sequence[Agreement] = ()
+) -> dict[str, Any]:
+    """Parameters, the combinations that motion can tell, terms beside them, and remarks; plain values.
+
+    Standard deviations are of one parameter by itself: of a body's inertias only combinations are known well.
+    """
+    vector = model.parameters.vector()
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "joints": list(model.joints),
+        "parameters": [
+            {"name": name, "value": value, "std": std, "unit": WORDS[name.rsplit(".", 1)[1]][1]}
+            for name, value, std in model.table()
+        ],
+        "combinations": [
+            {
+                "words": one.words,
+                "value": one.value(vector),
+                "std": one.std(model.covariance),
+                "unit": one.unit,
+            }
+            for one in combinations(model.robot)
+        ],
+        "lead": {"value": model.lead, "unit": "s"},
+        "terms": [_terms(model, k) for k in range(model.robot.width)],
+        "remarks": [{"about": one.about, "problem": one.problem, "remedy": one.remedy} for one in remarks],
+        "agreement": [
+            {
+                "words": one.words,
+                "unit": one.unit,
+                "values": one.values.tolist(),
+                "stds": one.stds.tolist(),
+                "mean": one.mean,
+                "spread": one.spread,
+                "differs": one.differs,
+            }
+            for one in agreements
+        ],
+    }
+
+
+def _terms(model: PhysicalModel, joint: int) -> dict[str, Any]:
+    """What the joint's effort is made of beside the rigid body's."""
+    breakaway = BREAKAWAYS[model.breakaway[joint] if model.breakaway else USUAL]
+    pairs = [c for c in model.motors.couplings if joint - c.joint in (0, 1)]
+    return {
+        "joint": model.joints[joint],
+        "breakaway": breakaway,
+        "learned": list(model.learned.groups[joint]) if model.learned is not None else [],
+        "motor_shared_with": [model.joints[2 * c.joint + 1 - joint] for c in pairs],
+    }

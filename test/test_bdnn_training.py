@@ -1,0 +1,244 @@
+"""Training keeps its budget, stops, goes on where it was, and finds what made the efforts."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bdnn_cases import random_field, signals, worn
+from test_bdnn_dynamics import Opaque
+
+from bdnn_ros.bdnn import modelfile
+from bdnn_ros.bdnn.chain_training import ChainTraining
+from bdnn_ros.bdnn.correction import Task
+from bdnn_ros.bdnn.local import LocalNetworks
+from bdnn_ros.bdnn.network_training import NetworkTraining, Rollouts, effort_loss
+from bdnn_ros.bdnn.networks import Network
+from bdnn_ros.bdnn.on_prior import BDNNOnPrior
+from bdnn_ros.bdnn.training import identify
+from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
+from bdnn_ros.scores import score_model
+from bdnn_ros.simulation.perturbation import wrong_robot
+
+
+class Clock:
+    """A clock that passes some time at every look, so that no test depends on the machine."""
+
+    def __init__(self, tick: float = 0.01) -> None:
+        self.now, self.tick = 0.0, tick
+
+    def __call__(self) -> float:
+        self.now += self.tick
+        return self.now
+
+
+@pytest.fixture(scope="module")
+def arm2():
+    robot = worn("arm2")
+    return robot, signals(robot, 12.0, 0), signals(robot, 4.0, 1), signals(robot, 6.0, 2)
+
+
+@pytest.fixture(scope="module")
+def black_box(arm2):
+    _, train, validation, _ = arm2
+    return identify(train, validation, budget=20.0, clock=Clock())
+
+
+def nmse(model: object, test: object) -> np.ndarray:
+    return score_model(model, [test]).nmse
+
+
+def test_a_black_box_is_the_robot(arm2, black_box):
+    robot, _, _, test = arm2
+    assert black_box.kind == "bdnn"
+    assert (nmse(black_box, test) < 2e-3).all()
+    q = test.position[::50]
+    mass, gravity = robot.mass_matrix(q), robot.gravity(q)
+    assert np.linalg.norm(black_box.mass_matrix(q) - mass) < 0.03 * np.linalg.norm(mass)
+    assert np.linalg.norm(black_box.gravity(q) - gravity) < 0.02 * np.linalg.norm(gravity)
+
+
+def test_the_same_seed_gives_the_same_model(arm2, black_box):
+    _, train, validation, test = arm2
+    again = identify(train, validation, budget=20.0, clock=Clock())
+    np.testing.assert_array_equal(again.predict(test), black_box.predict(test))
+
+
+def test_a_black_box_learns_what_no_chain_has(arm2):
+    robot, *_ = arm2
+    extra = lambda q, v: 0.15 * np.sin(8.0 * q) * np.ptp(robot.gravity(q), axis=0)  # noqa: E731
+    train, validation, test = (signals(robot, t, s, extra=extra) for t, s in ((24.0, 0), (6.0, 1), (6.0, 2)))
+    model = identify(train, validation, budget=30.0, clock=Clock(0.1))
+    silent = replace(model, core=replace(model.core, local=LocalNetworks.silent(np.ones(2), np.ones(2))))
+    assert nmse(model, test).mean() < 0.2 * nmse(silent, test).mean()
+
+
+def test_a_wrong_urdf_is_set_right_from_little_motion():
+    robot = worn("arm7")
+    none = np.zeros(7)
+    prior = wrong_robot(robot, 0.2, np.random.default_rng(0)).with_joint_parameters(none, none, none)
+    train, validation, test = (signals(robot, t, s) for t, s in ((16.0, 0), (4.0, 1), (8.0, 2)))
+    model = identify(train, validation, prior=prior, budget=10.0, clock=Clock())
+    assert isinstance(model, BDNNOnPrior)
+    assert model.kind == "bdnn_on_prior"
+    assert nmse(model, test).mean() < 2e-3
+    q = test.position[::40]
+    mass = robot.mass_matrix(q)
+    assert np.linalg.norm(prior.mass_matrix(q) - mass) > 0.1 * np.linalg.norm(mass)
+    assert np.linalg.norm(model.mass_matrix(q) - mass) < 0.02 * np.linalg.norm(mass)
+
+
+def test_networks_learn_beside_a_prior_that_cannot_be_identified(arm2):
+    robot, train, validation, test = arm2
+    prior = Opaque(robot.with_joint_parameters(robot.armature, 0.0 * robot.viscous, 0.0 * robot.coulomb))
+    model = identify(train, validation, prior=prior, budget=10.0, clock=Clock())
+    assert nmse(model, test).mean() < 5e-3
+    assert (
+        nmse(
+            BDNNOnPrior(replace(model.core, local=LocalNetworks.silent(np.ones(2), np.ones(2)))), test
+        ).mean()
+        > 0.02
+    )
+
+
+def test_networks_alone_learn_both_ways(arm2):
+    _, train, validation, _ = arm2
+    model = identify(train, validation, budget=12.0, architecture="networks", clock=Clock(0.004))
+    assert nmse(model, train).mean() < 0.05
+    q = train.position[::50]
+    assert (np.linalg.eigvalsh(model.mass_matrix(q)) > 0.0).all()
+    v, a = train.velocity[::50], train.acceleration[::50]
+    np.testing.assert_allclose(model.forward_dynamics(q, v, model.inverse_dynamics(q, v, a)), a, atol=1e-6)
+
+
+@pytest.mark.parametrize("architecture", ["chain", "networks"])
+def test_the_budget_is_kept(arm2, architecture):
+    _, train, validation, _ = arm2
+    start = time.monotonic()
+    identify(train, validation, budget=3.0, architecture=architecture)
+    assert time.monotonic() - start < 3.3 + 0.7  # a busy machine may take a little longer
+
+
+def test_progress_rises_to_the_end(arm2):
+    _, train, validation, _ = arm2
+    told: list[tuple[float, str]] = []
+    identify(train, validation, budget=20.0, clock=Clock(), progress=lambda *said: told.append(said))
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert all(what for _, what in told)
+
+
+@pytest.mark.parametrize("architecture", ["chain", "networks"])
+def test_an_interrupted_training_goes_on(arm2, tmp_path, architecture):
+    _, train, validation, test = arm2
+    state = tmp_path / "training.state"
+    pieces = 0
+
+    def interrupt(*_: object) -> None:
+        nonlocal pieces
+        pieces += 1
+        if pieces == 3:
+            raise KeyboardInterrupt
+
+    options = {"budget": 12.0, "architecture": architecture, "state": state}
+    with pytest.raises(KeyboardInterrupt):
+        identify(train, validation, clock=Clock(), progress=interrupt, **options)
+    _, _, info = modelfile.load(state)
+    spent = info["spent"]
+    assert spent > 0.0
+    clock = Clock()
+    model = identify(train, validation, clock=clock, **options)
+    assert clock.now < 12.0 - spent + 1.5
+    assert nmse(model, test).mean() < (2e-3 if architecture == "chain" else 0.5)
+
+
+def test_a_state_carries_the_whole_training(arm2):
+    _, train, validation, _ = arm2
+    for make in (ChainTraining, NetworkTraining):
+        first, second = (make([train], [validation], np.random.default_rng(0)) for _ in range(2))
+        for _ in range(2):
+            first.advance(lambda: 0.1)
+        second.restore(*first.to_state())
+        for training in (first, second):
+            training.advance(lambda: 0.2)
+        arrays, others = first.to_state()[0], second.to_state()[0]
+        assert arrays.keys() == others.keys()
+        for key, value in arrays.items():
+            np.testing.assert_array_equal(value, others[key])
+
+
+def test_a_foreign_or_damaged_state_is_refused(arm2, tmp_path):
+    _, train, validation, _ = arm2
+    foreign = modelfile.save(tmp_path / "foreign.state", "bdnn", {}, {})
+    with pytest.raises(ModelFileError, match="not the state"):
+        identify(train, validation, state=foreign)
+    damaged = modelfile.save(tmp_path / "damaged.state", "training", {}, {"of": "chain", "state": {}})
+    with pytest.raises(ModelFileError, match="damaged"):
+        identify(train, validation, state=damaged)
+
+
+def test_nonsense_is_refused_by_name(arm2):
+    robot, train, validation, _ = arm2
+    with pytest.raises(UsageError, match="budget"):
+        identify(train, validation, budget=0.0)
+    with pytest.raises(UsageError, match="'deep'"):
+        identify(train, validation, architecture="deep")
+    with pytest.raises(UsageError, match="held out"):
+        identify(train, [])
+    with pytest.raises(UsageError, match="do not fit"):
+        identify(train, validation, prior=worn("arm6"))
+    with pytest.raises(RecordingError, match="no effort"):
+        identify(replace(train, effort=None), validation)
+    assert robot.joints == train.joints
+
+
+def test_no_time_at_all_is_said(arm2):
+    _, train, validation, _ = arm2
+    with pytest.raises(DataError, match="too short"):
+        identify(train, validation, budget=1e-9, clock=Clock())
+
+
+def test_the_gradient_of_the_inverse_loss_is_its_slope():
+    field = random_field(2)
+    rng = np.random.default_rng(0)
+    batch = [rng.normal(size=(9, 4)), *rng.normal(size=(3, 9, 2))]
+    _, gradient = effort_loss(field, batch)
+    direction, step = rng.normal(size=gradient.size), 1e-6
+    ahead, behind = (
+        effort_loss(field.with_vector(field.vector() + s * step * direction), batch)[0] for s in (1, -1)
+    )
+    assert (ahead - behind) / (2.0 * step) == pytest.approx(gradient @ direction, rel=1e-6)
+
+
+def test_the_gradient_of_the_correction_is_its_slope():
+    rng = np.random.default_rng(1)
+    root = np.tril(rng.normal(size=(7, 3, 3))) + 2.0 * np.eye(3)
+    task = Task(
+        rng.normal(size=(7, 6)),
+        root,
+        rng.normal(size=(7, 3)),
+        rng.normal(size=(7, 3)),
+        np.array([1.0, 2.0, 0.5]),
+    )
+    network = Network.random(6, 5, 6, rng)
+    _, gradient = task.loss(network)
+    direction, step = rng.normal(size=gradient.size), 1e-6
+    ahead, behind = (
+        task.loss(network.with_vector(network.vector() + s * step * direction))[0] for s in (1, -1)
+    )
+    assert (ahead - behind) / (2.0 * step) == pytest.approx(gradient @ direction, rel=1e-6)
+
+
+def test_windows_are_pieces_of_the_motion(arm2):
+    _, train, _, _ = arm2
+    windows = Rollouts([train], np.ones(2)).draw(5, np.random.default_rng(0))
+    start = windows.states[0, :, :2]
+    rows = [int(np.argmin(np.abs(train.position - q).sum(axis=1))) for q in start]
+    for k, row in enumerate(rows):
+        span = slice(row, row + len(windows.states))
+        np.testing.assert_allclose(windows.states[:, k, :2], train.position[span], rtol=1e-6)
+        np.testing.assert_allclose(windows.efforts[:, k], train.effort[span], rtol=1e-6)
+    assert windows.step == pytest.approx(2.0 / train.rate)
