@@ -88,4 +88,4 @@ def put_chain(name: str, chain: Chain, arrays: dict[str, np.ndarray]) -> None:
 def get_chain(name: str, arrays: dict[str, np.ndarray]) -> Chain:
     """The chain of `put_chain`."""
     kinematics = Kinematics(arrays[f"{name}.rotations"], arrays[f"{name}.translations"])
-    return Chain(kinematics, arrays[f"{name}.parameters"], float(arrays[f"{name}.cost"]))
+    return Chain(kinematics, arrays[f"{name}.parameters"], float(arrays[f"{name}.cost"].item()))
