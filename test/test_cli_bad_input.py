@@ -205,7 +205,7 @@ def test_evaluate_and_predict(
     ("words", "sentence"),
     [
         ([], None),
-        (["paint"], "There is no verb 'paint'; there are simulate, info"),
+        (["paint"], "There is no verb 'paint'; there are demo, simulate, info"),
         (["info"], "The following arguments are required: BAG. See bdnn info --help."),
         (["info", "a", "b"], "Unrecognized arguments: b"),
         (["info", "a", "--colour"], "Unrecognized arguments: --colour"),

@@ -65,9 +65,10 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
         state = joints[rows.start, :, :1] if start is None else start.joints[:, 1:]
         joints[rows, :, 1:] = _mean_around(slide(fine, BREAKAWAYS[1:], state))
         resting = slide(motors, BREAKAWAYS[RESTING : RESTING + 1], pairs[rows.start, :, None])
-        rest = _at_rest(coupled(signals.velocity[rows]).reshape(-1, pairs.shape[1]), signals.rate)
+        velocity = signals.velocity[rows]
+        rest = _at_rest(coupled(velocity).reshape(len(velocity), -1), signals.rate)
         pairs[rows] = np.where(rest, 0.5 * _mean_around(resting)[:, :, 0], pairs[rows])
-        rest = _at_rest(signals.velocity[rows], signals.rate)
+        rest = _at_rest(velocity, signals.rate)
         joints[rows, :, 0] = np.where(rest, 0.5 * joints[rows, :, RESTING], joints[rows, :, 0])
         start = None
     return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)))
