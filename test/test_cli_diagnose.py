@@ -25,7 +25,7 @@ from bdnn_ros.robot import Robot
 J1, J2 = "arm2_joint1", "arm2_joint2"
 FILES = {
     *("diagnosis.json", "report.html", "model.bdnn"),
-    *("extended.urdf", "extended.mjcf.xml", "effects.yaml"),
+    *("extended.urdf", "extended.mjcf.xml", "effects.yaml", "effort.png"),
 }
 
 

@@ -18,6 +18,7 @@ from bdnn_ros.diagnosis.files import write_extension
 from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
 from bdnn_ros.robot import Robot
 
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
         save_model(args.out, extend(examination))
         write_extension(examination, args.out)
         write_report(examination, args.out / "report.html")
+        effort_figure(examination, args.out / "effort.png")
         examination.diagnosis.save(args.out / "diagnosis.json")
     print("\n".join(verdict_lines(examination)))
     print(f"report: {args.out / 'report.html'}")
