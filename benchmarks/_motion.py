@@ -43,16 +43,17 @@ class Data:
 def data(name: str, seconds: float, seed: int) -> Data:
     """Training motions of a bundled robot, and other motions of the same robot to judge by.
 
-    The effort comes from inverse dynamics along the motion; position and effort get the noise of FINDINGS.md.
+    The effort comes from inverse dynamics along the motion, with noise on position and effort. Robot and
+    held-out motions depend on the seed alone, so that methods of other motions are judged alike.
     """
-    rng = np.random.default_rng([seed, len(name), int(seconds)])
     nominal = Robot.bundled(name)
+    rng = np.random.default_rng([seed, nominal.width])
     plain = _motion(nominal, PIECE, rng)
     typical = np.std(nominal.inverse_dynamics(*plain), axis=0)
     truth = worn_robot(nominal, typical, rng)
+    test = _signals(truth, [_motion(nominal, PIECE, rng) for _ in range(int(HELD_OUT / PIECE))], rng)
     pieces = max(round(seconds / PIECE), 2)
     learn = _signals(truth, [_motion(nominal, seconds / pieces, rng) for _ in range(pieces)], rng)
-    test = _signals(truth, [_motion(nominal, PIECE, rng) for _ in range(int(HELD_OUT / PIECE))], rng)
     cut = max(round(VALIDATION_SHARE * pieces), 1)
     return Data(truth, nominal, learn[cut:], learn[:cut], test, seconds)
 
