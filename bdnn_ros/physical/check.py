@@ -7,15 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.physical.combinations import WORDS, combinations
+from bdnn_ros.errors import listed
+from bdnn_ros.physical.combinations import WORDS, Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, prior
-from bdnn_ros.recording import Recording
+from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, prior, usual_motion
+from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
 
 UNKNOWN = 0.5
 """A parameter whose standard deviation is still this share of what it was before is hardly known."""
+MATTERS = 0.02
+"""Inertias that are hardly known are worth a word where they may make this share of a joint's effort."""
 ILL_CONDITIONED = 100.0
 """Condition number above which parameters are hard to tell apart (Gautier and Khalil, IJRR 1992)."""
 MOST_ROWS = 2000
@@ -29,7 +32,7 @@ CERTAIN = 3.0
 VELOCITY_GAIN = 0.03
 """Share by which the reported velocity may differ from the position's derivative."""
 AT_LIMIT = 0.98
-"""An effort above this share of its limit is saturated."""
+"""An effort this near its limit is saturated, unless it goes beyond as well: then the limit does not cut."""
 SATURATED = 0.01
 """Share of saturated samples that is worth a word."""
 EXAMPLES = 3
@@ -79,20 +82,38 @@ def unexcited(robot: Robot, model: PhysicalModel) -> Iterator[Remark]:
     """Parameters of which the motion says little."""
     belief = prior(robot)
     before = Parameters.from_vector(np.sqrt(np.diagonal(belief.covariance)))
-    for kind in JOINT_NAMES[:-1]:
-        share = getattr(model.std, kind) / getattr(before, kind)
-        for joint, value in zip(robot.joints, share, strict=True):
-            if value > UNKNOWN:
-                yield Remark(
-                    joint, f"The motion says little of the {WORDS[kind][0]} of {joint}.", REMEDIES[kind]
-                )
-    inertial = [one for one in combinations(robot) if one.unit.startswith("kg")]
-    open_ = [c for c in inertial if c.std(model.covariance) > UNKNOWN * c.std(belief.covariance)]
-    if open_:
-        examples = "; ".join(one.words.split(", with")[0] for one in open_[:EXAMPLES])
+    shares = {kind: getattr(model.std, kind) / getattr(before, kind) for kind in JOINT_NAMES[:-1]}
+    for k, joint in enumerate(robot.joints):
+        kinds = [kind for kind, share in shares.items() if share[k] > UNKNOWN]
+        if kinds:
+            what = listed(WORDS[kind][0] for kind in kinds)
+            remedy = " ".join(REMEDIES[kind] for kind in kinds)
+            yield Remark(joint, f"The motion says little of the {what} of {joint}.", remedy)
+    yield from _open_inertias(robot, model, belief)
+
+
+def _open_inertias(robot: Robot, model: PhysicalModel, belief: Prior) -> Iterator[Remark]:
+    """Whether inertias that the motion leaves open matter where the robot moves wider or faster."""
+    found = _of_bodies(robot)
+    spread = np.array([one.std(model.covariance) for one in found])
+    before = np.array([one.std(belief.covariance) for one in found])
+    unknown = np.flatnonzero(spread > UNKNOWN * before)
+    if not len(unknown):
+        return
+    columns = _columns(robot, *usual_motion(robot), found)[..., unknown] / belief.effort_scale[:, None]
+    weights = np.array([found[k].weights for k in unknown])
+    covariance = weights @ model.covariance @ weights.T
+    share = np.sqrt(np.mean(np.einsum("tjk,kl,tjl->tj", columns, covariance, columns), axis=0))
+    joint = int(np.argmax(share))
+    if share[joint] > MATTERS:
+        each = np.sqrt(np.mean(columns[:, joint] ** 2, axis=0)) * spread[unknown]
+        order = unknown[np.argsort(-each)][:EXAMPLES]
+        names = "; ".join(found[k].words.split(", with")[0] for k in order)
         yield Remark(
             "",
-            f"{len(open_)} of {len(inertial)} inertial parameters are hardly known: {examples} ...",
+            f"{len(unknown)} of {len(found)} inertial parameters are hardly known; on wider or faster motion "
+            f"they may make {100.0 * share[joint]:.0f} % of the effort of {robot.joints[joint]}, above all "
+            f"{names}.",
             "Move all joints at once, over their whole range and faster; bdnn excite plans such a motion.",
         )
 
@@ -116,12 +137,31 @@ def condition(robot: Robot, signals: Sequence[Signals]) -> float:
         np.concatenate([getattr(one, name)[::step] for one in signals])
         for name in ("position", "velocity", "acceleration")
     )
-    rotors = np.einsum("tj,jk->tjk", a, np.eye(robot.width))
-    columns = np.concatenate([robot.regressor(q, v, a), rotors], axis=-1)
-    weights = np.array([one.weights for one in combinations(robot) if one.unit.startswith("kg")])
-    kept = columns.reshape(-1, columns.shape[-1]) @ np.linalg.pinv(weights[:, : columns.shape[-1]])
+    kept = _columns(
+        robot, q, v, a, [one for one in combinations(robot) if one.unit.startswith("kg")]
+    ).reshape(q.size, -1)
     length = np.linalg.norm(kept, axis=0)
     return float(np.linalg.cond(kept / np.maximum(length, 1e-12)))
+
+
+def _of_bodies(robot: Robot) -> list[Combination]:
+    """What motion can tell of the bodies."""
+    inertial = [one for one in combinations(robot) if one.unit.startswith("kg")]
+    return [one for one in inertial if not one.words.startswith(WORDS["armature"][0])]
+
+
+def _columns(
+    robot: Robot,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    acceleration: np.ndarray,
+    found: Sequence[Combination],
+) -> np.ndarray:
+    """Effort by each of the bodies' and rotors' combinations, (N, n, len(found))."""
+    rotors = np.einsum("tj,jk->tjk", acceleration, np.eye(robot.width))
+    columns = np.concatenate([robot.regressor(position, velocity, acceleration), rotors], axis=-1)
+    weights = np.array([one.weights for one in found])
+    return np.asarray(columns @ np.linalg.pinv(weights[:, : columns.shape[-1]]))
 
 
 def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[Remark]:
@@ -141,7 +181,7 @@ def saturated(recording: Recording, robot: Robot) -> Iterator[Remark]:
     effort = recording.require_effort()
     for joint, column, limit in zip(robot.joints, effort.T, robot.limits.effort, strict=True):
         share = float(np.mean(np.abs(column) >= AT_LIMIT * limit))
-        if share > SATURATED:
+        if share > SATURATED and np.abs(column).max() <= limit / AT_LIMIT:
             yield Remark(
                 joint,
                 f"{recording.name}: {joint} is at its effort limit {100 * share:.0f} % of the time.",
@@ -154,7 +194,8 @@ def odd_velocity(recording: Recording, signals: Signals) -> Iterator[Remark]:
     if signals.reported_velocity is None:
         return
     inside = signals.interior
-    for k, joint in enumerate(signals.joints):
+    for k in np.flatnonzero(moving(recording)):
+        joint = signals.joints[k]
         v, a = signals.velocity[inside, k], signals.acceleration[inside, k]
         reported = signals.reported_velocity[inside, k]
         basis = np.stack([v, -a], axis=-1)

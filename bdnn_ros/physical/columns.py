@@ -13,7 +13,9 @@ from bdnn_ros.signals import Signals
 
 def smooth_columns(robot: Robot, signals: Signals) -> np.ndarray:
     """Columns that are linear in the motion's derivatives, (N, n, `Columns.coulomb`): low-passed with it."""
-    q, v, a = signals.position, signals.velocity, signals.acceleration
+    # noise that is taken for motion would seem to tell inertias
+    moves = ~signals.at_rest
+    q, v, a = signals.position, signals.velocity * moves, signals.acceleration * moves
     own = np.stack([a, v, np.ones_like(q)], axis=-1)
     motors = np.stack([coupled(a), coupled(v)], axis=-1)
     rate = _derivative(signals)[:, :, None]

@@ -183,16 +183,22 @@ def _unknown_body(robot: Robot, share: float) -> np.ndarray:
     return mass * np.diag([0.1**2, 0.1**2, 0.1**2, 1.0])
 
 
-def _scales(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Typical effort [N·m], diagonal of M [kg·m²] and velocity [rad/s] of each joint by URDF, (n,)."""
+def usual_motion(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random positions, velocities and accelerations over all that the limits allow, (N, n) each."""
     generator = np.random.default_rng(0)
     count = 200
     low = np.maximum(robot.limits.lower, -np.pi)
     high = np.minimum(robot.limits.upper, np.pi)
     position = generator.uniform(low, np.maximum(high, low + 1e-6), (count, robot.width))
+    limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 2.0)
+    acceleration = generator.normal(size=(count, robot.width)) * 2.0 * limit
+    return position, generator.uniform(-1.0, 1.0, (count, robot.width)) * limit, acceleration
+
+
+def _scales(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Typical effort [N·m], diagonal of M [kg·m²] and velocity [rad/s] of each joint by URDF, (n,)."""
+    position, motion, acceleration = usual_motion(robot)
     velocity = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 2.0)
-    acceleration = generator.normal(size=(count, robot.width)) * 2.0 * velocity
-    motion = generator.uniform(-1.0, 1.0, (count, robot.width)) * velocity
     inertia = np.diagonal(robot.mass_matrix(position), axis1=1, axis2=2).mean(axis=0)
     effort = np.sqrt(np.mean(robot.rigid_effort(position, motion, acceleration) ** 2, axis=0))
     # what a drive adds hardly shrinks with the link it moves: a wrist's gear may outweigh the whole hand

@@ -70,6 +70,9 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
         pairs[rows] = np.where(rest, 0.5 * _mean_around(resting)[:, :, 0], pairs[rows])
         rest = _at_rest(velocity, signals.rate)
         joints[rows, :, 0] = np.where(rest, 0.5 * joints[rows, :, RESTING], joints[rows, :, 0])
+        # a joint that has not moved yet may hold any friction
+        still = np.ptp(signals.position[rows], axis=0) < turned
+        joints[rows, still if start is None else still & (start.joints == 0.0).all(axis=1)] = 0.0
         start = None
     return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)))
 

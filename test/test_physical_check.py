@@ -1,0 +1,163 @@
+"""What the data cannot tell or does oddly: each remark on data made for it, and silence on good data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.physical import check
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.excitation import fourier
+
+RATE = 200.0
+
+
+def worn(robot):
+    n = robot.width
+    return robot.with_joint_parameters(np.full(n, 0.1), np.full(n, 2.0), np.full(n, 1.0))
+
+
+def along(robot, time, position, velocity, acceleration, noise=0.002):
+    """What a worn robot's sensors report along a motion."""
+    generator = np.random.default_rng(0)
+    effort = worn(robot).inverse_dynamics(position, velocity, acceleration)
+    effort = effort + noise * np.ptp(effort, axis=0) * generator.normal(size=effort.shape)
+    seen = position + 2e-5 * generator.normal(size=position.shape)
+    return Recording(time, robot.joints, seen, velocity, effort, name="motion")
+
+
+def good(robot, duration=20.0):
+    plan = fourier(robot, np.arange(0.0, duration, 1.0 / RATE), np.random.default_rng(1))
+    return along(robot, plan.time, plan.position, plan.velocity, plan.acceleration)
+
+
+def remarks(robot, recording):
+    return check.check([recording], robot, Identifier(robot).fit([recording]))
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.bundled("arm6")
+
+
+@pytest.fixture(scope="module")
+def recording(robot):
+    return good(robot)
+
+
+@pytest.fixture(scope="module")
+def model(robot, recording):
+    return Identifier(robot).fit([recording])
+
+
+@pytest.mark.parametrize("name", ["arm2", "arm6", "arm7"])
+def test_good_data_is_not_remarked_on(name):
+    assert remarks(Robot.bundled(name), good(Robot.bundled(name))) == []
+
+
+def test_every_remark_says_what_to_do(robot, recording):
+    still = recording.position.copy()
+    still[:, 3] = 0.5
+    for remark in remarks(robot, replace(recording, position=still, velocity=None)):
+        assert remark.problem.endswith(".")
+        assert remark.remedy.endswith(".")
+        assert str(remark) == f"{remark.problem} {remark.remedy}"
+
+
+def test_a_joint_at_rest_is_named_with_all_that_is_unknown(robot):
+    plan = fourier(robot, np.arange(0.0, 20.0, 1.0 / RATE), np.random.default_rng(1))
+    q, v, a = (x.copy() for x in (plan.position, plan.velocity, plan.acceleration))
+    q[:, 3], v[:, 3], a[:, 3] = 0.5, 0.0, 0.0
+    joint = robot.joints[3]
+    found = [one for one in remarks(robot, along(robot, plan.time, q, v, a)) if one.about]
+    assert [one.about for one in found] == [joint]
+    for word in ("rotor inertia", "viscous friction", "Coulomb friction", joint):
+        assert word in found[0].problem
+
+
+def test_small_slow_motion_leaves_inertias_open(robot):
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    rate = np.arange(1.0, 7.0) ** 0.5
+    angle = rate * time[:, None]
+    q, v, a = 0.02 * np.sin(angle), 0.02 * rate * np.cos(angle), -0.02 * rate**2 * np.sin(angle)
+    found = [c for c in remarks(robot, along(robot, time, q, v, a)) if "inertial parameters" in c.problem]
+    assert len(found) == 1
+    assert " % of the effort of arm6_joint" in found[0].problem
+    assert "bdnn excite" in found[0].remedy
+
+
+def test_joints_that_move_alike_cannot_be_told_apart(robot):
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    angle, rate = np.tile(2.0 * np.pi * 0.3 * time[:, None], 6), 2.0 * np.pi * 0.3
+    alike = along(robot, time, np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle))
+    assert check.condition(robot, [prepare(alike)]) > check.ILL_CONDITIONED
+    assert any("hard to tell apart" in one.problem for one in remarks(robot, alike))
+
+
+def test_the_condition_is_that_of_independent_columns():
+    """By singular values of the columns that remain when those without effort of their own are left out."""
+    robot = Robot.bundled("arm2")
+    recording = good(robot)
+    signals = prepare(recording)
+    value = check.condition(robot, [signals])
+    assert 1.0 <= value < 100.0
+    assert check.condition(robot, [signals, signals]) == pytest.approx(value, rel=0.2)
+
+
+@pytest.mark.parametrize(("delay", "words"), [(0.012, "ms behind"), (-0.012, "ms ahead of")])
+def test_an_effort_apart_from_the_motion_is_measured(robot, recording, delay, words):
+    moved = np.stack([np.interp(recording.time - delay, recording.time, e) for e in recording.effort.T], 1)
+    found = [one for one in remarks(robot, replace(recording, effort=moved)) if "effort is" in one.problem]
+    assert len(found) == 1
+    assert words in found[0].problem
+    assert float(found[0].problem.split()[3]) == pytest.approx(12.0, abs=1.0)
+
+
+def test_a_cut_effort_is_remarked_on_but_not_one_beyond_the_limit(robot, recording):
+    limit = robot.limits.effort[1]
+    grown = recording.effort.copy()
+    grown[:, 1] *= 2.0 * limit / np.abs(grown[:, 1]).max()
+    assert list(check.saturated(replace(recording, effort=grown), robot)) == []
+    cut = np.clip(grown, -robot.limits.effort, robot.limits.effort)
+    found = list(check.saturated(replace(recording, effort=cut), robot))
+    assert [one.about for one in found] == [robot.joints[1]]
+    share = 100.0 * np.mean(np.abs(grown[:, 1]) >= check.AT_LIMIT * limit)
+    assert f"{share:.0f} % of the time" in found[0].problem
+
+
+def test_velocity_in_degrees_is_found(recording):
+    wrong = recording.velocity.copy()
+    wrong[:, 2] = np.degrees(wrong[:, 2])
+    odd = replace(recording, velocity=wrong)
+    found = list(check.odd_velocity(odd, prepare(odd)))
+    assert [one.about for one in found] == [recording.joints[2]]
+    assert "57.3" in found[0].problem
+    assert "unit" in found[0].remedy
+
+
+def test_a_velocity_behind_a_low_pass_is_found(recording):
+    keep = np.exp(-2.0 * np.pi * 8.0 / RATE)
+    wrong = recording.velocity.copy()
+    wrong[:, 4] = lfilter([1.0 - keep], [1.0, -keep], wrong[:, 4])
+    odd = replace(recording, velocity=wrong)
+    found = list(check.odd_velocity(odd, prepare(odd)))
+    assert [one.about for one in found] == [recording.joints[4]]
+    assert float(found[0].problem.split("low-pass of ")[1].split()[0]) == pytest.approx(8.0, abs=1.5)
+
+
+def test_a_good_or_missing_velocity_is_not_odd(recording):
+    noise = 1e-3 * np.random.default_rng(0).normal(size=recording.velocity.shape)
+    noisy = replace(recording, velocity=recording.velocity + noise)
+    assert list(check.odd_velocity(noisy, prepare(noisy))) == []
+    silent = replace(recording, velocity=None)
+    assert list(check.odd_velocity(silent, prepare(silent))) == []
+
+
+def test_a_delay_of_half_a_period_is_a_held_command(model, recording):
+    held = replace(model, lead=0.5 / RATE)
+    assert list(check.delayed(held, [recording])) == []
+    assert len(list(check.delayed(replace(model, lead=1.0 / RATE), [recording]))) == 1
