@@ -1,4 +1,4 @@
-"""Ours beside its peers: effort, mass matrix, gravity, Coriolis and rollouts, on three robots.
+"""Ours beside its peers: effort, its parts, and rollouts, on three robots; two tables.
 
 By default one seed at a quarter of the time, which takes about 8 minutes on one core. The table of
 docs/theory.md is that of three seeds at full time, which takes 2 hours:
@@ -16,7 +16,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,16 @@ COLUMNS = {
     "seconds": ("train [s]", 1.0),
     "motion": ("motion [s]", 1.0),
 }
-"""Heading and factor of each column."""
+"""Heading and factor of each column of the table."""
+MECHANICS = {
+    "friction": ("friction %", 100.0),
+    "kinetic": ("kinetic energy %", 100.0),
+    "potential": ("potential energy %", 100.0),
+    "least_eigenvalue": ("least eigenvalue of M / true", 1.0),
+    "passive": ("friction passive %", 100.0),
+    "gravity_curl": ("curl of g %", 100.0),
+}
+"""The same for the second table: further parts, and whether it could be a machine."""
 Cell = dict[str, Any]
 
 
@@ -70,15 +79,20 @@ def measured(robot: str, method: str, seed: int, scale: float, given: Data) -> C
     }
 
 
-def table(cells: Sequence[Cell], scale: float, markdown: bool = False) -> str:
+def table(
+    cells: Sequence[Cell],
+    scale: float,
+    columns: Mapping[str, tuple[str, float]] = COLUMNS,
+    markdown: bool = False,
+) -> str:
     """Median and range over the seeds of every robot and method measured at a scale of the budgets."""
-    head = ["robot", "method", "seeds", *(heading for heading, _ in COLUMNS.values())]
+    head = ["robot", "method", "seeds", *(heading for heading, _ in columns.values())]
     rows = []
     for robot in MOTION:
         for method, way in METHODS.items():
             group = [c for c in cells if (c["robot"], c["method"], c["scale"]) == (robot, method, scale)]
             if group:
-                numbers = [spread([c[name] for c in group], factor) for name, (_, factor) in COLUMNS.items()]
+                numbers = [spread([c[name] for c in group], factor) for name, (_, factor) in columns.items()]
                 rows.append([robot, way.label, str(len(group)), *numbers])
     if markdown:
         lines = [head, ["---"] * len(head), *rows]
@@ -193,7 +207,8 @@ def main() -> None:
         pictures(args.robots, args.budget_scale)
         return
     cells = load(args.results) if args.table else run(args)
-    print(table(cells, args.budget_scale, args.markdown))
+    for columns in (COLUMNS, MECHANICS):
+        print(table(cells, args.budget_scale, columns, args.markdown), end="\n\n")
 
 
 if __name__ == "__main__":

@@ -48,7 +48,10 @@ def little() -> Data:
 def test_the_true_robot_is_judged_without_error(little):
     errors = judge(Known(little.truth), little)
     assert errors["nmse"] < 1e-4
-    assert max(errors[part] for part in ("mass", "gravity", "coriolis")) < 1e-9
+    parts = ("mass", "gravity", "coriolis", "friction", "kinetic", "potential")
+    assert max(errors[part] for part in parts) < 1e-9
+    assert errors["least_eigenvalue"] == errors["passive"] == 1.0
+    assert errors["gravity_curl"] < 1e-6
     assert errors["rollout_0.1"] < errors["rollout_1"] < 0.05
 
 
@@ -56,8 +59,9 @@ def test_a_heavier_robot_is_judged_by_how_much(little):
     rigid = little.truth.with_joint_parameters(np.zeros(2), little.truth.viscous, little.truth.coulomb)
     known = Data(rigid, *(getattr(little, k) for k in ("nominal", "train", "validation", "test", "seconds")))
     errors = judge(Known(rigid.with_inertials(1.1 * rigid.inertials)), known)
-    for part in ("mass", "gravity", "coriolis"):
+    for part in ("mass", "gravity", "coriolis", "kinetic", "potential"):
         assert errors[part] == pytest.approx(0.1, rel=1e-6)
+    assert errors["least_eigenvalue"] == pytest.approx(1.1)
 
 
 def test_the_robot_and_the_judging_do_not_depend_on_the_seconds_learned_from(little):
@@ -142,6 +146,7 @@ def test_least_squares_on_the_true_axes_finds_the_robot(little):
     errors = judge(least_squares(little, 1.0, 0), little)
     assert errors["nmse"] < 1e-3
     assert errors["mass"] < 0.02
+    assert errors["friction"] < 0.02
 
 
 def test_a_run_is_saved_and_goes_on(tmp_path, monkeypatch):
