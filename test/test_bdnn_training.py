@@ -10,7 +10,7 @@ import pytest
 from bdnn_cases import random_field, signals, worn
 from test_bdnn_dynamics import Opaque
 
-from bdnn_ros.bdnn import modelfile
+from bdnn_ros.bdnn import mechanics, modelfile
 from bdnn_ros.bdnn.chain_training import ChainTraining
 from bdnn_ros.bdnn.correction import Task
 from bdnn_ros.bdnn.local import LocalNetworks
@@ -58,6 +58,29 @@ def test_a_black_box_is_the_robot(arm2, black_box):
     mass, gravity = robot.mass_matrix(q), robot.gravity(q)
     assert np.linalg.norm(black_box.mass_matrix(q) - mass) < 0.03 * np.linalg.norm(mass)
     assert np.linalg.norm(black_box.gravity(q) - gravity) < 0.02 * np.linalg.norm(gravity)
+
+
+def test_the_mechanics_of_a_black_box_are_the_robots(arm2, black_box):
+    """On held-out poses, part by part, and sound as a machine."""
+    robot, _, _, test = arm2
+    q, v, a = (values[::25] for values in (test.position, test.velocity, test.acceleration))
+    learned, true = mechanics.parts(black_box, q, v, a), mechanics.parts(robot, q, v, a)
+    fast = np.abs(v) > 0.2 * np.std(v, axis=0)
+    for name, limit in (("inertial", 0.03), ("coriolis", 0.05), ("gravity", 0.02)):
+        there = getattr(true, name)
+        assert np.linalg.norm(getattr(learned, name) - there) < limit * np.linalg.norm(there), name
+    assert np.linalg.norm((learned.friction - true.friction)[fast]) < 0.1 * np.linalg.norm(
+        true.friction[fast]
+    )
+    for energy in (mechanics.kinetic_energy, lambda m, q, v: mechanics.potential_energy(m, q, q[0])):
+        here, there = energy(black_box, q, v), energy(robot, q, v)
+        assert np.linalg.norm(here - there) < 0.03 * np.linalg.norm(there)
+    balance = mechanics.power_balance(black_box, q, v, a)
+    np.testing.assert_allclose(balance["left"], 0.0, atol=1e-9 * np.abs(balance["drive"]).max())
+    summary = mechanics.consistency(black_box, q.min(axis=0), q.max(axis=0), np.abs(v).max(axis=0))
+    assert summary.sound
+    least = min(np.linalg.eigvalsh(robot.mass_matrix(q))[:, 0])
+    assert summary.smallest_eigenvalue == pytest.approx(least, rel=0.1)
 
 
 def test_the_same_seed_gives_the_same_model(arm2, black_box):
