@@ -1,0 +1,130 @@
+"""`bdnn identify`: one bag and several, what it writes, what it says of the data."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
+from bdnn_ros.online.models import load_model
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import fourier
+
+RATE = 200.0
+
+
+def recorded(seed: int, coulomb: float = 2.0) -> Recording:
+    """A motion of a worn arm."""
+    robot = Robot.bundled("arm2")
+    generator = np.random.default_rng(seed)
+    plan = fourier(robot, np.arange(0.0, 12.0, 1.0 / RATE), generator)
+    real = robot.with_joint_parameters(np.full(2, 0.1), np.full(2, 1.0), np.array([2.0, coulomb]))
+    effort = real.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+    effort = effort + 0.005 * np.ptp(effort, axis=0) * generator.normal(size=effort.shape)
+    return Recording(plan.time, robot.joints, plan.position, plan.velocity, effort, urdf=robot.urdf)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Bags by name."""
+    folder = tmp_path_factory.mktemp("bags")
+    made = {"first": recorded(1), "second": recorded(2), "worn": recorded(3, coulomb=4.0)}
+    silent = replace(made["first"], effort=None)
+    still = replace(
+        made["first"],
+        position=np.tile(made["first"].position[:1], (len(made["first"]), 1)),
+        velocity=np.zeros_like(made["first"].position),
+    )
+    made |= {"silent": silent, "still": still}
+    return {name: str(bags.write(recording, folder / name)) for name, recording in made.items()}
+
+
+def contents(folder: Path) -> tuple[dict, dict]:
+    """metrics.json and parameters.json."""
+    return tuple(json.loads((folder / f"{name}.json").read_text()) for name in ("metrics", "parameters"))
+
+
+def test_one_bag_gives_model_metrics_and_parameters(bag, tmp_path, capsys):
+    assert main(["identify", bag["first"], "--out", str(tmp_path)]) == 0
+    metrics, parameters = contents(tmp_path)
+    assert set(metrics) == {"held_out", "training", "simulation"}
+    assert metrics["held_out"]["nrmse_mean"] < 0.05 < metrics["simulation"]["nrmse_mean"]
+    model = load_model(tmp_path)
+    listed = {row["name"]: row for row in parameters["parameters"]}
+    for joint, value in zip(model.joints, model.robot.coulomb, strict=True):
+        row = listed[f"{joint}.coulomb"]
+        assert row["value"] == value
+        assert abs(row["value"] - 2.0) < max(4.0 * row["std"], 0.1)
+    assert parameters["agreement"] == []
+    printed = capsys.readouterr()
+    assert "held out" in printed.out
+    assert "URDF's NRMSE" in printed.out
+    assert "agree" not in printed.err
+
+
+def test_several_bags_are_one_model_and_their_agreement_is_told(bag, tmp_path, capsys):
+    assert main(["identify", bag["first"], bag["second"], "--out", str(tmp_path)]) == 0
+    metrics, parameters = contents(tmp_path)
+    assert metrics["held_out"]["nrmse_mean"] < 0.05
+    count = len(parameters["agreement"])
+    assert count == len(parameters["combinations"]) > 0
+    assert all(len(one["values"]) == len(one["stds"]) == 2 for one in parameters["agreement"])
+    assert not any(one["differs"] for one in parameters["agreement"])
+    assert f"The recordings agree on {count} of {count} parameters." in capsys.readouterr().err
+
+
+def test_recordings_that_differ_are_never_joined_unseen(bag, tmp_path, capsys):
+    assert main(["identify", bag["first"], bag["second"], bag["worn"], "--out", str(tmp_path)]) == 0
+    _, parameters = contents(tmp_path)
+    words = "Coulomb friction of arm2_joint2"
+    differing = [one for one in parameters["agreement"] if one["differs"]]
+    assert words in [one["words"] for one in differing]
+    (one,) = (one for one in differing if one["words"] == words)
+    np.testing.assert_allclose(one["values"], [2.0, 2.0, 4.0], atol=0.2)
+    said = capsys.readouterr().err
+    assert words in said
+    assert "the recordings disagree" in said
+
+
+def test_odd_data_is_remarked_on_in_words_and_in_the_file(tmp_path, capsys):
+    odd = recorded(1)
+    path = bags.write(replace(odd, velocity=np.degrees(odd.velocity)), tmp_path / "degrees")
+    assert main(["identify", str(path), "--out", str(tmp_path / "out")]) == 0
+    _, parameters = contents(tmp_path / "out")
+    assert [remark["about"] for remark in parameters["remarks"]] == list(odd.joints)
+    said = capsys.readouterr().err
+    for remark in parameters["remarks"]:
+        assert remark["problem"] in said
+        assert remark["remedy"] in said
+
+
+def test_good_data_is_not_remarked_on(bag, tmp_path, capsys):
+    assert main(["identify", bag["first"], "--out", str(tmp_path)]) == 0
+    assert contents(tmp_path)[1]["remarks"] == []
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("which", "options", "status", "words"),
+    [
+        ("silent", [], 1, "no effort"),
+        ("still", [], 1, "no joint moves"),
+        ("first", ["--holdout", "1.5"], 2, "between 0 and 1"),
+        ("first", ["--budget", "0"], 2, "not a time"),
+        ("first", ["--cutoff", "500"], 2, "does not fit"),
+    ],
+)
+def test_what_cannot_be_answered_is_said_in_one_sentence(
+    bag, tmp_path, capsys, which, options, status, words
+):
+    assert main(["identify", bag[which], "--out", str(tmp_path / "out"), *options]) == status
+    said = capsys.readouterr().err
+    assert words in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "out").exists()
