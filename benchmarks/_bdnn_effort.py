@@ -13,7 +13,7 @@ from bdnn_ros.bdnn.samples import Samples, samples_of, scales_of
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
-PERCEPTRON = {True: Settings(64, 5e-3, 256), False: Settings(128, 5e-3, 256)}
+PERCEPTRON = {True: Settings(32, 5e-3, 256), False: Settings(64, 5e-3, 256)}
 """Of robots with few joints, and of others."""
 
 

@@ -13,7 +13,7 @@ from bdnn_ros.bdnn.networks import vector_size
 from bdnn_ros.bdnn.samples import samples_of, scales_of
 from bdnn_ros.signals import Signals
 
-LAGRANGIAN = {True: Settings(32, 1e-2, 256), False: Settings(128, 5e-3, 256)}
+LAGRANGIAN = {True: Settings(32, 1e-2, 256), False: Settings(128, 1e-2, 256)}
 """Of robots with few joints, and of others."""
 FLOOR = 1e-3
 """Least of the diagonal of the factor of a mass matrix, in the motion's units."""

@@ -15,7 +15,7 @@ from bdnn_ros.bdnn.network_training import WINDOWS, Rollouts
 from bdnn_ros.bdnn.samples import samples_of, scales_of
 from bdnn_ros.signals import Signals
 
-ODE = {True: Settings(64, 5e-3, 256), False: Settings(128, 5e-3, 256)}
+ODE = {True: Settings(16, 5e-3, 256), False: Settings(128, 2e-3, 256)}
 MATCH_SHARE = 0.5
 """Share of the time in which accelerations alone are matched, before windows are rolled out as well."""
 WINDOWS_EVERY = 4

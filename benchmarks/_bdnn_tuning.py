@@ -25,7 +25,7 @@ SHARE = 1.0 / 3.0
 """Of the time a peer has in the benchmark."""
 CHOICES: dict[str, dict[str, tuple[Any, ...]]] = {
     "arm2": {"hidden": (16, 32, 64)},
-    "arm6": {"rate": (2e-3, 5e-3, 1e-2), "batch": (256, 1024), "hidden": (64, 128, 256)},
+    "arm6": {"rate": (1e-3, 2e-3, 5e-3, 1e-2, 2e-2), "batch": (256, 1024), "hidden": (64, 128, 256)},
 }
 
 
