@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.equations import Equations, Term, build
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
 from bdnn_ros.diagnosis.unexplained import Remainder

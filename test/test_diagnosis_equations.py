@@ -8,14 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_cases import CUTOFF, coloured, equations_of, signals_of, term, white
 
-from bdnn_ros.diagnosis.equations import (
-    BLOCK_SECONDS,
-    Equations,
-    Noise,
-    build,
-    nominal_effort,
-    relative_inertials,
-)
+from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build, nominal_effort, relative_inertials
+from bdnn_ros.diagnosis.equations import Equations, Noise
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording

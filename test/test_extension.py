@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from bdnn_ros.bdnn import modelfile
-from bdnn_ros.diagnosis.equations import Term, build, relative_inertials
+from bdnn_ros.diagnosis.building import build, relative_inertials
+from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.extended import ExtendedModel
 from bdnn_ros.diagnosis.extension import corrected_links, extend, of_physical

@@ -8,8 +8,9 @@ from typing import Protocol
 
 import numpy as np
 
+from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates, settled
-from bdnn_ros.diagnosis.equations import Equations, build
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.identifiability import Judgement, advice, judge
 from bdnn_ros.diagnosis.kinematics import reported_velocity
@@ -27,7 +28,7 @@ EVERY_TEST_BLOCK = 5
 """One block in so many is kept out of the search and of the fit that the gain is measured with."""
 RESAMPLES = 1000
 MINIMUM_SHARE = 0.02
-"""An effect whose contribution is below this share of the effort's spread at every joint stays in the model without a name."""
+"""An effect that removes an error below this share of the effort's spread at every joint stays in the model without a name."""
 EXPLAINED = 1.3
 """An extended model within this factor of the noise floor explains the recording."""
 SLIGHT = 1.15
@@ -158,11 +159,12 @@ def _diagnosis(
     remainder: Remainder,
 ) -> Diagnosis:
     held = equations.usable & test[:, None]
-    shares = _shares(equations, fitted, extended, held)
+    removed = _removed(equations, fitted, extended, held)
+    before = float(np.sum(_rms(equations.target, held) ** 2))
     findings = [
-        _finding(robot, estimate, judgement, share)
-        for estimate, judgement, share in zip(found, judgements, shares, strict=True)
-        if _size(equations, estimate) >= MINIMUM_SHARE
+        _finding(robot, estimate, judgement, float(np.sum(less)) / max(before, 1e-30))
+        for estimate, judgement, less in zip(found, judgements, removed, strict=True)
+        if (np.sqrt(np.maximum(less, 0.0)) >= MINIMUM_SHARE * equations.effort_scale).any()
     ]
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
@@ -213,13 +215,6 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
     )
 
 
-def _size(equations: Equations, estimate: Estimate) -> float:
-    """Root mean square of what an effect adds, per spread of the effort, at the joint where it is largest."""
-    part = np.where(equations.usable, equations.columns(estimate.term) @ estimate.coefficients, 0.0)
-    count = np.maximum(equations.usable.sum(axis=0), 1)
-    return float((np.sqrt(np.sum(part**2, axis=0) / count) / equations.effort_scale).max())
-
-
 def _place(robot: Robot, estimate: Estimate) -> tuple[str | None, str | None]:
     term = estimate.term
     if term.link:
@@ -227,17 +222,16 @@ def _place(robot: Robot, estimate: Estimate) -> tuple[str | None, str | None]:
     return (robot.joints[term.target] if term.target >= 0 else None), None
 
 
-def _shares(equations: Equations, fitted: Pool, extended: np.ndarray, held: np.ndarray) -> list[float]:
-    """Part of the simulation's held-out squared error that each chosen term removes."""
+def _removed(equations: Equations, fitted: Pool, extended: np.ndarray, held: np.ndarray) -> list[np.ndarray]:
+    """Mean squared held-out error of each joint that each chosen term removes, (n,) each [(N·m)²]."""
     fit = fitted.fit(range(len(fitted.terms)))
-    before = float(np.sum(equations.target[held] ** 2))
-    after = float(np.sum(extended[held] ** 2))
-    shares = []
+    after = _rms(extended, held) ** 2
+    removed = []
     for chosen in fit.terms:
         coefficients, _ = fitted.part(fit, chosen)
         without = extended + equations.columns(fitted.terms[chosen]) @ coefficients
-        shares.append((float(np.sum(without[held] ** 2)) - after) / max(before, 1e-30))
-    return shares
+        removed.append(_rms(without, held) ** 2 - after)
+    return removed
 
 
 def _gain(equations: Equations, extended: np.ndarray, held: np.ndarray) -> tuple[float, tuple[float, float]]:

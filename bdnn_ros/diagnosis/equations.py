@@ -12,19 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bdnn_ros.effects.base import Effect, Motion
-from bdnn_ros.errors import RecordingError
-from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
-from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.robot import Robot
 
-ROWS_PER_CUTOFF = 2.5
-"""Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
 NOISE_ORDER = 3
 """Order of the autoregressive noise model."""
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
-BLOCK_SECONDS = 2.0
-"""Held-out blocks are about this long."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +41,21 @@ class Term:
 
 @dataclass(frozen=True)
 class Noise:
-    """Autoregressive noise of each joint: e[k] = sum_i a[j, i] e[k-i] + std[j] · white."""
+    """Autoregressive noise of each joint: e[k] = sum_i a[j, i] e[k-i] + std[j] · white.
+
+    Attributes:
+        coefficients: a, (n, order).
+        std: where the joint moves on, (n,) [N·m].
+        turning: the same where it turns round, (n,) [N·m]: what sticks there no motion tells. None is as elsewhere.
+    """
 
     coefficients: np.ndarray
     std: np.ndarray
+    turning: np.ndarray | None = None
+
+    def of(self, turning: np.ndarray) -> np.ndarray:
+        """Standard deviation of rows that turn round or not (R, n) bool, (R, n)."""
+        return np.where(turning, self.std if self.turning is None else self.turning, self.std)
 
 
 @dataclass
@@ -63,7 +67,8 @@ class Equations:
         simulated: the simulation's effort at the working rate, (N, n) [N·m].
         rows: which working samples are rows, (R,).
         target: measured effort minus the simulation's, (R, n) [N·m].
-        usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest.
+        usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest or sticking.
+        turning: rows where the joint turns round or creeps, (R, n) bool.
         block: held-out block of each row, (R,) int, starting at 0.
         runs: rows of each gap-free piece.
         rigid: columns of the links' relative errors, (R, n, n * PER_LINK), one unit = an error of 100 %.
@@ -76,6 +81,7 @@ class Equations:
     rows: np.ndarray
     target: np.ndarray
     usable: np.ndarray
+    turning: np.ndarray
     block: np.ndarray
     runs: list[slice]
     rigid: np.ndarray
@@ -170,7 +176,7 @@ class Equations:
             for lag in range(1, order + 1):
                 white -= noise.coefficients[:, lag - 1].reshape(shape) * piece[order - lag : len(piece) - lag]
             result[run.start + order : run.stop] = white
-        keep = self.counted(order) / noise.std
+        keep = self.counted(order) / noise.of(self.unsteady(order))
         return result * keep.reshape(keep.shape + (1,) * (values.ndim - 2))
 
     def counted(self, order: int = NOISE_ORDER) -> np.ndarray:
@@ -186,110 +192,37 @@ class Equations:
             counted[run.start + order : run.stop] = history
         return counted
 
+    def unsteady(self, order: int = NOISE_ORDER) -> np.ndarray:
+        """Rows with turning ones in their noise history, (R, n) bool."""
+        unsteady = self.turning.copy()
+        for run in self.runs:
+            for lag in range(1, order + 1):
+                unsteady[run.start + lag : run.stop] |= self.turning[
+                    run.start : max(run.stop - lag, run.start)
+                ]
+        return unsteady
+
     def noise_of(self, residual: np.ndarray, floor: np.ndarray, steady: bool = False) -> Noise:
         """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
         if steady:
             residual = self.without_trends(residual)
         coefficients = np.zeros((self.width, NOISE_ORDER))
-        std = np.empty(self.width)
-        counted = self.counted()
+        std, turning = np.empty(self.width), np.empty(self.width)
+        counted, unsteady = self.counted(), self.unsteady()
         for j in range(self.width):
-            now, past = [], []
-            for run in self.runs:
-                inside = np.arange(run.start + NOISE_ORDER, run.stop)
-                inside = inside[counted[inside, j]]
-                now.append(residual[inside, j])
-                past.append(
-                    np.stack([residual[inside - lag, j] for lag in range(1, NOISE_ORDER + 1)], axis=1)
-                )
-            y, x = np.concatenate(now), np.concatenate(past)
-            if len(y) < 10 * NOISE_ORDER:
-                std[j] = max(float(np.sqrt(np.mean(residual[:, j] ** 2))), floor[j])
-                continue
-            ridge = 1e-3 * float(np.sum(y**2)) + 1e-18
-            a = np.linalg.solve(x.T @ x + ridge * np.eye(NOISE_ORDER), x.T @ y)
-            coefficients[j] = _stable(a)
-            std[j] = max(float(np.sqrt(np.mean((y - x @ coefficients[j]) ** 2))), floor[j])
-        return Noise(coefficients, std)
-
-
-def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -> Equations:
-    """The regression of a motion against a robot's simulation.
-
-    Args:
-        signals: motion with effort, joints in the robot's order.
-        robot: what the simulation believes.
-        simulated: the effort the simulation predicts, (N, n) [N·m]; None takes the robot's rigid bodies, armature and
-            friction.
-
-    Raises:
-        RecordingError: no joint moves, or no effort.
-    """
-    if signals.effort is None:
-        raise RecordingError("The recording carries no effort.", "Record one, or use --effort command.")
-    resting = signals.at_rest
-    if resting.all(axis=1).mean() > 0.98:
-        raise RecordingError(
-            "No joint moves in this recording.", "Move the joints, each over a good part of its range."
-        )
-    step = max(round(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
-    rows = np.concatenate([np.arange(s.start, s.stop, step) for s in signals.segments])
-    rows = rows[signals.interior[rows]]
-    owner = np.zeros(len(signals), int)
-    for k, segment in enumerate(signals.segments):
-        owner[segment] = k
-    edges = [0, *(np.flatnonzero(np.diff(owner[rows])) + 1).tolist(), len(rows)]
-    runs = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-
-    if simulated is None:
-        simulated = nominal_effort(robot, signals)
-    motion = Motion(signals, robot, simulated)
-    target = signals.smooth(signals.effort - simulated)[rows]
-    relative = relative_inertials(robot)
-    rigid = signals.smooth(motion.regressor)[rows] @ relative
-    usable = ~resting[rows]
-    block = (signals.time[rows] - signals.time[rows[0]]) // BLOCK_SECONDS
-    _, block = np.unique(block, return_inverse=True)
-    effort = signals.smooth(signals.effort)[rows]
-    scale = np.maximum(np.std(effort, axis=0), 1e-3 * max(float(np.std(effort)), 1e-9))
-    return Equations(motion, simulated, rows, target, usable, block.astype(int), runs, rigid, relative, scale)
-
-
-def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:
-    """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m]."""
-    rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-    drives = robot.armature * signals.acceleration + robot.viscous * signals.velocity
-    return np.asarray(rigid + drives + robot.coulomb * signals.sign)
-
-
-def relative_inertials(robot: Robot) -> np.ndarray:
-    """Map from relative errors of each link to its inertial parameters, (n * PER_LINK, n * PER_LINK).
-
-    Of each link's ten units the first scales mass and inertia together, the next three move the centre of mass, one unit by
-    the link's size (root mean square distance of its mass from the joint's frame), and the last six change the inertia about
-    the centre by its own size. So an error of 0.1 is "10 % off" in each of these senses.
-    """
-    result = np.zeros((robot.width * PER_LINK, robot.width * PER_LINK))
-    for i, values in enumerate(robot.inertials):
-        pseudo = feasible_pseudo_inertia(pseudo_inertia(values))
-        mass = float(pseudo[3, 3])
-        centre = pseudo[:3, 3] / mass
-        size = float(np.sqrt(np.trace(pseudo[:3, :3]) / mass))
-        spread = float(np.trace(pseudo[:3, :3]) - mass * centre @ centre)
-        columns = [pseudo]
-        for axis in np.eye(3):
-            step = np.zeros((4, 4))
-            step[:3, :3] = mass * (np.outer(centre, axis) + np.outer(axis, centre))
-            step[:3, 3] = step[3, :3] = mass * axis
-            columns.append(step * size / np.sqrt(3.0))
-        for row in range(3):
-            for column in range(row + 1):
-                step = np.zeros((4, 4))
-                step[row, column] = step[column, row] = spread / 3.0
-                columns.append(step)
-        rows = slice(i * PER_LINK, (i + 1) * PER_LINK)
-        result[rows, rows] = np.stack([inertial_parameters(column) for column in columns], axis=1)
-    return result
+            rows = np.flatnonzero(counted[:, j])
+            now, steady_rows = residual[rows, j], ~unsteady[rows, j]
+            past = np.stack([residual[rows - lag, j] for lag in range(1, NOISE_ORDER + 1)], axis=1)
+            if steady_rows.sum() < 10 * NOISE_ORDER:
+                steady_rows[:] = True
+            y, x = now[steady_rows], past[steady_rows]
+            if len(y) >= 10 * NOISE_ORDER:
+                ridge = 1e-3 * float(np.sum(y**2)) + 1e-18
+                coefficients[j] = _stable(np.linalg.solve(x.T @ x + ridge * np.eye(NOISE_ORDER), x.T @ y))
+            white = now - past @ coefficients[j]
+            std[j] = max(_rms(white[steady_rows]), floor[j])
+            turning[j] = max(_rms(white[~steady_rows]), std[j])
+        return Noise(coefficients, std, turning)
 
 
 def _stable(a: np.ndarray) -> np.ndarray:
@@ -300,3 +233,7 @@ def _stable(a: np.ndarray) -> np.ndarray:
         return a
     poles = np.where(radius > 0.98, poles * 0.98 / np.maximum(radius, 1e-12), poles)
     return np.asarray(-np.real(np.poly(poles))[1:])
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

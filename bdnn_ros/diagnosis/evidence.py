@@ -75,7 +75,9 @@ class Pool:
         self.white_target = equations.whiten(equations.target, noise)
         self.gram, self.moment, self.power = _by_block(self.white, self.white_target, equations)
         self._fits: dict[tuple[tuple[int, ...], int | None], Fit] = {}
-        self._scale = float(np.sum(equations.counted() * np.log(noise.std)))
+        order = noise.coefficients.shape[1]
+        stds = noise.of(equations.unsteady(order))
+        self._scale = float(np.sum(equations.counted(order) * np.log(stds)))
 
     def believing(self, link_error: float) -> Pool:
         """The same pool with another prior spread of the links' errors."""
@@ -183,6 +185,11 @@ class Pool:
             inner = self.gram[b][np.ix_(index, index)]
             errors[b] = 0.5 * (self.power[b] - 2.0 * theta @ self.moment[b][index] + theta @ inner @ theta)
         return errors
+
+    def disbelief(self, chosen: Sequence[int]) -> float:
+        """Half the squared distance of a fit's links and nuisances from what was believed of them."""
+        known = self.fit(chosen).coefficients[: self.base]
+        return float(0.5 * self.precision[: self.base] @ known**2)
 
     def residual(self, fit: Fit, blur: bool = True) -> np.ndarray:
         """What the fit leaves of the target, unwhitened rows (R, n) [N·m]; see `contribution`."""

@@ -29,7 +29,9 @@ LINK_ERROR_COST = 400.0
 NOISE_FLOOR = 1e-4
 """Smallest noise as a share of the effort's spread."""
 MOST_ROUNDS = 4
-RIVALS_TRIED = 4
+RIVALS_TRIED = 6
+UNSURE = 30.0
+"""A rival's gain is found with the others' bounds left as they are: by so much it may be too low."""
 BETTER = 0.5
 """A rival must score so much better to take a term's place."""
 WINS = 0.6
@@ -190,7 +192,7 @@ class Search:
             now = self.score(pool, chosen)
             kept = now - self.score(pool, rest)
             for best in np.argsort(-scores)[:RIVALS_TRIED]:
-                if scores[best] <= kept + BETTER:
+                if scores[best] <= kept - UNSURE:
                     break
                 rival = rivals[best]
                 grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
@@ -248,8 +250,15 @@ class Search:
         ]
 
     def _pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:
-        """Whether a term pays on blocks it was not fitted to."""
-        gained = pool.held_out([c for c in grown if c != candidate]) - pool.held_out(grown)
+        """Whether a term pays on blocks it was not fitted to.
+
+        Links that bend beyond belief to stand in for it predict held-out blocks as well, so belief is weighed, too.
+        """
+        if not pool.terms[candidate].effect.believable(pool.part(pool.fit(grown), candidate)[0]):
+            return False
+        without = [c for c in grown if c != candidate]
+        gained = pool.held_out(without) - pool.held_out(grown)
+        gained += (pool.disbelief(without) - pool.disbelief(grown)) / len(gained)
         if gained.sum() <= 0.0:
             return False
         return bool(gained.sum() > 1.645 * gained.std() * np.sqrt(len(gained)) or (gained > 0).mean() >= WINS)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.equations import relative_inertials
+from bdnn_ros.diagnosis.building import relative_inertials
 from bdnn_ros.diagnosis.motions import Piece
 from bdnn_ros.diagnosis.rivals import Case, Suspect
 from bdnn_ros.effects.base import Effect, Motion

@@ -289,6 +289,10 @@ class Effect(ABC):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         """Linear coefficients (k,) and shape from the contract's parameters: the inverse of `values`."""
 
+    def believable(self, coefficients: np.ndarray) -> bool:
+        """Whether fitted coefficients, each inside its bounds, can be such an effect together."""
+        return True
+
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         """The shape at which the columns are exact for these coefficients; the same where they always are."""
         return dict(shape)

@@ -16,6 +16,8 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import PER_LINK
 
 AXES = ("x", "y", "z")
+REACH = 0.5
+"""Nothing is carried further than this from its link's origin [m]."""
 
 
 class Armature(Effect):
@@ -86,6 +88,9 @@ class Payload(Effect):
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         found = self.values(coefficients, shape)
         return {f"com_{axis}": float(np.clip(found[f"com_{axis}"], -1.0, 1.0)) for axis in AXES}
+
+    def believable(self, coefficients: np.ndarray) -> bool:
+        return bool(np.linalg.norm(coefficients[1:]) <= REACH * coefficients[0])
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         mass = float(coefficients[0])

@@ -1,0 +1,130 @@
+"""The regression of a recorded motion against a robot's simulation, made."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import binary_opening, maximum_filter1d
+
+from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.effects.base import Motion
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
+from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.signals import Signals
+
+ROWS_PER_CUTOFF = 2.5
+"""Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
+BLOCK_SECONDS = 2.0
+"""Held-out blocks are about this long."""
+TURNING_WIDTHS = 2.0
+"""The low-pass reaches so many of its standard deviations."""
+SLOW_SHARE = 0.02
+"""A joint creeps below this share of its usual speed."""
+STICKING_WIDTHS = 0.5
+"""A joint that creeps for so many standard deviations of the low-pass sticks."""
+
+
+def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -> Equations:
+    """The regression of a motion against a robot's simulation.
+
+    Args:
+        signals: motion with effort, joints in the robot's order.
+        robot: what the simulation believes.
+        simulated: the effort the simulation predicts, (N, n) [N·m]; None takes the robot's rigid bodies, armature and
+            friction.
+
+    Raises:
+        RecordingError: no joint moves, or no effort.
+    """
+    if signals.effort is None:
+        raise RecordingError("The recording carries no effort.", "Record one, or use --effort command.")
+    resting = signals.at_rest
+    if resting.all(axis=1).mean() > 0.98:
+        raise RecordingError(
+            "No joint moves in this recording.", "Move the joints, each over a good part of its range."
+        )
+    step = max(round(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
+    rows = np.concatenate([np.arange(s.start, s.stop, step) for s in signals.segments])
+    rows = rows[signals.interior[rows]]
+    owner = np.zeros(len(signals), int)
+    for k, segment in enumerate(signals.segments):
+        owner[segment] = k
+    edges = [0, *(np.flatnonzero(np.diff(owner[rows])) + 1).tolist(), len(rows)]
+    runs = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+    if simulated is None:
+        simulated = nominal_effort(robot, signals)
+    motion = Motion(signals, robot, simulated)
+    target = signals.smooth(signals.effort - simulated)[rows]
+    relative = relative_inertials(robot)
+    rigid = signals.smooth(motion.regressor)[rows] @ relative
+    turning, sticking = turns(signals)
+    usable = ~(resting | sticking)[rows]
+    block = (signals.time[rows] - signals.time[rows[0]]) // BLOCK_SECONDS
+    _, block = np.unique(block, return_inverse=True)
+    effort = signals.smooth(signals.effort)[rows]
+    scale = np.maximum(np.std(effort, axis=0), 1e-3 * max(float(np.std(effort)), 1e-9))
+    block = block.astype(int)
+    return Equations(
+        motion, simulated, rows, target, usable, turning[rows], block, runs, rigid, relative, scale
+    )
+
+
+def turns(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """Where the low-pass reaches to a moment at which a joint turns round, and to one at which it sticks, (N, n) bool each.
+
+    A joint that sticks has any effort between both directions' friction; no motion tells which.
+    """
+    width = signals.kernel_std * signals.rate
+    reach = 2 * int(np.ceil(TURNING_WIDTHS * width)) + 1
+    moving = ~signals.at_rest
+    usual = np.sqrt(
+        np.sum(np.where(moving, signals.velocity, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1)
+    )
+    turning, sticking = np.zeros((2, *signals.velocity.shape), bool)
+    for rows in signals.segments:
+        v = signals.velocity[rows]
+        slow = np.abs(v) < SLOW_SHARE * usual
+        crossing = np.zeros_like(slow)
+        crossing[1:] = v[1:] * v[:-1] <= 0.0
+        stuck = binary_opening(slow, np.ones((int(np.ceil(STICKING_WIDTHS * width)), 1), bool))
+        turning[rows] = maximum_filter1d(slow | crossing, reach, axis=0)
+        sticking[rows] = maximum_filter1d(stuck, reach, axis=0)
+    return turning, sticking
+
+
+def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:
+    """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m]."""
+    rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+    drives = robot.armature * signals.acceleration + robot.viscous * signals.velocity
+    return np.asarray(rigid + drives + robot.coulomb * signals.sign)
+
+
+def relative_inertials(robot: Robot) -> np.ndarray:
+    """Map from relative errors of each link to its inertial parameters, (n * PER_LINK, n * PER_LINK).
+
+    Of each link's ten units the first scales mass and inertia together, the next three move the centre of mass, one unit by
+    the link's size (root mean square distance of its mass from the joint's frame), and the last six change the inertia about
+    the centre by its own size. So an error of 0.1 is "10 % off" in each of these senses.
+    """
+    result = np.zeros((robot.width * PER_LINK, robot.width * PER_LINK))
+    for i, values in enumerate(robot.inertials):
+        pseudo = feasible_pseudo_inertia(pseudo_inertia(values))
+        mass = float(pseudo[3, 3])
+        centre = pseudo[:3, 3] / mass
+        size = float(np.sqrt(np.trace(pseudo[:3, :3]) / mass))
+        spread = float(np.trace(pseudo[:3, :3]) - mass * centre @ centre)
+        columns = [pseudo]
+        for axis in np.eye(3):
+            step = np.zeros((4, 4))
+            step[:3, :3] = mass * (np.outer(centre, axis) + np.outer(axis, centre))
+            step[:3, 3] = step[3, :3] = mass * axis
+            columns.append(step * size / np.sqrt(3.0))
+        for row in range(3):
+            for column in range(row + 1):
+                step = np.zeros((4, 4))
+                step[row, column] = step[column, row] = spread / 3.0
+                columns.append(step)
+        rows = slice(i * PER_LINK, (i + 1) * PER_LINK)
+        result[rows, rows] = np.stack([inertial_parameters(column) for column in columns], axis=1)
+    return result
