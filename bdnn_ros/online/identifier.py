@@ -180,7 +180,7 @@ class Identifier:
             RecordingError: no motion came yet.
             UpdateRejected: the result is not finite or not feasible.
         """
-        posterior = self.recursion.solve(self._layout, iterations)
+        posterior = self.recursion.solve(self.parameter_layout, iterations)
         self.version += 1
         return physical_model(self.robot, posterior, self.structure, self.scales, self.version)
 
@@ -207,7 +207,8 @@ class Identifier:
         self._straight = straightened(self.structure, self._fast)
 
     @property
-    def _layout(self) -> Layout:
+    def parameter_layout(self) -> Layout:
+        """Where the parameters of the structure are."""
         return layout(self.structure, self.recursion.belief, self._straight)
 
     def restarted(self, belief: Prior) -> Identifier:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -168,13 +169,21 @@ def feasible_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:
 
 def tangent_basis(factor: np.ndarray) -> np.ndarray:
     """Inertial parameters of L X Lᵀ, one column for each of ten orthonormal symmetric X, (PER_LINK, 10)."""
-    columns = []
+    steps, linear = _symmetric_steps()
+    return np.asarray(linear @ (factor @ steps @ factor.T).reshape(len(steps), -1).T)
+
+
+@cache
+def _symmetric_steps() -> tuple[np.ndarray, np.ndarray]:
+    """Ten orthonormal symmetric matrices (10, 4, 4), and `inertial_parameters` as a matrix, (PER_LINK, 16)."""
+    steps = []
     for row in range(4):
         for column in range(row + 1):
             step = np.zeros((4, 4))
             step[row, column] = step[column, row] = 1.0 if row == column else np.sqrt(0.5)
-            columns.append(inertial_parameters(factor @ step @ factor.T))
-    return np.array(columns).T
+            steps.append(step)
+    linear = [inertial_parameters(unit.reshape(4, 4)) for unit in np.eye(16)]
+    return np.array(steps), np.array(linear).T
 
 
 def _unknown_body(robot: Robot, share: float) -> np.ndarray:

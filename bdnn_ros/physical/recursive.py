@@ -149,11 +149,18 @@ class Recursion:
         information[extra, extra] = 1.0 / layout.deviation**2
         vector = np.zeros(layout.size)
         vector[: layout.base] = self.prior_information @ self.belief.mean
-        for joint, weight in enumerate(self.weights()):
-            if joint != left_out:
-                sums, rows = layout.regression(self.total, joint), layout.parameters[joint]
-                information[np.ix_(rows, rows)] += weight * sums.gram
-                vector[rows] += weight * sums.moment
+        weights, shared = self.weights(), layout.shared
+        if left_out >= 0:
+            weights[left_out] = 0.0
+        information[:shared, :shared] += np.tensordot(weights, self.total.gram[:, :shared, :shared], 1)
+        vector[:shared] += weights @ self.total.moment[:, :shared]
+        for joint, weight in enumerate(weights):
+            gram, moment = layout.own_part(self.total, joint)
+            rows = layout.parameters[joint]
+            own = rows[shared:]
+            information[own[:, None], rows] += weight * gram
+            information[:shared, own] += weight * gram[:, :shared].T
+            vector[own] += weight * moment
         return information, vector
 
     def _noise(self, posterior: Posterior) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -131,6 +132,28 @@ class Layout:
             sums.gram[features] -= straight @ sums.gram[own]
             sums.moment[features] -= straight @ sums.moment[own]
         return sums
+
+    @cached_property
+    def shared(self) -> int:
+        """How many columns, from the first, are parameters of the same place on all joints."""
+        every = [*self.columns, *self.parameters]
+        least = min(len(places) for places in every)
+        same = np.all([places[:least] == np.arange(least) for places in every], axis=0)
+        return least if same.all() else int(np.argmin(same))
+
+    def own_part(self, statistics: Statistics, joint: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of `regression` beyond the shared columns: of its gram (k, all), of its moment (k,)."""
+        columns, straight = self.columns[joint], self.straight[joint]
+        own = columns[self.shared :]
+        gram, moment = statistics.gram[joint][own[:, None], columns], statistics.moment[joint, own]
+        if len(straight):
+            features, before = self._features_and_own(joint)
+            rows = slice(features.start - self.shared, features.stop - self.shared)
+            rows_before = slice(before.start - self.shared, before.stop - self.shared)
+            gram[:, features] -= gram[:, before] @ straight.T
+            gram[rows] -= straight @ gram[rows_before]
+            moment[rows] -= straight @ moment[rows_before]
+        return gram, moment
 
     def score(self, statistics: Statistics, joint: int, coefficients: np.ndarray) -> np.ndarray:
         """Σ w φ (y − φᵀ x) of the parameters of one joint under coefficients, as of `regression`."""

@@ -1,0 +1,205 @@
+"""How good identification is after seconds of motion: simulated robots, real recordings, speed.
+
+One table a group, `--only GROUP` for one of them; the numbers go to results/physical.json as well. Simulated
+groups move the 7-axis robot whose URDF is 20 % wrong, with friction and rotors it does not name, noise of
+5e-5 rad and 0.5 % of the effort's range at 500 Hz. All on one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+from _physical_data import EFFECTS, PIECE, motions, real, tests
+from _physical_measures import exact, first_seconds, mechanics_errors, poses, rollout, torque_error
+from _physical_recordings import from_bag, recorded
+from _physical_speed import speed
+
+from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.physical.combinations import combinations
+from bdnn_ros.physical.consistency import feasible
+from bdnn_ros.physical.parameters import Parameters, prior
+
+RESULTS = Path(__file__).parent / "results" / "physical.json"
+SECONDS = (1.0, 2.0, 5.0, 10.0, 30.0, 120.0)
+EARLY = (1.0, 2.0, 5.0, 10.0)
+POSES = 1000
+NARROW = 0.05
+"""Size of a narrow motion, of the wide one's."""
+COVERED = 20.0
+"""Seconds of motion whose intervals are judged."""
+NORMAL = 1.96
+IDENTIFIED = 0.5
+"""Intervals are judged of combinations that the motion told this much better than the prior, and better."""
+
+
+def errors(args: argparse.Namespace, effects: str) -> dict[str, Any]:
+    """Torque, M, g and rollout after seconds of motion."""
+    rows: dict[float, list[list[float]]] = {}
+    floors = []
+    for seed in range(args.seeds or 3):
+        one = real(seed, effects)
+        recordings, others = motions(one, SECONDS[-1], seed), tests(one, seed)
+        for seconds in SECONDS:
+            model = Identifier(one.nominal).fit(first_seconds(recordings, seconds))
+            row = [torque_error(model, others), *mechanics_errors(model, one), rollout(model, others[0])]
+            rows.setdefault(seconds, []).append(row)
+        true = exact(model, one)
+        floors.append([torque_error(true, others), 0.0, 0.0, rollout(true, others[0])])
+    print(
+        f"{'motion':>12} {'torque nMSE':>12} {'(worst seed)':>13} {'M off by':>9} {'g off by':>9} {'1 s rollout':>12}"
+    )
+    for label, found in [*((f"{s:g} s", v) for s, v in rows.items()), ("true bodies", floors)]:
+        mean, worst = np.mean(found, axis=0), np.max(found, axis=0)
+        print(
+            f"{label:>12} {100 * mean[0]:10.4f} % {100 * worst[0]:11.4f} % {100 * mean[1]:7.2f} % "
+            f"{100 * mean[2]:7.2f} % {mean[3]:8.4f} rad"
+        )
+    keys = ("nmse", "mass_matrix", "gravity", "rollout_rad")
+    return {
+        "seconds": {
+            f"{s:g}": dict(zip(keys, np.transpose(v).tolist(), strict=True)) for s, v in rows.items()
+        },
+        "true_bodies": dict(zip(keys, np.transpose(floors).tolist(), strict=True)),
+    }
+
+
+def matched(args: argparse.Namespace) -> dict[str, Any]:
+    """Friction that the parameters describe: Coulomb and viscous."""
+    return errors(args, "matched")
+
+
+def unmodelled(args: argparse.Namespace) -> dict[str, Any]:
+    """Stribeck and load-dependent friction, quadratic drag and cogging on every joint as well."""
+    return errors(args, "unmodelled")
+
+
+def foreign(args: argparse.Namespace) -> dict[str, Any]:
+    """Effects that no input was made for: a bump at a position, an effort by the next joint's position."""
+    return errors(args, "foreign")
+
+
+def definite(args: argparse.Namespace) -> dict[str, Any]:
+    """M positive-definite and inertias feasible from the first second on, and what that costs."""
+    counts = {"models": 0, "feasible": 0, "poses": 0, "definite": 0}
+    seeds = args.seeds or 20
+    for seed in range(seeds):
+        one = real(seed, "unmodelled")
+        recordings = motions(one, EARLY[-1], seed)
+        q = poses(one.nominal, POSES, seed)
+        for seconds in EARLY:
+            model = Identifier(one.nominal).fit(first_seconds(recordings, seconds))
+            counts["models"] += 1
+            counts["feasible"] += feasible(model.robot.inertials)
+            counts["poses"] += len(q)
+            counts["definite"] += int((np.linalg.eigvalsh(model.mass_matrix(q))[:, 0] > 0.0).sum())
+    print(f"after {', '.join(f'{s:g}' for s in EARLY)} s of motion, {seeds} seeds, {POSES} poses each")
+    print(f"models with feasible inertias: {counts['feasible']} of {counts['models']}")
+    print(f"poses with positive-definite M: {counts['definite']} of {counts['poses']}")
+    return counts
+
+
+def forgetting(args: argparse.Namespace) -> dict[str, Any]:
+    """Error on wide motion before and after 60 s of narrow motion."""
+    rows = []
+    for seed in range(args.seeds or 3):
+        for effects in ("matched", "unmodelled"):
+            one = real(seed, effects)
+            others = tests(one, seed)
+            identifier = Identifier(one.nominal)
+            before = torque_error(identifier.fit(motions(one, 2 * PIECE, seed)), others)
+            after = torque_error(identifier.fit(motions(one, 3 * PIECE, seed + 500, size=NARROW)), others)
+            rows.append({"effects": effects, "seed": seed, "before": before, "after": after})
+    print(f"{'effects':12} {'seed':>4} {'wide':>10} {'then narrow':>12} {'ratio':>6}")
+    for row in rows:
+        ratio = row["after"] / row["before"]
+        print(
+            f"{row['effects']:12} {row['seed']:4} {100 * row['before']:8.4f} % {100 * row['after']:10.4f} % "
+            f"{ratio:6.2f}"
+        )
+    return {"rows": rows}
+
+
+def coverage(args: argparse.Namespace) -> dict[str, Any]:
+    """How often 95 % intervals of identifiable combinations hold the truth."""
+    result: dict[str, Any] = {"seeds": args.seeds or 20}
+    print(f"{COVERED:g} s of motion, {result['seeds']} seeds: share of truths in their 95 % intervals")
+    print(f"{'noise':10} {'bodies':>8} {'rotors':>8} {'viscous':>8} {'Coulomb':>8} {'offset':>8} {'all':>8}")
+    for coloured in (False, True):
+        held: dict[str, list[bool]] = {}
+        for seed in range(result["seeds"]):
+            one = real(seed)
+            model = Identifier(one.nominal).fit(motions(one, COVERED, seed, coloured))
+            robot, ours = one.robot, model.parameters.vector()
+            truth = Parameters(
+                robot.inertials, robot.armature, robot.viscous, robot.coulomb, 0.0 * robot.coulomb
+            )
+            before = prior(one.nominal).covariance
+            for one_of in combinations(one.nominal):
+                std = one_of.std(model.covariance)
+                if std < IDENTIFIED * one_of.std(before):
+                    off = abs(one_of.value(ours) - one_of.value(truth.vector()))
+                    held.setdefault(_kind(one_of.words), []).append(off <= NORMAL * std)
+        shares = {kind: float(np.mean(values)) for kind, values in held.items()}
+        shares["all"] = float(np.mean([x for values in held.values() for x in values]))
+        name = "coloured" if coloured else "white"
+        kinds = ("bodies", "rotor", "viscous", "Coulomb", "effort", "all")
+        print(f"{name:10} " + " ".join(f"{100 * shares[kind]:6.1f} %" for kind in kinds))
+        result[name] = shares
+    return result
+
+
+def _kind(words: str) -> str:
+    first = words.split()[0]
+    return first if first in ("rotor", "viscous", "Coulomb", "effort") else "bodies"
+
+
+GROUPS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
+    "recordings": recorded,
+    "speed": speed,
+    "bag": from_bag,
+    **{name: globals()[name] for name in EFFECTS},
+    "definite": definite,
+    "forgetting": forgetting,
+    "coverage": coverage,
+}
+
+
+def main() -> int:
+    """Run the groups, print their tables, write the results."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", choices=GROUPS, action="append", help="this group; repeatable")
+    parser.add_argument(
+        "--seeds", type=int, default=0, help="seeds of each simulated group (default: its own)"
+    )
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(__file__).resolve().parents[2] / "shared" / "data",
+        help="folder of the real recordings; without it they are left out",
+    )
+    args = parser.parse_args()
+    results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    for name in args.only or GROUPS:
+        start = time.perf_counter()
+        print(f"\n{name}: {GROUPS[name].__doc__}")
+        results[name] = GROUPS[name](args)
+        print(f"({time.perf_counter() - start:.0f} s)", flush=True)
+    RESULTS.parent.mkdir(exist_ok=True)
+    beside = RESULTS.with_suffix(".tmp")
+    beside.write_text(json.dumps(results, indent=1) + "\n")
+    os.replace(beside, RESULTS)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""Where parameters are among the columns, and what they share."""
+
+import numpy as np
+import pytest
+
+from bdnn_ros.physical.couplings import Coupling
+from bdnn_ros.physical.parameters import prior
+from bdnn_ros.physical.statistics import Statistics
+from bdnn_ros.physical.structure import Columns, Structure, layout, straightened
+from bdnn_ros.robot import PER_LINK, Robot
+
+
+@pytest.fixture(scope="module")
+def belief():
+    return prior(Robot.bundled("arm2"))
+
+
+@pytest.fixture(scope="module")
+def statistics():
+    generator = np.random.default_rng(0)
+    count = Columns(2).count
+    return Statistics.of(generator.normal(size=(2 * count, 2, count)), generator.normal(size=(2 * count, 2)))
+
+
+def structures(belief):
+    plain = Structure.plain(belief)
+    learned = plain.with_joint(0, 2, ("curve", "load")).with_joint(1, 0, ("position",))
+    return plain, learned, Structure(learned.breakaway, learned.groups, learned.friction, (Coupling(0, -1),))
+
+
+@pytest.mark.parametrize("which", [0, 1, 2], ids=["plain", "learned", "coupled"])
+def test_the_parts_of_a_regression_are_the_regression(belief, statistics, which):
+    chosen = structures(belief)[which]
+    own = slice(2 * PER_LINK, None)
+    straight = straightened(chosen, statistics.gram[:, own, own])
+    made = layout(chosen, belief, straight)
+    assert made.shared == 2 * PER_LINK
+    for joint in range(2):
+        whole = made.regression(statistics, joint)
+        gram, moment = made.own_part(statistics, joint)
+        np.testing.assert_allclose(gram, whole.gram[made.shared :], atol=1e-8)
+        np.testing.assert_allclose(moment, whole.moment[made.shared :], atol=1e-8)
+
+
+def test_every_parameter_has_a_place_and_a_spread(belief):
+    for chosen in structures(belief):
+        made = layout(chosen, belief)
+        assert made.size == len(belief.mean) + len(made.deviation)
+        assert (made.deviation > 0.0).all()
+        used = np.unique(np.concatenate(made.parameters))
+        np.testing.assert_array_equal(used, np.arange(made.size))
+        for columns, parameters in zip(made.columns, made.parameters, strict=True):
+            assert len(columns) == len(parameters) == len(set(columns.tolist()))
+
+
+def test_what_is_straightened_holds_no_friction(belief, statistics):
+    """Features less what is taken from them are orthogonal to friction and offset over the motion."""
+    _, chosen, _ = structures(belief)
+    own = slice(2 * PER_LINK, None)
+    made = layout(chosen, belief, straightened(chosen, statistics.gram[:, own, own]))
+    for joint in range(2):
+        gram = made.regression(statistics, joint).gram
+        features = slice(len(gram) - len(made.straight[joint]), None)
+        friction = slice(2 * PER_LINK + 1, 2 * PER_LINK + 4)
+        size = np.sqrt(np.diagonal(statistics.gram[joint])[0])
+        np.testing.assert_allclose(gram[features, friction] / size**2, 0.0, atol=1e-6)
