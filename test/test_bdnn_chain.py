@@ -17,6 +17,7 @@ from bdnn_ros.bdnn.refinement import Refinement, get_chain
 from bdnn_ros.bdnn.samples import Samples, samples_of, shortened
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.signals import MINIMUM_SAMPLES
 
 N = 3
 
@@ -206,3 +207,4 @@ def test_signals_are_shortened_in_proportion():
     for whole, part in zip(parts, short, strict=True):
         assert len(part) == pytest.approx(len(whole) / 2, abs=2)
     assert shortened(parts, 10**6) == parts
+    assert [len(part) for part in shortened(parts, 10)] == [MINIMUM_SAMPLES]

@@ -10,7 +10,7 @@ import pytest
 from bdnn_cases import random_field, signals, worn
 from test_bdnn_dynamics import Opaque
 
-from bdnn_ros.bdnn import mechanics, modelfile
+from bdnn_ros.bdnn import mechanics, modelfile, training
 from bdnn_ros.bdnn.chain_training import ChainTraining
 from bdnn_ros.bdnn.correction import Task
 from bdnn_ros.bdnn.local import LocalNetworks
@@ -144,6 +144,27 @@ def test_the_budget_is_kept(arm2, architecture):
     assert time.monotonic() - start < 3.3 + 0.7  # a busy machine may take a little longer
 
 
+def test_preparing_the_samples_counts_towards_the_budget(arm2, monkeypatch):
+    _, train, validation, _ = arm2
+    clock, prepare = Clock(), training._training
+
+    def slow(*args: object) -> object:
+        clock.now += 10.0
+        return prepare(*args)
+
+    monkeypatch.setattr(training, "_training", slow)
+    with pytest.raises(DataError, match="too short"):
+        identify(train, validation, budget=9.0, clock=clock)
+
+
+def test_a_short_budget_still_sets_a_urdf_right(arm2):
+    """However many recordings there are, and however little of each the time allows."""
+    robot, train, _, test = arm2
+    pieces = [train.rows((train.time >= k) & (train.time < k + 1.0)) for k in range(12)]
+    model = identify(pieces[:10], pieces[10:], wrong_robot(robot, 0.2, np.random.default_rng(0)), budget=0.2)
+    assert (nmse(model, test) < 0.01).all()
+
+
 def test_progress_rises_to_the_end(arm2):
     _, train, validation, _ = arm2
     told: list[tuple[float, str]] = []
@@ -185,8 +206,8 @@ def test_a_state_carries_the_whole_training(arm2):
         for _ in range(2):
             first.advance(lambda: 0.1)
         second.restore(*first.to_state())
-        for training in (first, second):
-            training.advance(lambda: 0.2)
+        for one in (first, second):
+            one.advance(lambda: 0.2)
         arrays, others = first.to_state()[0], second.to_state()[0]
         assert arrays.keys() == others.keys()
         for key, value in arrays.items():

@@ -37,6 +37,8 @@ HOPELESS = 2.0
 """A start that leaves this much more than the best is not refined."""
 POLISH_SAMPLES, POLISH_STEPS = 1500, 30
 REFINE_SAMPLES = 4000
+"""At most; short budgets take fewer."""
+LOAD_SAMPLES = 2000
 
 
 class ChainTraining:
@@ -61,8 +63,8 @@ class ChainTraining:
         self._samples = samples_of(self._parts)
         self._rng = rng
         self._search = Search(self._samples, rng)
-        self._polish = self._samples.some(POLISH_SAMPLES, rng)
-        self._refine = self._samples.some(REFINE_SAMPLES, rng)
+        self._polish = self._samples.some(min(POLISH_SAMPLES, most_samples(budget)), rng)
+        self._refine = self._samples.some(min(REFINE_SAMPLES, most_samples(budget)), rng)
         self._belief = chains.generic(self._samples)
         self._waiting: list[Chain] = []
         self._refinements: list[Refinement] = []
@@ -183,6 +185,7 @@ def core_of(chain: Chain, joints: Sequence[str], samples: Samples) -> PriorCore:
     armature, viscous, coulomb, offset = chain.parameters[PER_LINK * n :].reshape(4, n)
     robot = Robot.from_urdf(chain.kinematics.urdf(joints, inertials), joints)
     robot = robot.with_inertials(inertials).with_joint_parameters(armature, viscous, coulomb)
-    load = np.maximum(np.std(robot.gravity(samples.position), axis=0), 1e-3 * scales.effort)
+    some = samples.position[:: max(len(samples) // LOAD_SAMPLES, 1)]
+    load = np.maximum(np.std(robot.gravity(some), axis=0), 1e-3 * scales.effort)
     networks = LocalNetworks.silent(scales.velocity, load).with_offset(offset)
     return PriorCore(robot, networks, None, scales.slow)

@@ -100,11 +100,13 @@ def joined(first: Samples, second: Samples) -> Samples:
 
 
 def shortened(parts: Sequence[Signals], most: int) -> list[Signals]:
-    """The beginnings of several recordings' signals, `most` working samples in all."""
+    """The beginnings of several recordings' signals, `most` working samples in all, or one that is just enough."""
     total = sum(len(signals) for signals in parts)
     if total <= most:
         return list(parts)
     shares = [int(most * len(signals) / total) for signals in parts]
+    if max(shares) < MINIMUM_SAMPLES:
+        parts, shares = [max(parts, key=len)], [max(most, MINIMUM_SAMPLES)]
     return [
         signals.rows(np.arange(len(signals)) < share)
         for signals, share in zip(parts, shares, strict=True)

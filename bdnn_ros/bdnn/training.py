@@ -85,11 +85,11 @@ def identify(
     validation = [signals_validation] if isinstance(signals_validation, Signals) else list(signals_validation)
     _check(train, validation, prior, budget, architecture)
     rng = np.random.default_rng(seed)
+    start = saved = clock()
     training = _training(train, validation, prior, rng, architecture, budget)
     label = "prior" if prior is not None else architecture
     path = None if state is None else Path(state)
     spent = _restore(training, path, label)
-    start = saved = clock()
 
     def used() -> float:
         return (spent + clock() - start) / budget
