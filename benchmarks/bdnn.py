@@ -29,6 +29,9 @@ from _bdnn_methods import GROUPS, METHODS, MOTION
 from _motion import Data, data
 
 RESULTS = Path(__file__).parent / "results" / "bdnn.json"
+THEORY = Path(__file__).parents[1] / "docs" / "theory.md"
+MARKS = "<!-- tables: python benchmarks/bdnn.py --write-docs -->", "<!-- end of tables -->"
+DOCUMENTED_SCALE = 1.0
 PICTURES = Path(__file__).parents[1] / "docs" / "images"
 COLUMNS = {
     "nmse": ("effort nMSE %", 100.0),
@@ -154,6 +157,14 @@ def run(args: argparse.Namespace) -> list[Cell]:
     return cells
 
 
+def documented(theory: str, cells: Sequence[Cell]) -> str:
+    """The text of docs/theory.md with the tables of these results."""
+    before, _, rest = theory.partition(MARKS[0])
+    after = rest.partition(MARKS[1])[2]
+    tables = "\n\n".join(table(cells, DOCUMENTED_SCALE, c, markdown=True) for c in (COLUMNS, MECHANICS))
+    return f"{before}{MARKS[0]}\n\n{tables}\n\n{MARKS[1]}{after}"
+
+
 def pictures(robots: Sequence[str], scale: float) -> None:
     """Train ours on each robot and draw what was learned beside the truth."""
     from _bdnn_pictures import draw, learned
@@ -187,7 +198,9 @@ def arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--pictures", action="store_true", help="draw docs/images/theory_*.png instead of the table"
     )
-    parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
+    parser.add_argument(
+        "--write-docs", action="store_true", help="write the tables of docs/theory.md from the results"
+    )
     parser.add_argument("--results", type=Path, default=RESULTS, help="default: results/bdnn.json")
     args = parser.parse_args(words)
     args.methods = [method for word in args.methods for method in GROUPS.get(word, [word])]
@@ -206,9 +219,12 @@ def main() -> None:
     if args.pictures:
         pictures(args.robots, args.budget_scale)
         return
-    cells = load(args.results) if args.table else run(args)
+    cells = load(args.results) if args.table or args.write_docs else run(args)
+    if args.write_docs:
+        THEORY.write_text(documented(THEORY.read_text(), cells))
+        return
     for columns in (COLUMNS, MECHANICS):
-        print(table(cells, args.budget_scale, columns, args.markdown), end="\n\n")
+        print(table(cells, args.budget_scale, columns), end="\n\n")
 
 
 if __name__ == "__main__":

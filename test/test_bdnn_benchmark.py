@@ -178,6 +178,14 @@ def test_the_table_shows_medians_and_ranges():
     assert bdnn.number(0.0512) == "0.051" and bdnn.number(123.4) == "123"
 
 
+def test_tables_are_written_between_their_marks():
+    first, last = bdnn.MARKS
+    text = bdnn.documented(f"before {first} old {last} after", [])
+    assert text.startswith(f"before {first}\n\n| robot |") and text.endswith(f"{last} after")
+    assert bdnn.documented(text, []) == text and "old" not in text
+    assert bdnn.THEORY.read_text().count(first) == bdnn.THEORY.read_text().count(last) == 1
+
+
 @pytest.mark.parametrize("words", [["--methods", "magic"], ["--robots", "arm9"], ["--budget-scale", "0"]])
 def test_nonsense_is_refused(words, capsys):
     with pytest.raises(SystemExit) as refusal:
