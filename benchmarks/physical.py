@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -27,12 +28,15 @@ from _physical_speed import speed
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.combinations import combinations
 from bdnn_ros.physical.consistency import feasible
+from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Parameters, prior
 
 RESULTS = Path(__file__).parent / "results" / "physical.json"
 SECONDS = (1.0, 2.0, 5.0, 10.0, 30.0, 120.0)
 EARLY = (1.0, 2.0, 5.0, 10.0)
 POSES = 1000
+COMPARED = 5
+"""Seeds whose torque errors are compared with and without asking for feasible bodies."""
 NARROW = 0.05
 """Size of a narrow motion, of the wide one's."""
 COVERED = 20.0
@@ -89,23 +93,55 @@ def foreign(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def definite(args: argparse.Namespace) -> dict[str, Any]:
-    """M positive-definite and inertias feasible from the first second on, and what that costs."""
-    counts = {"models": 0, "feasible": 0, "poses": 0, "definite": 0}
-    seeds = args.seeds or 20
-    for seed in range(seeds):
-        one = real(seed, "unmodelled")
-        recordings = motions(one, EARLY[-1], seed)
-        q = poses(one.nominal, POSES, seed)
-        for seconds in EARLY:
-            model = Identifier(one.nominal).fit(first_seconds(recordings, seconds))
-            counts["models"] += 1
-            counts["feasible"] += feasible(model.robot.inertials)
-            counts["poses"] += len(q)
-            counts["definite"] += int((np.linalg.eigvalsh(model.mass_matrix(q))[:, 0] > 0.0).sum())
-    print(f"after {', '.join(f'{s:g}' for s in EARLY)} s of motion, {seeds} seeds, {POSES} poses each")
-    print(f"models with feasible inertias: {counts['feasible']} of {counts['models']}")
-    print(f"poses with positive-definite M: {counts['definite']} of {counts['poses']}")
-    return counts
+    """M positive-definite and inertias feasible from the first second on, and what asking for that costs."""
+    seeds, rows = args.seeds or 20, []
+    measured = max(min(seeds, COMPARED), 1)
+    for seconds in EARLY:
+        counts = np.zeros(4, int)
+        errors_of = []
+        for seed in range(seeds):
+            one = real(seed, "unmodelled")
+            q = poses(one.nominal, POSES, seed)
+            identifier = Identifier(one.nominal)
+            model = identifier.fit(motions(one, seconds, seed))
+            free = _without_asking(identifier)
+            counts += [
+                feasible(model.robot.inertials),
+                _definite(model, q),
+                feasible(free.robot.inertials),
+                _definite(free, q),
+            ]
+            if seed < measured:
+                others = tests(one, seed)[:1]
+                errors_of.append([torque_error(model, others), torque_error(free, others)])
+        with_it, without = np.mean(errors_of, axis=0)
+        rows.append({"seconds": seconds, "counts": counts.tolist(), "nmse": [with_it, without]})
+    print(f"{seeds} seeds, {POSES} poses each; torque nMSE of {measured} seeds; with unmodelled effects")
+    print(f"{'':8} {'with it: feasible':>20} {'M definite':>12} {'nMSE':>10} ", end="")
+    print(f"{'without: feasible':>18} {'M definite':>12} {'nMSE':>10}")
+    for row in rows:
+        ours, definite_, free_, free_definite = row["counts"]
+        with_it, without = (f"{100 * x:8.3f} %" for x in row["nmse"])
+        print(
+            f"{row['seconds']:6g} s {ours:17}/{seeds} {100 * definite_ / seeds / POSES:10.2f} % {with_it} "
+            f"{free_:15}/{seeds} {100 * free_definite / seeds / POSES:10.2f} % {without}"
+        )
+    return {"seeds": seeds, "poses": POSES, "rows": rows}
+
+
+def _definite(model: PhysicalModel, q: np.ndarray) -> int:
+    """In how many positions M is positive-definite."""
+    return int((np.linalg.eigvalsh(model.mass_matrix(q))[:, 0] > 0.0).sum())
+
+
+def _without_asking(identifier: Identifier) -> PhysicalModel:
+    """The most probable model, possible or not."""
+    place = "bdnn_ros.physical.handover"
+    with (
+        patch(f"{place}.consistent", lambda mean, *_: mean.copy()),
+        patch(f"{place}.feasible", lambda _: True),
+    ):
+        return identifier.model(0)
 
 
 def forgetting(args: argparse.Namespace) -> dict[str, Any]:

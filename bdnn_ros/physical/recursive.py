@@ -15,7 +15,7 @@ from bdnn_ros.physical.structure import Layout
 
 SMALLEST_NOISE = 1e-5
 """Smallest standard deviation of a joint's residual, relative to its effort scale."""
-FIRST_NOISE = 0.1
+FIRST_NOISE = 0.01
 """The residual's standard deviation before any is known, relative to the effort scale."""
 FIRST_CORRELATION = 8.0
 """Rows that say as much as one independent row, before the residual is known: about those of the low-pass."""
