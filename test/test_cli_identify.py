@@ -92,6 +92,15 @@ def test_recordings_that_differ_are_never_joined_unseen(bag, tmp_path, capsys):
     assert "the recordings disagree" in said
 
 
+def test_a_narrow_spread_keeps_to_the_urdf(bag, tmp_path):
+    """Friction believed to be next to none stays there; the same bag tells it under the usual spread."""
+    narrow = ["--spread", "friction=1e-5", "--spread", "inertial=1e-5"]
+    assert main(["identify", bag["first"], "--out", str(tmp_path), *narrow]) == 0
+    model, robot = load_model(tmp_path), Robot.bundled("arm2")
+    assert (model.robot.coulomb < 0.2).all()
+    np.testing.assert_allclose(model.robot.inertials[:, 0], robot.inertials[:, 0], rtol=0.1)
+
+
 def test_odd_data_is_remarked_on_in_words_and_in_the_file(tmp_path, capsys):
     odd = recorded(1)
     path = bags.write(replace(odd, velocity=np.degrees(odd.velocity)), tmp_path / "degrees")
@@ -118,6 +127,10 @@ def test_good_data_is_not_remarked_on(bag, tmp_path, capsys):
         ("first", ["--holdout", "1.5"], 2, "between 0 and 1"),
         ("first", ["--budget", "0"], 2, "not a time"),
         ("first", ["--cutoff", "500"], 2, "does not fit"),
+        ("first", ["--spread", "mass=0.1"], 2, "--spread mass=0.1 is no spread"),
+        ("first", ["--spread", "inertial"], 2, "--spread inertial is no spread"),
+        ("first", ["--spread", "inertial=-1"], 2, "above 0"),
+        ("first", ["--spread", "inertial=0.1", "--prior", "none"], 2, "Leave one of them out"),
     ],
 )
 def test_what_cannot_be_answered_is_said_in_one_sentence(

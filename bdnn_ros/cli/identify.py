@@ -6,22 +6,28 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bdnn_ros.cli import options
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Scores, score, score_model
 from bdnn_ros.signals import Signals, prepare
 
+if TYPE_CHECKING:
+    from bdnn_ros.physical.parameters import Spread
+
 HELP = "identify a model from recordings"
 MOST_REMARKS = 8
 """Sentences about the data that are printed; parameters.json has all."""
+
+WIDEST_SPREAD = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("urdf", "none"),
         default="urdf",
         help="start from the URDF's rigid bodies, or learn everything from the data (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--spread",
+        metavar="NAME=SHARE",
+        action="append",
+        default=[],
+        help="how far the real robot may be from the URDF, repeatable: inertial=0.3, load=0.1, armature=1, "
+        "friction=1, offset=0.1 (these are the defaults; docs/identification.md says of what)",
     )
     parser.add_argument("--budget", type=float, default=60.0, help="seconds of training with --prior none")
     parser.add_argument(
@@ -50,6 +64,11 @@ def run(args: argparse.Namespace) -> int:
     """Identify, score on what was held out, write the model."""
     if not 0.0 < args.budget < float("inf"):
         raise UsageError(f"--budget {args.budget:g} is not a time.", "Give seconds above zero.")
+    spread = _spread(args.spread)
+    if spread is not None and args.prior == "none":
+        raise UsageError(
+            "--spread is about the URDF, which --prior none leaves out.", "Leave one of them out."
+        )
     recordings, robot = options.load(args)
     parts = [recording.split(args.holdout) for recording in recordings]
     training, held_out = [first for first, _ in parts], [last for _, last in parts]
@@ -61,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
             "There is no URDF to start from.", "Give --urdf FILE or --robot NAME, or --prior none."
         )
     else:
-        model = _from_prior(robot, training, args.cutoff)
+        model = _from_prior(robot, training, args.cutoff, spread)
     seen = [prepare(recording, args.cutoff) for recording in training]
     metrics = {"held_out": score_model(model, tested), "training": score_model(model, seen)}
     if robot is not None:
@@ -69,15 +88,37 @@ def run(args: argparse.Namespace) -> int:
     path = save_model(args.out, model)
     _write(path.with_name("metrics.json"), {key: value.as_json() for key, value in metrics.items()})
     if args.prior == "urdf" and robot is not None:
-        _report_parameters(path.with_name("parameters.json"), robot, model, training, args.cutoff)
+        _report_parameters(path.with_name("parameters.json"), robot, model, training, args.cutoff, spread)
     _print(metrics, tested[0].cutoff, path)
     return 0
 
 
-def _from_prior(robot: Robot, training: Sequence[Recording], cutoff: float | None) -> Model:
+def _spread(given: Sequence[str]) -> Spread | None:
+    """The spread that --spread asks for, None where it is not given."""
+    from bdnn_ros.physical.parameters import Spread
+
+    names = [field.name for field in fields(Spread)]
+    chosen: dict[str, float] = {}
+    for text in given:
+        name, _, share = text.partition("=")
+        try:
+            chosen[name] = float(share)
+        except ValueError:
+            chosen[name] = float("nan")
+        if name not in names or not 0.0 < chosen[name] <= WIDEST_SPREAD:
+            raise UsageError(
+                f"--spread {text} is no spread.",
+                f"Give NAME=SHARE with one of {listed(names)} and a share above 0, at most {WIDEST_SPREAD:g}.",
+            )
+    return Spread(**chosen) if chosen else None
+
+
+def _from_prior(
+    robot: Robot, training: Sequence[Recording], cutoff: float | None, spread: Spread | None
+) -> Model:
     from bdnn_ros.online.identifier import Identifier
 
-    return Identifier(robot, cutoff).fit(training, progress=_progress)
+    return Identifier(robot, cutoff, spread).fit(training, progress=_progress)
 
 
 def _from_nothing(training: Sequence[Recording], args: argparse.Namespace) -> Model:
@@ -101,7 +142,12 @@ def _simulation(robot: Robot, parts: Sequence[Signals]) -> Scores:
 
 
 def _report_parameters(
-    path: Path, robot: Robot, model: Model, training: Sequence[Recording], cutoff: float | None
+    path: Path,
+    robot: Robot,
+    model: Model,
+    training: Sequence[Recording],
+    cutoff: float | None,
+    spread: Spread | None,
 ) -> None:
     """Write what was identified and how sure it is; tell what the data leaves open."""
     from bdnn_ros.online.identifier import Identifier
@@ -109,10 +155,10 @@ def _report_parameters(
     from bdnn_ros.physical.model import PhysicalModel
 
     assert isinstance(model, PhysicalModel)
-    remarks = check.check(training, robot, model, cutoff)
+    remarks = check.check(training, robot, model, cutoff, spread)
     agreements = []
     if len(training) > 1:
-        each = [Identifier(robot, cutoff).fit([recording]) for recording in training]
+        each = [Identifier(robot, cutoff, spread).fit([recording]) for recording in training]
         agreements = agreement.agreement(each)
     _write(path, parameters_report.as_json(model, remarks, agreements))
     for remark in remarks[:MOST_REMARKS]:

@@ -10,7 +10,7 @@ import numpy as np
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.combinations import WORDS, Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, prior, usual_motion
+from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
@@ -62,7 +62,11 @@ class Remark:
 
 
 def check(
-    recordings: Sequence[Recording], robot: Robot, model: PhysicalModel, cutoff: float | None = None
+    recordings: Sequence[Recording],
+    robot: Robot,
+    model: PhysicalModel,
+    cutoff: float | None = None,
+    spread: Spread | None = None,
 ) -> list[Remark]:
     """What these recordings of a robot leave open, or do oddly.
 
@@ -70,17 +74,18 @@ def check(
         robot: the simulation's, the prior of the model.
         model: identified from the recordings.
         cutoff: of the low-pass [Hz].
+        spread: that the model was identified with.
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
-    found = [*unexcited(robot, model), *conditioned(robot, signals), *delayed(model, recordings)]
+    found = [*unexcited(robot, model, spread), *conditioned(robot, signals), *delayed(model, recordings)]
     for recording, one in zip(recordings, signals, strict=True):
         found += [*saturated(recording, robot), *odd_velocity(recording, one)]
     return found
 
 
-def unexcited(robot: Robot, model: PhysicalModel) -> Iterator[Remark]:
+def unexcited(robot: Robot, model: PhysicalModel, spread: Spread | None = None) -> Iterator[Remark]:
     """Parameters of which the motion says little."""
-    belief = prior(robot)
+    belief = prior(robot, spread)
     before = Parameters.from_vector(np.sqrt(np.diagonal(belief.covariance)))
     shares = {kind: getattr(model.std, kind) / getattr(before, kind) for kind in JOINT_NAMES[:-1]}
     for k, joint in enumerate(robot.joints):
