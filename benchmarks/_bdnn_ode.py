@@ -19,7 +19,9 @@ ODE = {True: Settings(16, 5e-3, 256), False: Settings(128, 2e-3, 256)}
 MATCH_SHARE = 0.5
 """Share of the time in which accelerations alone are matched, before windows are rolled out as well."""
 WINDOWS_EVERY = 4
-NEWTON_STEPS = 12
+SOLVER_STEPS = 30
+LIMIT = 1.2
+"""Efforts are looked for within this multiple of the largest seen."""
 
 
 class Acceleration(torch.nn.Module):
@@ -29,9 +31,11 @@ class Acceleration(torch.nn.Module):
     acceleration: Tensor
     effort: Tensor
     slow: Tensor
+    limit: Tensor
 
-    def __init__(self, scales: Scales, hidden: int) -> None:
+    def __init__(self, scales: Scales, limit: np.ndarray, hidden: int) -> None:
         super().__init__()
+        self.register_buffer("limit", torch.from_numpy(limit).float())
         n = len(scales.effort)
         self.n, self.layers = n, Layers(5 * n, hidden, n)
         for name in ("velocity", "acceleration", "effort", "slow"):
@@ -81,7 +85,7 @@ def rollout_loss(module: Acceleration, windows: Windows) -> Tensor:
 
 
 class OdeModel:
-    """A trained neural ODE as dynamics: the effort is what makes its acceleration, found by Newton's method."""
+    """A trained neural ODE as dynamics: the effort is what makes its acceleration."""
 
     def __init__(self, joints: tuple[str, ...], module: Acceleration) -> None:
         self.joints, self._module = joints, module.double().requires_grad_(False)
@@ -91,16 +95,24 @@ class OdeModel:
         return np.asarray(self._module(q, v, torch.tanh(v / self._module.slow), u))
 
     def _solve(self, q: np.ndarray, v: np.ndarray, direction: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """The effort within `limit` whose acceleration is nearest to a goal, by Levenberg-Marquardt."""
+        module = self._module
         angle, rate, side, goal = (torch.from_numpy(x) for x in (q, v, direction, a))
-        effort = torch.zeros_like(goal)
-        most = 3.0 * self._module.effort
-        for _ in range(NEWTON_STEPS):
-            reached, slope = self._module.by_effort(angle, rate, side, effort)
-            step = torch.linalg.lstsq(slope, (goal - reached)[..., None]).solution[..., 0]
-            step = torch.nan_to_num(step)
-            effort = (
-                effort + step * torch.clamp((most / step.abs().clamp(min=1e-9)).amin(1), max=1.0)[:, None]
-            )
+        effort, damping = torch.zeros_like(goal), torch.full((len(q), 1, 1), 1e-3, dtype=goal.dtype)
+        reached, slope = module.by_effort(angle, rate, side, effort)
+        for _ in range(SOLVER_STEPS):
+            scaled = slope * module.effort / module.acceleration[:, None]
+            missing = ((goal - reached) / module.acceleration)[..., None]
+            turned = scaled.transpose(1, 2)
+            step = torch.linalg.solve(turned @ scaled + damping * torch.eye(module.n), turned @ missing)
+            moved = (effort + step[..., 0] * module.effort).clamp(-module.limit, module.limit)
+            there, along = module.by_effort(angle, rate, side, moved)
+            left = ((goal - there) / module.acceleration)[..., None]
+            better = (left**2).sum(1, keepdim=True) < (missing**2).sum(1, keepdim=True)
+            effort = torch.where(better[..., 0], moved, effort)
+            reached = torch.where(better[..., 0], there, reached)
+            slope = torch.where(better, along, slope)
+            damping = torch.where(better, 0.1 * damping, 10.0 * damping).clamp(1e-9, 1e6)
         return effort.numpy()
 
     def inverse_dynamics(
@@ -138,7 +150,8 @@ def neural_ode(data: Data, budget: float, seed: int, settings: Settings | None =
     rng = np.random.default_rng(seed)
     samples, held = samples_of(data.train), samples_of(data.validation)
     scales, chosen = scales_of(samples), settings or ODE[few(n)]
-    module, rollouts = Acceleration(scales, chosen.hidden), Rollouts(data.train, scales.velocity)
+    module = Acceleration(scales, LIMIT * np.abs(samples.effort).max(axis=0), chosen.hidden)
+    rollouts = Rollouts(data.train, scales.velocity)
 
     def loss(columns: Columns) -> Tensor:
         q, v, a, direction, effort = columns
