@@ -12,6 +12,8 @@ from bdnn_ros.physical import parameters_report
 from bdnn_ros.physical.agreement import Agreement, agreement
 from bdnn_ros.physical.check import Remark
 from bdnn_ros.physical.combinations import combinations
+from bdnn_ros.physical.dictionary import FEATURES, Scales
+from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import fourier
@@ -85,6 +87,23 @@ def test_doubt_excuses_a_difference(models, changed):
     doubtful = [replace(model, covariance=model.covariance * 1e4) for model in (models[0], changed)]
     assert not any(one.differs for one in agreement(doubtful))
     assert any(one.differs for one in agreement([models[0], changed]))
+
+
+def test_friction_beside_learned_terms_may_differ_by_motion(robot, models, changed):
+    n = robot.width
+    scales = Scales(np.ones(n), np.ones(n))
+    groups = tuple(("curve",) if joint == CHANGED else () for joint in range(n))
+    learned = LocalResiduals(groups, np.zeros((n, FEATURES)), np.zeros((n, 3)), scales)
+    plain = [replace(model, learned=None) for model in (models[0], changed)]
+    found = agreement([plain[0], replace(plain[1], learned=learned)])
+    assert {one.words for one in found if one.by_motion} == {
+        f"{word} of {robot.joints[CHANGED]}"
+        for word in ("viscous friction", "Coulomb friction", "effort offset")
+    }
+    one = named(found, f"Coulomb friction of {robot.joints[CHANGED]}")
+    assert one.differs
+    assert "not Coulomb and viscous alone" in one.sentence()
+    assert not any(one.by_motion for one in agreement(plain))
 
 
 def test_one_recording_or_another_robot_is_refused(models):

@@ -165,12 +165,14 @@ def _report_parameters(
         options.say(str(remark))
     if len(remarks) > MOST_REMARKS:
         options.say(f"{len(remarks) - MOST_REMARKS} more in {path}.")
-    differing = [one for one in agreements if one.differs]
+    differing = sorted((one for one in agreements if one.differs), key=lambda one: one.by_motion)
     if agreements:
         agreed = len(agreements) - len(differing)
         options.say(f"The recordings agree on {agreed} of {len(agreements)} parameters.")
     for one in differing[:MOST_REMARKS]:
         options.say(one.sentence())
+    if len(differing) > MOST_REMARKS:
+        options.say(f"{len(differing) - MOST_REMARKS} more in {path}.")
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from bdnn_ros.errors import UsageError
-from bdnn_ros.physical.combinations import combinations
+from bdnn_ros.physical.combinations import Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.robot import PER_LINK
 
 CHANCE = 0.01
 """Probability that chance alone makes any of all parameters seem to differ."""
@@ -26,6 +27,8 @@ class Agreement:
         mean: weighted by what each recording knows.
         spread: standard deviation of the values.
         differs: whether they differ more than their errors allow.
+        by_motion: it is friction or offset of a joint that does more than these say: then they are what fits each
+            motion best, and differ from motion to motion without any change of the robot.
     """
 
     words: str
@@ -35,12 +38,16 @@ class Agreement:
     mean: float
     spread: float
     differs: bool
+    by_motion: bool = False
 
     def sentence(self) -> str:
         """The values in one sentence."""
         values = ", ".join(f"{v:.4g} ± {s:.2g}" for v, s in zip(self.values, self.stds, strict=True))
         verdict = "the recordings disagree" if self.differs else "the recordings agree"
-        return f"{self.words} [{self.unit}]: {values}; {verdict}."
+        why = (
+            ", as other motions may where friction is not Coulomb and viscous alone" if self.by_motion else ""
+        )
+        return f"{self.words} [{self.unit}]: {values}; {verdict}{why if self.differs else ''}."
 
 
 def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
@@ -64,5 +71,15 @@ def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
         mean = float(weights @ values / weights.sum())
         distance = float(weights @ (values - mean) ** 2)
         differs = bool(chi2.sf(distance, len(models) - 1) < CHANCE / len(found))
-        result.append(Agreement(one.words, one.unit, values, stds, mean, float(values.std(ddof=1)), differs))
+        spread, by_motion = float(values.std(ddof=1)), _by_motion(one, models)
+        result.append(Agreement(one.words, one.unit, values, stds, mean, spread, differs, by_motion))
     return result
+
+
+def _by_motion(one: Combination, models: Sequence[PhysicalModel]) -> bool:
+    """Whether it is friction or offset of a joint beside which any model has learned something."""
+    width = len(models[0].joints)
+    first = int(np.flatnonzero(one.weights)[0])
+    if first < width * (PER_LINK + 1):
+        return False
+    return any(m.learned is not None and bool(m.learned.groups[first % width]) for m in models)

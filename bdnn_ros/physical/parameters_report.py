@@ -51,6 +51,7 @@ def as_json(
                 "mean": one.mean,
                 "spread": one.spread,
                 "differs": one.differs,
+                "by_motion": one.by_motion,
             }
             for one in agreements
         ],
