@@ -62,7 +62,12 @@ class ReadOut:
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         bias = self.inverse_dynamics(position, velocity, np.zeros_like(position))
         mass = self._mass(position, velocity, bias)
-        return np.asarray(np.linalg.solve(mass, (effort - bias)[..., None])[..., 0])
+        mass = np.nan_to_num(mass, nan=0.0, posinf=0.0, neginf=0.0)
+        lost = np.linalg.matrix_rank(mass) < len(self.joints)
+        mass[lost] = np.eye(len(self.joints))
+        result = np.linalg.solve(mass, (effort - bias)[..., None])[..., 0]
+        result[lost] = np.inf  # the rollout has run away
+        return np.asarray(result)
 
     def predict(self, signals: Signals) -> np.ndarray:
         return self.effort(signals.position, signals.velocity, signals.acceleration, signals.sign)

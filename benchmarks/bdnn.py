@@ -1,7 +1,7 @@
 """Ours beside its peers: effort, its parts, and rollouts, on three robots; two tables.
 
-By default one seed at a quarter of the time, which takes about 8 minutes on one core. The table of
-docs/theory.md is that of three seeds at full time, which takes 2 hours:
+By default one seed at a quarter of the time, which takes about 8 minutes on an idle core. The tables of
+docs/theory.md are of full time, an hour for three seeds:
 
     python benchmarks/bdnn.py --seeds 3 --budget-scale 1 --resume
 

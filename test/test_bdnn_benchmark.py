@@ -144,6 +144,18 @@ def test_parts_are_read_out_of_an_effort():
     np.testing.assert_allclose(model.forward_dynamics(q, v, u), robot.forward_dynamics(q, v, u), rtol=1e-6)
 
 
+def test_an_effort_without_inertia_lets_the_rollout_run_away():
+    class Weightless(ReadOut):
+        def effort(self, q, v, a, direction):
+            return np.where(q > 0.0, v, a)
+
+    model = Weightless(("a", "b"), scales(2))
+    q, still = np.array([[1.0, 1.0], [-1.0, -1.0]]), np.zeros((2, 2))
+    np.testing.assert_array_equal(
+        model.forward_dynamics(q, still, np.ones((2, 2))), [[np.inf] * 2, [1.0] * 2]
+    )
+
+
 def test_least_squares_on_the_true_axes_finds_the_robot(little):
     errors = judge(least_squares(little, 1.0, 0), little)
     assert errors["nmse"] < 1e-3
