@@ -117,7 +117,9 @@ def number(value: float) -> str:
     """Two significant digits without an exponent."""
     if not np.isfinite(value):
         return "ran away"
-    return f"{value:.0f}" if value >= 9.95 else f"{float(f'{value:.2g}'):.12g}"
+    if 0.0 < value < 1e-3:
+        return "<0.001"
+    return f"{value:.0f}" if abs(value) >= 9.95 else f"{float(f'{value:.2g}'):.12g}"
 
 
 def load(path: Path) -> list[Cell]:

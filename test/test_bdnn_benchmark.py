@@ -190,6 +190,7 @@ def test_the_table_shows_medians_and_ranges():
     assert METHODS["prior"].label not in text
     assert len(bdnn.table(cells, 0.5).splitlines()) == 1
     assert bdnn.number(0.0512) == "0.051" and bdnn.number(123.4) == "123"
+    assert bdnn.number(1e-9) == "<0.001" and bdnn.number(-54321.0) == "-54321"
 
 
 def test_tables_are_written_between_their_marks():
