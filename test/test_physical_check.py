@@ -68,14 +68,15 @@ def test_every_remark_says_what_to_do(robot, recording):
         assert str(remark) == f"{remark.problem} {remark.remedy}"
 
 
-def test_a_joint_at_rest_is_named_with_all_that_is_unknown(robot):
+@pytest.mark.parametrize("resting", [[3], [1, 4]], ids=["one", "two"])
+def test_joints_at_rest_are_named_in_one_sentence_with_all_that_is_unknown(robot, resting):
     plan = fourier(robot, np.arange(0.0, 20.0, 1.0 / RATE), np.random.default_rng(1))
     q, v, a = (x.copy() for x in (plan.position, plan.velocity, plan.acceleration))
-    q[:, 3], v[:, 3], a[:, 3] = 0.5, 0.0, 0.0
-    joint = robot.joints[3]
+    q[:, resting], v[:, resting], a[:, resting] = 0.5, 0.0, 0.0
+    joints = ", ".join(robot.joints[k] for k in resting)
     found = [one for one in remarks(robot, along(robot, plan.time, q, v, a)) if one.about]
-    assert [one.about for one in found] == [joint]
-    for word in ("rotor inertia", "viscous friction", "Coulomb friction", joint):
+    assert [one.about for one in found] == [joints]
+    for word in ("rotor inertia", "viscous friction", "Coulomb friction", joints):
         assert word in found[0].problem
 
 

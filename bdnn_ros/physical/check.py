@@ -21,6 +21,8 @@ MATTERS = 0.02
 """Inertias that are hardly known are worth a word where they may make this share of a joint's effort."""
 ILL_CONDITIONED = 100.0
 """Condition number above which parameters are hard to tell apart (Gautier and Khalil, IJRR 1992)."""
+HOPELESS = 1e5
+"""The condition number is not told beyond."""
 MOST_ROWS = 2000
 """Samples that the condition is found from."""
 PERIODS = 0.75
@@ -48,7 +50,7 @@ class Remark:
     """Something the user should know about the data.
 
     Attributes:
-        about: joint, or empty for the whole recording.
+        about: joint or joints, or empty for the whole recording.
         problem: one sentence.
         remedy: what to do about it, one sentence.
     """
@@ -88,12 +90,15 @@ def unexcited(robot: Robot, model: PhysicalModel, spread: Spread | None = None) 
     belief = prior(robot, spread)
     before = Parameters.from_vector(np.sqrt(np.diagonal(belief.covariance)))
     shares = {kind: getattr(model.std, kind) / getattr(before, kind) for kind in JOINT_NAMES[:-1]}
+    alike: dict[tuple[str, ...], list[str]] = {}
     for k, joint in enumerate(robot.joints):
-        kinds = [kind for kind, share in shares.items() if share[k] > UNKNOWN]
+        kinds = tuple(kind for kind, share in shares.items() if share[k] > UNKNOWN)
+        alike.setdefault(kinds, []).append(joint)
+    for kinds, joints in alike.items():
         if kinds:
             what = listed(WORDS[kind][0] for kind in kinds)
             remedy = " ".join(REMEDIES[kind] for kind in kinds)
-            yield Remark(joint, f"The motion says little of the {what} of {joint}.", remedy)
+            yield Remark(listed(joints), f"The motion says little of the {what} of {listed(joints)}.", remedy)
     yield from _open_inertias(robot, model, belief)
 
 
@@ -127,9 +132,10 @@ def conditioned(robot: Robot, signals: Sequence[Signals]) -> Iterator[Remark]:
     """Whether parameters are hard to tell apart on this motion."""
     value = condition(robot, signals)
     if value > ILL_CONDITIONED:
+        size = f"{value:.0f}" if value < HOPELESS else f"above {HOPELESS:.0f}"
         yield Remark(
             "",
-            f"Parameters are hard to tell apart on this motion: its condition number is {value:.0f}.",
+            f"Parameters are hard to tell apart on this motion: its condition number is {size}.",
             "Move all joints at once, each with another rhythm; below 100 is good.",
         )
 
