@@ -200,7 +200,6 @@ def changes(before: Path, tmp_path: Path, *arguments: str) -> list[dict]:
     return report_of(tmp_path / "out")["findings"]
 
 
-@pytest.mark.xfail(reason="known shortfall: a false joint elasticity of 0.6 % of the error is named")
 def test_nothing_has_changed(before, tmp_path):
     assert changes(before, tmp_path) == []
 
@@ -211,9 +210,6 @@ def test_the_joint_whose_friction_grew_is_all_that_changed(before, tmp_path):
     assert finding["parameters"]["coulomb"]["value"] == pytest.approx(0.04, rel=0.1)
 
 
-@pytest.mark.xfail(
-    reason="known shortfall: the belief in the links absorbs the payload when compared with a model"
-)
 def test_the_payload_it_now_carries_is_all_that_changed(before, tmp_path):
     (finding,) = changes(before, tmp_path, "--effect", "payload@arm2_link2:mass=0.5,com_x=0.1")
     named = {finding["effect"], *(rival["effect"] for rival in finding["rivals"])}

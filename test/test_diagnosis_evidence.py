@@ -121,7 +121,7 @@ def test_gains_are_differences_of_evidence(pool, company):
 def test_the_gain_of_a_term_outside_the_pool_is_the_same(pool, terms):
     fit = pool.fit((VISCOUS,))
     for c in range(1, len(terms)):
-        outside = pool.gain_of(fit, terms[c], pool.equations.columns(terms[c]))
+        outside = pool.gain_of(fit, terms[c], pool.equations.columns(terms[c]))[0]
         assert outside == pytest.approx(pool.gains(fit, [c])[0], rel=1e-6, abs=1e-6)
 
 

@@ -53,7 +53,7 @@ def test_no_window_of_whole_rows_explains_more():
     pool, true = pool_of(f"external_wrench@{J1}:start=3.3,end=5.1,torque=1", std=0.2, seed=2)
     fit, equations, time = pool.fit(()), pool.equations, times(pool)
     always = equations.columns(true.shaped({"start": -1.0, "end": 99.0}))
-    precision = 1.0 / equations.spread(always)[0] ** 2
+    precision = 1.0 / equations.spread(true, always)[0] ** 2
     column = equations.whiten(always, pool.noise)[:, :, 0]
     left = equations.whiten(pool.residual(fit), pool.noise)
     power = np.concatenate([[0.0], np.cumsum(np.sum(column**2, axis=1))])

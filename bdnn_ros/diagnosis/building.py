@@ -16,6 +16,8 @@ ROWS_PER_CUTOFF = 2.5
 """Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
 BLOCK_SECONDS = 2.0
 """Held-out blocks are about this long."""
+IDENTIFIED = 0.01
+"""One standard deviation of identified links, where errors of a description's links are relative."""
 TURNING_WIDTHS = 2.0
 """The low-pass reaches so many of its standard deviations."""
 SLOW_SHARE = 0.02
@@ -24,7 +26,12 @@ STICKING_WIDTHS = 0.5
 """A joint that creeps for so many standard deviations of the low-pass sticks."""
 
 
-def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -> Equations:
+def build(
+    signals: Signals,
+    robot: Robot,
+    simulated: np.ndarray | None = None,
+    covariance: np.ndarray | None = None,
+) -> Equations:
     """The regression of a motion against a robot's simulation.
 
     Args:
@@ -32,6 +39,7 @@ def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -
         robot: what the simulation believes.
         simulated: the effort the simulation predicts, (N, n) [N·m]; None takes the robot's rigid bodies, armature and
             friction.
+        covariance: of the links' inertial parameters where they were identified, (n * PER_LINK, n * PER_LINK).
 
     Raises:
         RecordingError: no joint moves, or no effort.
@@ -56,7 +64,7 @@ def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -
         simulated = nominal_effort(robot, signals)
     motion = Motion(signals, robot, simulated)
     target = signals.smooth(signals.effort - simulated)[rows]
-    relative = relative_inertials(robot)
+    relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     rigid = signals.smooth(motion.regressor)[rows] @ relative
     turning, sticking = turns(signals)
     usable = ~(resting | sticking)[rows]
@@ -68,6 +76,15 @@ def build(signals: Signals, robot: Robot, simulated: np.ndarray | None = None) -
     return Equations(
         motion, simulated, rows, target, usable, turning[rows], block, runs, rigid, relative, scale
     )
+
+
+def identified_inertials(covariance: np.ndarray) -> np.ndarray:
+    """Map from independent errors of identified links to their inertial parameters, (n * PER_LINK, n * PER_LINK).
+
+    One hundredth of a unit is one standard deviation of what was identified, so that a spread of 0.02 doubts it twofold.
+    """
+    variances, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    return np.asarray(directions * np.sqrt(np.maximum(variances, 0.0)) / IDENTIFIED)
 
 
 def turns(signals: Signals) -> tuple[np.ndarray, np.ndarray]:

@@ -16,6 +16,9 @@ from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
 SETTLING_ROUNDS = 2
+RELINEARISATIONS = 4
+CONSISTENT = 0.1
+"""Columns are exact enough where the shape they were made with is found again within this share."""
 ON_BODIES = frozenset({"payload", "link_inertia"})
 COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
 """What almost every drive has; they stand in for the unknown cause while the noise is first estimated."""
@@ -55,10 +58,11 @@ class Candidates:
                 continue
             shapes = term.effect.shapes(equations.motion, term.target)
             if len(shapes) == 1:
-                result.append(term.shaped(shapes[0]))
+                beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
+                result.append(_relinearised(equations, pool, beside, term.shaped(shapes[0])))
                 continue
             tried = [term.shaped(shape) for shape in shapes]
-            gains = [pool.gain_of(fit, one, equations.columns(one)) for one in tried]
+            gains = [pool.gain_of(fit, one, equations.columns(one))[0] for one in tried]
             result.append(tried[int(np.argmax(gains))])
         return result
 
@@ -67,9 +71,8 @@ class Candidates:
         term = pool.terms[chosen]
         if not term.shape:
             return term
-        coefficients, _ = pool.part(fit, chosen)
-        term = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
         rest = pool.fit([c for c in fit.terms if c != chosen])
+        term = _relinearised(equations, pool, rest, term)
         if term.effect.name == "external_wrench":
             return _refined(equations, pool, rest, best_window(pool, rest, term), ("start", "end"))
         free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
@@ -128,7 +131,25 @@ def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
 def lone_gain(equations: Equations, pool: Pool, fit: Fit, term: Term) -> float:
     """Evidence a term with its shape would add to a fit."""
     raw = term.effect.columns(equations.motion, term.target, dict(term.shape), term.link)
-    return pool.gain_of(fit, term, equations.reduced(raw))
+    return pool.gain_of(fit, term, equations.reduced(raw))[0]
+
+
+def _elsewhere(term: Term, other: Term) -> bool:
+    """Whether another link has this effect, which the term may have to stand for."""
+    return term.link is not None and term.effect is other.effect
+
+
+def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
+    """The term with columns that are exact where they fit best beside a fit; what they gain elsewhere is not real."""
+    for _ in range(RELINEARISATIONS):
+        raw = term.effect.columns(equations.motion, term.target, dict(term.shape), term.link)
+        _, coefficients = pool.gain_of(fit, term, equations.reduced(raw))
+        moved = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
+        before, after = (np.array([value for _, value in one.shape]) for one in (term, moved))
+        if np.linalg.norm(after - before) <= CONSISTENT * np.linalg.norm(after):
+            break
+        term = moved
+    return term
 
 
 def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term, names: Sequence[str]) -> Term:

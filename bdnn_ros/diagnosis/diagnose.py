@@ -17,11 +17,11 @@ from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
-from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Search, Selection
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
-from bdnn_ros.robot import Robot
+from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals, concatenated, flattened, prepare
 
 EVERY_TEST_BLOCK = 5
@@ -29,6 +29,8 @@ EVERY_TEST_BLOCK = 5
 RESAMPLES = 1000
 MINIMUM_SHARE = 0.02
 """An effect that removes an error below this share of the effort's spread at every joint stays in the model without a name."""
+DOUBTFUL = 0.1
+"""An effect that may as well not be there with this probability stays in the model without a name."""
 EXPLAINED = 1.3
 """An extended model within this factor of the noise floor explains the recording."""
 SLIGHT = 1.15
@@ -106,7 +108,15 @@ def examine(
     say("filtering")
     lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
     signals = flattened(concatenated([prepare(recording, cutoff) for recording in recordings]), lower)
-    equations = build(signals, robot, None if model is None else model.predict(signals))
+    known = getattr(model, "covariance", None)
+    links = slice(robot.width * PER_LINK)
+    equations = build(
+        signals,
+        robot,
+        None if model is None else model.predict(signals),
+        None if known is None else known[links, links],
+    )
+    equations.lead = float(getattr(model, "lead", 0.0))
     if equations.blocks < EVERY_TEST_BLOCK:
         raise RecordingError(
             f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
@@ -116,7 +126,7 @@ def examine(
     whole = equations.usable
     equations.usable = whole & ~test[:, None]
     say("first look")
-    search = Search(equations, Candidates.of(robot), say)
+    search = Search(equations, Candidates.of(robot), say, LINK_ERRORS if known is None else DOUBTS)
     selection = search.run()
     say("weighing rivals")
     judgements = judge(search, selection)
@@ -164,7 +174,8 @@ def _diagnosis(
     findings = [
         _finding(robot, estimate, judgement, float(np.sum(less)) / max(before, 1e-30))
         for estimate, judgement, less in zip(found, judgements, removed, strict=True)
-        if (np.sqrt(np.maximum(less, 0.0)) >= MINIMUM_SHARE * equations.effort_scale).any()
+        if judgement.nothing <= DOUBTFUL
+        and (np.sqrt(np.maximum(less, 0.0)) >= MINIMUM_SHARE * equations.effort_scale).any()
     ]
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)

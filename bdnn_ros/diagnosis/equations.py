@@ -74,6 +74,7 @@ class Equations:
         rigid: columns of the links' relative errors, (R, n, n * PER_LINK), one unit = an error of 100 %.
         relative: from those relative errors to inertial parameters, (n * PER_LINK, n * PER_LINK).
         effort_scale: spread of each joint's effort, (n,) [N·m].
+        lead: how far the recorded effort is known to be ahead of the motion [s].
     """
 
     motion: Motion
@@ -87,6 +88,7 @@ class Equations:
     rigid: np.ndarray
     relative: np.ndarray
     effort_scale: np.ndarray
+    lead: float = 0.0
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
 
@@ -105,7 +107,8 @@ class Equations:
         smooth, result = self.motion.signals.smooth, np.zeros((len(self.rows), *values.shape[1:]))
         for j in range(values.shape[1]):
             if values[:, j].any():
-                result[:, j] = smooth(values[:, j])[self.rows]
+                column = smooth(values[:, j])
+                result[:, j] = (self.motion.advanced(column, self.lead) if self.lead else column)[self.rows]
         return result
 
     def columns(self, term: Term) -> np.ndarray:
@@ -144,13 +147,13 @@ class Equations:
         }
         self._nuisances = None
 
-    def spread(self, columns: np.ndarray) -> np.ndarray:
-        """Prior standard deviation of coefficients of columns (R, n, k), (k,)."""
+    def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
+        """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
         power = np.sqrt(
             np.mean(np.where(self.usable[..., None], columns / self.effort_scale[:, None], 0.0) ** 2, axis=0)
         )
         strongest = power.max(axis=0)
-        return TYPICAL_SHARE / np.maximum(strongest, 1e-9)
+        return np.minimum(TYPICAL_SHARE / np.maximum(strongest, 1e-9), term.effect.coefficient_spread)
 
     def without_trends(self, values: np.ndarray) -> np.ndarray:
         """Rows (R, n) less a straight line in every block."""

@@ -62,7 +62,7 @@ class Pool:
         starts = self.base + np.cumsum([0, *sizes])
         self.slots = [np.arange(a, b) for a, b in zip(starts[:-1], starts[1:], strict=True)]
         spread = [np.full(equations.rigid.shape[2], link_error), equations.nuisance_spread]
-        spread += [equations.spread(c) for c in columns]
+        spread += [equations.spread(t, c) for t, c in zip(self.terms, columns, strict=True)]
         self.precision = 1.0 / np.concatenate(spread) ** 2
         lower = [np.full(self.base, -np.inf)] + [
             np.array([b[0] for b in t.effect.coefficient_bounds]) for t in terms
@@ -95,7 +95,7 @@ class Pool:
         columns = self.equations.columns(term)
         other.terms = [*self.terms[:one], term, *self.terms[one + 1 :]]
         other.precision = self.precision.copy()
-        other.precision[slot] = self.equations.spread(columns) ** -2.0
+        other.precision[slot] = self.equations.spread(term, columns) ** -2.0
         other.white = self.white.copy()
         other.white[:, :, slot] = self.equations.whiten(columns, self.noise)
         other.gram, other.moment = self.gram.copy(), self.moment.copy()
@@ -157,13 +157,13 @@ class Pool:
             seen = half[:, slots].transpose(1, 2, 0)
             schur = inner - seen @ seen.transpose(0, 2, 1)
             schur[:, np.arange(size), np.arange(size)] += self.precision[slots]
-            result[same] = _gains(
+            result[same], _ = _gains(
                 schur, left[slots], self.precision[slots], self.lower[slots], self.upper[slots]
             )
         return result
 
-    def gain_of(self, fit: Fit, term: Term, columns: np.ndarray) -> float:
-        """Log evidence that columns (R, n, k) of a term outside the pool would add to a fit."""
+    def gain_of(self, fit: Fit, term: Term, columns: np.ndarray) -> tuple[float, np.ndarray]:
+        """Log evidence that columns (R, n, k) of a term outside the pool would add to a fit, and its coefficients (k,)."""
         white = self.equations.whiten(columns, self.noise)
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
         tall = white[:, joints].reshape(-1, white.shape[2])
@@ -171,10 +171,11 @@ class Pool:
         known = self.white[:, joints][:, :, index].reshape(-1, len(index))
         cross = known.T @ tall
         left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
-        prior = 1.0 / self.equations.spread(columns) ** 2
+        prior = 1.0 / self.equations.spread(term, columns) ** 2
         schur = tall.T @ tall + np.diag(prior) - cross.T @ fit.covariance @ cross
         bounds = np.array(term.effect.coefficient_bounds)
-        return float(_gains(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])[0])
+        gains, best = _gains(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])
+        return float(gains[0]), best[0]
 
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:
         """Half squared whitened error on each block, fitted without it, (B,)."""
@@ -264,8 +265,8 @@ def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarra
 
 def _gains(
     schur: np.ndarray, left: np.ndarray, prior: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """Evidence gained by each of c blocks of k columns, coefficients inside their bounds, (c,).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Evidence gained by each of c blocks of k columns, (c,), and coefficients inside their bounds, (c, k).
 
     Args:
         schur: what the columns add to the information matrix beside the rest, (c, k, k).
@@ -280,4 +281,5 @@ def _gains(
         for i in np.flatnonzero(outside):
             best[i] = _bounded(schur[i], left[i], low[i], high[i])
     explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)
-    return np.asarray(explained + 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * np.linalg.slogdet(schur)[1])
+    volume = 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * np.linalg.slogdet(schur)[1]
+    return explained + volume, best

@@ -27,10 +27,12 @@ class Judgement:
 
     Attributes:
         probability: against its rivals and against nothing.
+        nothing: probability that neither it nor a rival is there.
         rivals: other terms for its place and their probabilities, most probable first.
     """
 
     probability: float
+    nothing: float
     rivals: tuple[tuple[Term, float], ...]
 
 
@@ -62,7 +64,7 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
     rivals_found = [(pool.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
     listed = [(rival, p) for rival, p in rivals_found if p >= LISTED or _same_physics(term, rival)]
     listed.sort(key=lambda pair: -pair[1])
-    return Judgement(float(weights[0]), tuple(listed[:6]))
+    return Judgement(float(weights[0]), float(weights[1]), tuple(listed[:6]))
 
 
 def _bases(search: Search, selection: Selection, term: Term, rest: list[int]) -> list[list[int]]:

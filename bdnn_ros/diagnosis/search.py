@@ -20,15 +20,24 @@ COST = 8.0
 RARE = ("drift", "external_wrench", "hysteresis", "asymmetric_friction")
 RARE_COST = 2.0
 """Log prior odds against kinds that a simpler one may stand for."""
+INNER_COST = 2.0
+"""What a payload costs that does not hang from the last joint."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""
+DOUBTS = (0.01, 0.02, 0.05, 0.1)
+"""The same where links were identified before: one to ten standard deviations of that."""
 LINK_ERROR_COST = 400.0
 """Log prior against a spread s of all links' errors is this times s²: a description is rarely off by 20 % everywhere."""
+ABSURD = 1e9
+"""Log odds against an effect that cannot be."""
 NOISE_FLOOR = 1e-4
 """Smallest noise as a share of the effort's spread."""
 MOST_ROUNDS = 4
+SETTLING_STEPS = 3
+OUTSTANDING = 0.1
+"""What brings less than this share of the largest gain waits until noise and load are known better."""
 RIVALS_TRIED = 6
 UNSURE = 30.0
 """A rival's gain is found with the others' bounds left as they are: by so much it may be too low."""
@@ -62,26 +71,43 @@ class Selection:
 class Search:
     """One search over the candidates of one regression."""
 
-    def __init__(self, equations: Equations, candidates: Candidates, progress: Progress) -> None:
+    def __init__(
+        self,
+        equations: Equations,
+        candidates: Candidates,
+        progress: Progress,
+        link_errors: Sequence[float] = LINK_ERRORS,
+    ) -> None:
         self.equations, self.candidates = equations, candidates
         self.progress = progress
-        self.link_error = LINK_ERRORS[2]
+        self.link_errors = tuple(link_errors)
+        self.link_error = self.link_errors[2]
         self.floor = NOISE_FLOOR * equations.effort_scale
 
     def run(self) -> Selection:
         """The best set of effects."""
         noise = self._start()
-        selection = self._select(noise, [])
+        selection = self._select(noise, [], OUTSTANDING)
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
             previous = {t.place for t in selection.terms}
-            found = self.equations, selection.pool, selection.fit
-            self.equations.relieve(self.candidates.load(*found), self.candidates.bodies(*found))
-            noise = self.equations.noise_of(selection.pool.residual(selection.fit), self.floor)
-            selection = self._select(noise, selection.terms)
+            noise, terms = self._settle(selection)
+            selection = self._select(noise, terms)
             if {t.place for t in selection.terms} == previous:
                 break
         return selection
+
+    def _settle(self, selection: Selection) -> tuple[Noise, list[Term]]:
+        """Noise, load and bodies as a set of effects has them, each found again with the others, and its terms refined."""
+        pool, every = selection.pool, range(len(selection.chosen))
+        fit, terms = selection.fit, selection.terms
+        for _ in range(SETTLING_STEPS):
+            found = self.equations, pool, fit
+            noise = self.equations.noise_of(pool.residual(fit), self.floor)
+            self.equations.relieve(self.candidates.load(*found), self.candidates.bodies(*found))
+            pool = self._refined(Pool(self.equations, noise, terms, self.link_error), every)
+            fit, terms = pool.fit(every), pool.terms
+        return self.equations.noise_of(pool.residual(fit), self.floor), terms
 
     def _start(self) -> Noise:
         """Noise of what the commonest causes on every joint would leave, trends left out; a first estimate of the load.
@@ -92,20 +118,26 @@ class Search:
         common = self.candidates.common()
         noise = Noise(np.zeros((equations.width, 1)), equations.effort_scale * 0.1)
         for _ in range(2):
-            pool = Pool(equations, noise, common, LINK_ERRORS[-1])
+            pool = Pool(equations, noise, common, self.link_errors[-1])
             fit = pool.fit(range(len(common)))
             noise = equations.noise_of(pool.residual(fit), self.floor, steady=True)
         equations.relieve(self.candidates.load(equations, pool, fit))
         return noise
 
-    def _select(self, noise: Noise, start: Sequence[Term]) -> Selection:
-        """Best set at one noise model, starting from some terms."""
+    def _select(self, noise: Noise, start: Sequence[Term], least: float = 0.0) -> Selection:
+        """Best set at one noise model, starting from some terms.
+
+        Args:
+            least: share of the largest gain that a term must bring.
+        """
         count = len(start)
         pool = Pool(self.equations, noise, start, self.link_error)
         pool = self._refined(pool, range(count))
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
-        found = [self._descend(pool.believing(error), list(range(count))) for error in self._beliefs(noise)]
+        found = [
+            self._descend(pool.believing(error), list(range(count)), least) for error in self._beliefs(noise)
+        ]
         scores = [self.score(pool, chosen) - LINK_ERROR_COST * pool.link_error**2 for pool, chosen in found]
         pool, chosen = found[int(np.argmax(scores))]
         self.link_error = pool.link_error
@@ -117,13 +149,13 @@ class Search:
         A single link far off makes all links look worse than they are; the smaller spread lets it be named.
         """
         common = self.candidates.common()
-        pool = Pool(self.equations, noise, common, LINK_ERRORS[-1])
+        pool = Pool(self.equations, noise, common, self.link_errors[-1])
         scores = [
             pool.believing(error).fit(range(len(common))).evidence - LINK_ERROR_COST * error**2
-            for error in LINK_ERRORS
+            for error in self.link_errors
         ]
         best = int(np.argmax(scores))
-        return list(LINK_ERRORS[max(best - 1, 0) : best + 1])
+        return list(self.link_errors[max(best - 1, 0) : best + 1])
 
     def _refined(self, pool: Pool, chosen: Sequence[int]) -> Pool:
         """The pool with the shapes of some terms moved to where they fit best, one after another."""
@@ -133,11 +165,11 @@ class Search:
                 pool = pool.replacing(one, term)
         return pool
 
-    def _descend(self, pool: Pool, chosen: list[int]) -> tuple[Pool, list[int]]:
-        """Add, replace and drop terms until nothing changes."""
-        for _ in range(MOST_ROUNDS):
+    def _descend(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
+        """Add, replace and drop terms until nothing changes; once only where weak terms have to wait."""
+        for _ in range(1 if least else MOST_ROUNDS):
             before = {pool.terms[c].place for c in chosen}
-            pool, chosen = self._add(pool, chosen)
+            pool, chosen = self._add(pool, chosen, least)
             chosen = self._replace(pool, chosen)
             chosen = self._drop(pool, chosen)
             if {pool.terms[c].place for c in chosen} == before:
@@ -146,8 +178,9 @@ class Search:
 
     # -- moves --------------------------------------------------------------------------------------------------
 
-    def _add(self, pool: Pool, chosen: list[int]) -> tuple[Pool, list[int]]:
+    def _add(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
         refused: set[int] = set()
+        largest = 0.0
         while True:
             fit = pool.fit(chosen)
             open_ = [c for c in self.open_to(pool, chosen) if c not in refused]
@@ -155,7 +188,8 @@ class Search:
                 return pool, chosen
             gains = pool.gains(fit, open_) - self.costs(pool, chosen)[open_]
             best = int(np.argmax(gains))
-            if gains[best] <= 0.0:
+            largest = max(largest, float(gains[best]))
+            if gains[best] <= least * largest:
                 return pool, chosen
             candidate = open_[best]
             grown = [c for c in chosen if not contains(pool.terms[candidate], pool.terms[c])] + [candidate]
@@ -216,8 +250,9 @@ class Search:
 
     def score(self, pool: Pool, chosen: Sequence[int]) -> float:
         """Log evidence of a set less the log prior odds against it."""
-        having = _having(pool, chosen)
-        return pool.fit(chosen).evidence - sum(self._cost(pool.terms[one], having) for one in chosen)
+        having, fit = _having(pool, chosen), pool.fit(chosen)
+        against = ABSURD * _unbelievable(pool, fit)
+        return fit.evidence - against - sum(self._cost(pool.terms[one], having) for one in chosen)
 
     def costs(self, pool: Pool, company: Sequence[int]) -> np.ndarray:
         """Log prior odds against each pool term beside some company."""
@@ -228,6 +263,8 @@ class Search:
         """Log prior odds against a term: a kind that most other joints have is expected on this one."""
         width = self.equations.width
         cost = COST + (RARE_COST if term.effect.name in RARE else 0.0)
+        if term.effect.name == "payload" and term.target < width - 1:
+            cost += INNER_COST
         if term.effect.name not in COMMON or width <= 2:
             return cost
         share = len(having.get(term.effect.name, set()) - {term.target}) / (width - 1)
@@ -254,7 +291,7 @@ class Search:
 
         Links that bend beyond belief to stand in for it predict held-out blocks as well, so belief is weighed, too.
         """
-        if not pool.terms[candidate].effect.believable(pool.part(pool.fit(grown), candidate)[0]):
+        if _unbelievable(pool, pool.fit(grown)):
             return False
         without = [c for c in grown if c != candidate]
         gained = pool.held_out(without) - pool.held_out(grown)
@@ -262,6 +299,11 @@ class Search:
         if gained.sum() <= 0.0:
             return False
         return bool(gained.sum() > 1.645 * gained.std() * np.sqrt(len(gained)) or (gained > 0).mean() >= WINS)
+
+
+def _unbelievable(pool: Pool, fit: Fit) -> int:
+    """How many terms have coefficients that no such effect can have together."""
+    return sum(not pool.terms[c].effect.believable(pool.part(fit, c)[0]) for c in fit.terms)
 
 
 def contains(larger: Term, smaller: Term) -> bool:

@@ -23,7 +23,7 @@ def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
     white = equations.whiten(columns, pool.noise)
     index = pool.columns_of(fit.terms)
     left = pool.white_target - pool.white[:, :, index] @ fit.coefficients
-    precision = 1.0 / equations.spread(columns) ** 2
+    precision = 1.0 / equations.spread(term, columns) ** 2
     grams = _running(np.einsum("rjk,rjl->rkl", white, white))
     moments = _running(np.einsum("rjk,rj->rk", white, left))
     step = max(round(COARSE / max(float(np.median(np.diff(time))), 1e-6)), 1)

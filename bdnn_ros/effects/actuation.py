@@ -99,6 +99,7 @@ class EffortDelay(Effect):
     )
     at_sensor = True
     coefficient_bounds = ((0.0, 0.2),)
+    coefficient_spread = 0.03
     of_load = True
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -222,6 +223,8 @@ class Effect(ABC):
     """The motion that brings it out."""
     source: ClassVar[str]
     coefficient_bounds: ClassVar[tuple[tuple[float, float], ...]]
+    coefficient_spread: ClassVar[float] = math.inf
+    """Coefficients are rarely larger, whatever the effort; most scale with it."""
     """Lower and upper bound of each linear coefficient."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Effects at the same place whose columns are a special case of this one's: this one replaces them."""

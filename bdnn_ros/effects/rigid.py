@@ -173,6 +173,7 @@ class BaseTilt(Effect):
     source = "Craig, Introduction to Robotics, ch. 6: gravity as an acceleration of the base"
     of_bodies = True
     coefficient_bounds = ((-math.pi / 2, math.pi / 2), (-math.pi / 2, math.pi / 2))
+    coefficient_spread = 0.2
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.robot = plant.robot.tilted(math.radians(values["roll_deg"]), math.radians(values["pitch_deg"]))

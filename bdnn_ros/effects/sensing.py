@@ -27,6 +27,7 @@ class PositionOffset(Effect):
     source = "Hollerbach, Khalil, Gautier, Model identification, Springer Handbook of Robotics, ch. 6"
     of_bodies = True
     coefficient_bounds = ((-1.0, 1.0),)
+    coefficient_spread = 0.1
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.position_offset[target] += values["offset"]
