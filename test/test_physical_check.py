@@ -162,3 +162,10 @@ def test_a_delay_of_half_a_period_is_a_held_command(model, recording):
     held = replace(model, lead=0.5 / RATE)
     assert list(check.delayed(held, [recording])) == []
     assert len(list(check.delayed(replace(model, lead=1.0 / RATE), [recording]))) == 1
+
+
+def test_an_uncertain_delay_is_not_told(model, recording):
+    apart = replace(model, lead=0.02)
+    assert len(list(check.delayed(apart, [recording]))) == 1
+    assert list(check.delayed(replace(apart, lead_std=0.008), [recording])) == []
+    assert list(check.delayed(replace(apart, lead_std=0.002), [recording])) == []

@@ -11,6 +11,7 @@ from bdnn_ros.errors import listed
 from bdnn_ros.physical.combinations import WORDS, Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
+from bdnn_ros.physical.structure import LEAD
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
@@ -30,7 +31,7 @@ PERIODS = 0.75
 SHORTEST_DELAY = 0.001
 """Shorter delays are not worth a word [s]."""
 CERTAIN = 3.0
-"""Standard deviations that make a lag of the velocity certain."""
+"""Standard deviations that make a delay, or a lag of the velocity, certain."""
 VELOCITY_GAIN = 0.03
 """Share by which the reported velocity may differ from the position's derivative."""
 AT_LIMIT = 0.98
@@ -178,7 +179,8 @@ def _columns(
 def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[Remark]:
     """Whether effort and motion are apart in time."""
     period = 1.0 / min(recording.rate for recording in recordings)
-    if abs(model.lead) > max(PERIODS * period, SHORTEST_DELAY):
+    known = model.lead_std < UNKNOWN * LEAD
+    if known and abs(model.lead) > max(PERIODS * period, SHORTEST_DELAY, CERTAIN * model.lead_std):
         side = "ahead of" if model.lead > 0.0 else "behind"
         yield Remark(
             "",

@@ -67,16 +67,18 @@ def physical_model(
         learned_effort = LocalResiduals(
             structure.groups, spread_weights(structure.groups, of_joint), np.array(taken), scales
         )
+    covariance = inverse(information)
     return PhysicalModel(
         identified,
         values.offset,
-        inverse(information)[: layout.base, : layout.base] + _idealised(structure, scales),
+        covariance[: layout.base, : layout.base] + _idealised(structure, scales),
         posterior.noise,
         version,
         structure.breakaway,
         motors,
         learned_effort,
         float(vector[lead]),
+        float(np.sqrt(max(covariance[lead, lead], 0.0))),
     )
 
 

@@ -36,6 +36,7 @@ class PhysicalModel:
         motors: motors that turn with two joints.
         learned: what the joints' networks add, or None.
         lead: how far the measured effort is ahead of the motion [s]; a command held for a period is by half of it.
+        lead_std: its standard deviation [s].
     """
 
     kind: ClassVar[str] = "physical"
@@ -49,6 +50,7 @@ class PhysicalModel:
     motors: CoupledMotors = field(default_factory=CoupledMotors)
     learned: LocalResiduals | None = None
     lead: float = 0.0
+    lead_std: float = 0.0
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -186,6 +188,7 @@ class PhysicalModel:
             "version": self.version,
             "breakaway": list(self.breakaway),
             "lead": self.lead,
+            "lead_std": self.lead_std,
             "motors": pairs,
         }
         if self.learned is not None:
@@ -213,6 +216,7 @@ class PhysicalModel:
                 version=int(info["version"]),
                 breakaway=breakaway,
                 lead=float(info["lead"]),
+                lead_std=float(info.get("lead_std", 0.0)),
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )
