@@ -114,11 +114,13 @@ def spread(values: Sequence[float | None], factor: float) -> str:
 
 
 def number(value: float) -> str:
-    """Two significant digits without an exponent."""
+    """Two significant digits, without an exponent unless it is absurd."""
     if not np.isfinite(value):
         return "ran away"
     if 0.0 < value < 1e-3:
         return "<0.001"
+    if abs(value) >= 1e6:
+        return f"{value:.0e}"
     return f"{value:.0f}" if abs(value) >= 9.95 else f"{float(f'{value:.2g}'):.12g}"
 
 

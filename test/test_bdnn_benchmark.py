@@ -201,6 +201,13 @@ def test_tables_are_written_between_their_marks():
     assert bdnn.THEORY.read_text().count(first) == bdnn.THEORY.read_text().count(last) == 1
 
 
+def test_the_documented_tables_are_those_of_the_results():
+    theory = bdnn.THEORY.read_text()
+    again = bdnn.documented(theory, bdnn.load(bdnn.RESULTS))
+    assert again == theory, "write them: python benchmarks/bdnn.py --write-docs"
+    assert bdnn.documented(theory, []) != theory
+
+
 @pytest.mark.parametrize("words", [["--methods", "magic"], ["--robots", "arm9"], ["--budget-scale", "0"]])
 def test_nonsense_is_refused(words, capsys):
     with pytest.raises(SystemExit) as refusal:
