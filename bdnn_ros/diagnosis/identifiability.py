@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.equations import Term
-from bdnn_ros.diagnosis.search import Search, Selection, contains
+from bdnn_ros.diagnosis.odds import contains
+from bdnn_ros.diagnosis.search import Search, Selection
 
 TEMPERATURE = 2.0
 """Evidence differences are divided by this: the noise model is never quite right."""

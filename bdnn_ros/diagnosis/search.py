@@ -11,19 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.candidates import COMMON, Candidates
+from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Noise, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.odds import contains, having_each, log_odds
 
-COST = 8.0
-"""Log prior odds against one effect at one place: about 150 candidates, and a false name is worse than none."""
-RARE = ("drift", "external_wrench", "hysteresis", "asymmetric_friction")
-RARE_COST = 2.0
-"""Log prior odds against kinds that a simpler one may stand for."""
-INNER_COST = 2.0
-"""What a payload costs that does not hang from the last joint."""
-COMMON_COST = 2.0
-"""What a kind of effect costs that every other joint has, too."""
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""
 DOUBTS = (0.01, 0.02, 0.05, 0.1)
@@ -43,6 +35,8 @@ UNSURE = 30.0
 """A rival's gain is found with the others' bounds left as they are: by so much it may be too low."""
 BETTER = 0.5
 """A rival must score so much better to take a term's place."""
+WORSE = 1.01
+"""What raises the plain error by this factor does not pay, however white it makes the rest."""
 WINS = 0.6
 """Share of held-out blocks (of those that change) that must gain."""
 
@@ -250,25 +244,18 @@ class Search:
 
     def score(self, pool: Pool, chosen: Sequence[int]) -> float:
         """Log evidence of a set less the log prior odds against it."""
-        having, fit = _having(pool, chosen), pool.fit(chosen)
+        having, fit = having_each(pool, chosen), pool.fit(chosen)
         against = ABSURD * _unbelievable(pool, fit)
-        return fit.evidence - against - sum(self._cost(pool.terms[one], having) for one in chosen)
+        return (
+            fit.evidence
+            - against
+            - sum(log_odds(pool.terms[one], having, self.equations.width) for one in chosen)
+        )
 
     def costs(self, pool: Pool, company: Sequence[int]) -> np.ndarray:
         """Log prior odds against each pool term beside some company."""
-        having = _having(pool, company)
-        return np.array([self._cost(term, having) for term in pool.terms])
-
-    def _cost(self, term: Term, having: dict[str, set[int]]) -> float:
-        """Log prior odds against a term: a kind that most other joints have is expected on this one."""
-        width = self.equations.width
-        cost = COST + (RARE_COST if term.effect.name in RARE else 0.0)
-        if term.effect.name == "payload" and term.target < width - 1:
-            cost += INNER_COST
-        if term.effect.name not in COMMON or width <= 2:
-            return cost
-        share = len(having.get(term.effect.name, set()) - {term.target}) / (width - 1)
-        return cost + (COMMON_COST - cost) * max(2.0 * share - 1.0, 0.0)
+        having = having_each(pool, company)
+        return np.array([log_odds(term, having, self.equations.width) for term in pool.terms])
 
     def open_to(self, pool: Pool, chosen: Sequence[int], near: int = -1) -> list[int]:
         """Candidates that the chosen do not say already: not at the same place, nor contained in one of them.
@@ -294,27 +281,20 @@ class Search:
         if _unbelievable(pool, pool.fit(grown)):
             return False
         without = [c for c in grown if c != candidate]
+        if self._left(pool, grown) > WORSE * self._left(pool, without):
+            return False
         gained = pool.held_out(without) - pool.held_out(grown)
         gained += (pool.disbelief(without) - pool.disbelief(grown)) / len(gained)
         if gained.sum() <= 0.0:
             return False
         return bool(gained.sum() > 1.645 * gained.std() * np.sqrt(len(gained)) or (gained > 0).mean() >= WINS)
 
+    def _left(self, pool: Pool, chosen: Sequence[int]) -> float:
+        """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""
+        residual = pool.residual(pool.fit(chosen)) / self.equations.effort_scale
+        return float(np.sum(np.where(self.equations.usable, residual, 0.0) ** 2))
+
 
 def _unbelievable(pool: Pool, fit: Fit) -> int:
     """How many terms have coefficients that no such effect can have together."""
     return sum(not pool.terms[c].effect.believable(pool.part(fit, c)[0]) for c in fit.terms)
-
-
-def contains(larger: Term, smaller: Term) -> bool:
-    return smaller.effect.name in larger.effect.contains and smaller.target == larger.target
-
-
-def _having(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
-    """Which joints have each kind of effect, also as a part of another."""
-    having: dict[str, set[int]] = {}
-    for c in company:
-        term = pool.terms[c]
-        for name in (term.effect.name, *term.effect.contains):
-            having.setdefault(name, set()).add(term.target)
-    return having

@@ -1,0 +1,49 @@
+"""What is believed of causes before any data: how rare each is, which go together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bdnn_ros.diagnosis.candidates import COMMON
+from bdnn_ros.diagnosis.equations import Term
+from bdnn_ros.diagnosis.evidence import Pool
+
+COST = 8.0
+"""Log prior odds against one effect at one place: about 150 candidates, and a false name is worse than none."""
+RARE = ("drift", "external_wrench", "hysteresis", "asymmetric_friction")
+RARE_COST = 2.0
+"""Log prior odds against kinds that a simpler one may stand for."""
+INNER_COST = 2.0
+"""What a payload costs that does not hang from the last joint."""
+COMMON_COST = 2.0
+"""What a kind of effect costs that every other joint has, too."""
+
+
+def log_odds(term: Term, having: dict[str, set[int]], width: int) -> float:
+    """Log prior odds against a term: a kind that most other joints have is expected on this one.
+
+    Args:
+        having: joints that have each kind already.
+        width: number of joints.
+    """
+    cost = COST + (RARE_COST if term.effect.name in RARE else 0.0)
+    if term.effect.name == "payload" and term.target < width - 1:
+        cost += INNER_COST
+    if term.effect.name not in COMMON or width <= 2:
+        return cost
+    share = len(having.get(term.effect.name, set()) - {term.target}) / (width - 1)
+    return cost + (COMMON_COST - cost) * max(2.0 * share - 1.0, 0.0)
+
+
+def contains(larger: Term, smaller: Term) -> bool:
+    return smaller.effect.name in larger.effect.contains and smaller.target == larger.target
+
+
+def having_each(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
+    """Which joints have each kind of effect, also as a part of another."""
+    having: dict[str, set[int]] = {}
+    for c in company:
+        term = pool.terms[c]
+        for name in (term.effect.name, *term.effect.contains):
+            having.setdefault(name, set()).add(term.target)
+    return having
