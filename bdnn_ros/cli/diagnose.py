@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,8 @@ from bdnn_ros.cli import options
 from bdnn_ros.diagnosis.diagnose import Examination, Progress, examine
 from bdnn_ros.diagnosis.extension import extend
 from bdnn_ros.diagnosis.files import write_extension
-from bdnn_ros.diagnosis.result import Diagnosis
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
+from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
@@ -23,8 +24,12 @@ from bdnn_ros.report.report import write_report
 from bdnn_ros.robot import Robot
 
 HELP = "name what the simulation gets wrong, with the gain of mending it"
+SLIGHT_GAIN = 0.1
+"""A gain above this without a cause is the links' alone, and is said to be."""
+MANY = 3
+"""Places at which one kind of cause is said in one line."""
 VERDICTS = {
-    "nothing_wrong": "The simulation agrees with the data: nothing wrong was found.",
+    "nothing_wrong": "Nothing wrong was found: no cause is needed to explain the data.",
     "explained": "Root causes identified; with them the model agrees with the data:",
     "partly_explained": "Root causes identified; they explain a part of the difference:",
     "cannot_tell": "The simulation disagrees with the data, and no known cause explains it.",
@@ -75,15 +80,16 @@ def verdict_lines(examination: Examination) -> list[str]:
     """The verdict as a person would write it, a line each."""
     diagnosis = examination.diagnosis
     lines = [VERDICTS[diagnosis.verdict]]
-    for number, finding in enumerate(diagnosis.findings, start=1):
-        share = f"{100.0 * finding.share:.1f} % of the squared error"
-        lines.append(f" {number}. {finding.sentence} ({share}, probability {finding.probability:.2f})")
-        close = [r for r in finding.rivals if r.probability >= 0.1]
-        if close:
-            others = ", ".join(
-                f"{r.effect} at {r.link or r.joint or 'base'} {r.probability:.2f}" for r in close
-            )
-            lines.append(f"    could also be: {others}")
+    if diagnosis.verdict == "nothing_wrong" and diagnosis.gain_interval[0] > SLIGHT_GAIN:
+        lines.append(
+            "Small errors of the links' masses and inertias account for what differs; the extended model mends them."
+        )
+    for number, group in enumerate(_grouped(diagnosis.findings), start=1):
+        share = f"{100.0 * sum(finding.share for finding in group):.1f} % of the squared error"
+        least = min(finding.probability for finding in group)
+        said = group[0].sentence if len(group) == 1 else _together(group)
+        lines.append(f" {number}. {said} ({share}, probability {least:.2f})")
+        lines += [_rivals(finding) for finding in group if _close(finding)]
     low, high = diagnosis.gain_interval
     lines.append(
         f"Gain on held-out data: the error falls by {100.0 * diagnosis.gain:.1f} % "
@@ -91,6 +97,43 @@ def verdict_lines(examination: Examination) -> list[str]:
     )
     lines.append(diagnosis.unexplained_sentence)
     return lines + [f"Advice: {sentence}" for sentence in diagnosis.advice]
+
+
+def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
+    """Findings of a kind that many joints have as one, in the order of what they remove together."""
+    kinds: dict[str, list[Finding]] = {}
+    for finding in findings:
+        kinds.setdefault(finding.effect, []).append(finding)
+    groups = [
+        part for kind in kinds.values() for part in ([kind] if len(kind) >= MANY else [[one] for one in kind])
+    ]
+    return sorted(groups, key=lambda group: -sum(finding.share for finding in group))
+
+
+def _together(group: Sequence[Finding]) -> str:
+    """One sentence for the same cause at many places."""
+    title = get(group[0].effect).title
+    values = [
+        f"{finding.where} " + ", ".join(f"{quantity.value:.3g}" for quantity in finding.parameters.values())
+        for finding in group
+    ]
+    names = ", ".join(
+        f"{name} [{quantity.unit.replace('*', '·').replace('^2', '²')}]"
+        for name, quantity in group[0].parameters.items()
+    )
+    return f"{title[0].upper()}{title[1:]} at {len(group)} places, {names}: {'; '.join(values)}."
+
+
+def _close(finding: Finding) -> list[Rival]:
+    return [rival for rival in finding.rivals if rival.probability >= 0.1]
+
+
+def _rivals(finding: Finding) -> str:
+    others = ", ".join(
+        f"{rival.effect} at {rival.link or rival.joint or 'base'} {rival.probability:.2f}"
+        for rival in _close(finding)
+    )
+    return f"    {finding.effect} at {finding.where} could also be: {others}"
 
 
 def _sourced(diagnosis: Diagnosis, args: argparse.Namespace) -> Diagnosis:

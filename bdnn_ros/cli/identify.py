@@ -34,7 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn identify`."""
     options.add_recording_arguments(parser, bags="many")
     parser.add_argument(
-        "--out", type=Path, required=True, help="directory for model.bdnn, metrics.json and parameters.json"
+        "--out",
+        type=Path,
+        required=True,
+        help="directory for model.bdnn, metrics.json, parameters.json and effort.png",
     )
     parser.add_argument(
         "--prior",
@@ -89,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
     _write(path.with_name("metrics.json"), {key: value.as_json() for key, value in metrics.items()})
     if args.prior == "urdf" and robot is not None:
         _report_parameters(path.with_name("parameters.json"), robot, model, training, args.cutoff, spread)
+    _picture(path.with_name("effort.png"), model, robot, tested[0])
     _print(metrics, tested[0].cutoff, path)
     return 0
 
@@ -141,6 +145,26 @@ def _simulation(robot: Robot, parts: Sequence[Signals]) -> Scores:
     return score(np.concatenate(measured), np.concatenate(nominal), robot.joints)
 
 
+def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) -> None:
+    """Draw measured, simulated and learned effort of what was held out."""
+    from bdnn_ros.report.plots import identification_png
+
+    assert signals.effort is not None
+    inside = signals.interior
+    nominal = None
+    if robot is not None:
+        nominal = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+        nominal = signals.smooth(nominal)[inside]
+    identification_png(
+        path,
+        model.joints,
+        signals.time[inside],
+        signals.smooth(signals.effort)[inside],
+        signals.smooth(model.predict(signals))[inside],
+        nominal,
+    )
+
+
 def _report_parameters(
     path: Path,
     robot: Robot,
@@ -191,7 +215,7 @@ def _print(metrics: dict[str, Scores], cutoff: float, path: Path) -> None:
     row = f"{'mean':{width}}   {'':10}   {held_out.nrmse_mean:5.3f}"
     print(row + (f"   {simulation.nrmse_mean:12.3f}" if simulation else ""))
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")
-    print(f"model: {path}")
+    print(f"model: {path}\npicture: {path.with_name('effort.png')}")
 
 
 def _progress(share: float, what: str) -> None:

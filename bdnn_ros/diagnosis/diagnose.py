@@ -33,8 +33,6 @@ DOUBTFUL = 0.1
 """An effect that may as well not be there with this probability stays in the model without a name."""
 EXPLAINED = 1.3
 """An extended model within this factor of the noise floor explains the recording."""
-SLIGHT = 1.15
-"""Links' errors that change the effort's RMS error by less than this factor above the floor need no words."""
 
 Progress = Callable[[str], None]
 
@@ -213,7 +211,7 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         for rival, probability in judgement.rivals
     )
     values = estimate.term.effect.values(estimate.coefficients, dict(estimate.term.shape))
-    where = link or joint or ("The base" if estimate.term.effect.on == "base" else "Every joint")
+    where = link or joint or ("The base" if estimate.term.effect.on == "base" else "every joint")
     return Finding(
         effect=estimate.term.effect.name,
         joint=joint,

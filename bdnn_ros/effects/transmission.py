@@ -36,6 +36,9 @@ class JointElasticity(Effect):
     of_bodies = True
     coefficient_bounds = ((0.0, 1.0),)
 
+    def believable(self, coefficients: np.ndarray) -> bool:
+        return bool(coefficients[0] < 1.0)  # at its bound it stands for something else
+
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
 
