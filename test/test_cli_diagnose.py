@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,10 @@ from report_page import Page
 from bdnn_ros import bags
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
+from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.cli.main import main
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
+from bdnn_ros.effects.registry import get
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -112,6 +116,35 @@ def test_the_model_and_the_robot_predict_what_was_found(diagnosed, recording, ca
     assert max(scores["nrmse"]) < 0.1
 
 
+def test_a_cause_that_many_joints_have_is_said_in_one_line():
+    def finding(effect: str, joint: str, share: float, rivals: tuple[Rival, ...] = ()) -> Finding:
+        name = get(effect).parameters[0].name
+        quantity = {name: Quantity(share, 0.01, "N*m")}
+        return Finding(effect, joint, None, quantity, share, 0.9, rivals, f"{effect} at {joint}.")
+
+    rubs = [
+        finding("coulomb_friction", joint, share) for joint, share in (("a", 0.3), ("b", 0.1), ("c", 0.1))
+    ]
+    drags = finding("quadratic_drag", "a", 0.4, (Rival("viscous_friction", "a", None, 0.3),))
+    diagnosis = Diagnosis(
+        source={},
+        verdict="explained",
+        findings=(drags, *rubs),
+        effort_rmse={},
+        gain=0.9,
+        gain_interval=(0.8, 0.95),
+        unexplained_share=0.0,
+        unexplained_depends_on=(),
+        unexplained_sentence="Nothing is left.",
+        advice=(),
+        notes=(),
+    )
+    _, first, second, doubt, *_ = verdict_lines(SimpleNamespace(diagnosis=diagnosis))
+    assert "3 places" in first and "a 0.3; b 0.1; c 0.1" in first and "50.0 %" in first
+    assert "quadratic_drag at a." in second and "40.0 %" in second
+    assert "viscous_friction at a 0.30" in doubt
+
+
 def test_nothing_is_wrong_with_the_extended_robot(diagnosed, recording, tmp_path, capsys):
     """The round trip: the same recording against the extended URDF."""
     out, _ = diagnosed
@@ -127,7 +160,7 @@ def test_nothing_is_wrong_with_the_extended_robot(diagnosed, recording, tmp_path
     report = report_of(tmp_path / "again")
     assert report["findings"] == [] and report["verdict"] == "nothing_wrong"
     assert report["source"]["urdf"] == str(out / "extended.urdf")
-    assert "nothing wrong" in capsys.readouterr().out
+    assert "Nothing wrong" in capsys.readouterr().out
 
 
 def without_description(recording: Recording) -> Recording:

@@ -71,7 +71,7 @@ def build(
     block = (signals.time[rows] - signals.time[rows[0]]) // BLOCK_SECONDS
     _, block = np.unique(block, return_inverse=True)
     effort = signals.smooth(signals.effort)[rows]
-    scale = np.maximum(np.std(effort, axis=0), 1e-3 * max(float(np.std(effort)), 1e-9))
+    scale = np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9))
     block = block.astype(int)
     return Equations(
         motion, simulated, rows, target, usable, turning[rows], block, runs, rigid, relative, scale

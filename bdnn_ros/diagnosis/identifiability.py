@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.equations import Term
-from bdnn_ros.diagnosis.odds import contains
+from bdnn_ros.diagnosis.odds import contains, near
 from bdnn_ros.diagnosis.search import Search, Selection
 
 TEMPERATURE = 2.0
@@ -51,7 +51,7 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
         fit = pool.fit(base)
         costs = search.costs(pool, base)
         start = search.score(pool, base)
-        rivals = [c for c in search.open_to(pool, base, term.target) if c != one]
+        rivals = [c for c in search.open_to(pool, base, near(term)) if c != one]
         for c, gain in zip(rivals, pool.gains(fit, rivals), strict=True):
             score = start + float(gain) - costs[c]
             if score > own - CLOSE:  # gains let the other terms leave their bounds

@@ -17,6 +17,13 @@ INNER_COST = 2.0
 """What a payload costs that does not hang from the last joint."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
+ELSEWHERE = ("effort_scale", "position_offset")
+"""Kinds that another joint's may stand for: a joint that pulls less looks like all others that pull more."""
+
+
+def near(term: Term) -> int:
+    """The joint at which rivals of a term act; -1 for any."""
+    return -1 if term.effect.name in ELSEWHERE else term.target
 
 
 def log_odds(term: Term, having: dict[str, set[int]], width: int) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Noise, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.odds import contains, having_each, log_odds
+from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""
@@ -212,8 +212,8 @@ class Search:
             rest = [c for c in chosen if c not in group]
             fit = pool.fit(rest)
             costs = self.costs(pool, rest)
-            near = pool.terms[group[0]].target
-            rivals = [c for c in self.open_to(pool, rest, near) if c not in group]
+            where = near(pool.terms[group[0]])
+            rivals = [c for c in self.open_to(pool, rest, where) if c not in group]
             if not rivals:
                 continue
             scores = pool.gains(fit, rivals) - costs[rivals]
@@ -257,18 +257,18 @@ class Search:
         having = having_each(pool, company)
         return np.array([log_odds(term, having, self.equations.width) for term in pool.terms])
 
-    def open_to(self, pool: Pool, chosen: Sequence[int], near: int = -1) -> list[int]:
+    def open_to(self, pool: Pool, chosen: Sequence[int], where: int = -1) -> list[int]:
         """Candidates that the chosen do not say already: not at the same place, nor contained in one of them.
 
         Args:
-            near: only those that can stand for an effect at this joint; -1 for all.
+            where: only those that can stand for an effect at this joint; -1 for all.
         """
         taken = {pool.terms[c].place for c in chosen}
         inside = {(name, pool.terms[c].target) for c in chosen for name in pool.terms[c].effect.contains}
         return [
             c
             for c, term in enumerate(pool.terms)
-            if (near < 0 or term.target in (near, -1) or term.link)
+            if (where < 0 or term.target in (where, -1) or term.link)
             and term.place not in taken
             and (term.effect.name, term.target) not in inside
         ]
