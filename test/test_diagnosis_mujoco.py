@@ -1,0 +1,100 @@
+"""Causes hidden in another simulator than the one that draws them elsewhere: MuJoCo's own joints, its own integrator."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.diagnosis.result import Diagnosis
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import fourier
+
+STEP, RATE, DURATION = 0.001, 500, 25.0
+BANDWIDTH, CREEP = 2.0 * np.pi * 5.0, 0.05
+
+
+def joint_values(robot: Robot, seed: int, share: float, motion: np.ndarray) -> np.ndarray:
+    """About a share of each joint's usual effort, per unit of motion."""
+    generator = np.random.default_rng(seed)
+    return share * motion * generator.uniform(0.5, 1.5, robot.width)
+
+
+def recorded(
+    robot: Robot, friction: np.ndarray, damping: np.ndarray, armature: np.ndarray, drag: np.ndarray
+) -> Recording:
+    """A robot whose links are off by up to 5 %, under computed torque along a Fourier motion, as sensors see it."""
+    generator = np.random.default_rng(3)
+    model = mujoco.MjModel.from_xml_string(robot.urdf)
+    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.body_mass *= 1.0 + generator.uniform(-0.05, 0.05, model.nbody)
+    model.dof_frictionloss[:], model.dof_damping[:], model.dof_armature[:] = friction, damping, armature
+    time = np.arange(round(DURATION / STEP)) * STEP
+    plan = fourier(robot, time, np.random.default_rng(4))
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = plan.position[0], plan.velocity[0]
+    rows, command = [], np.zeros(robot.width)
+    for k in range(len(time)):
+        if k % round(1.0 / (RATE * STEP)) == 0:
+            error, rate = plan.position[k] - data.qpos, plan.velocity[k] - data.qvel
+            wanted = plan.acceleration[k] + BANDWIDTH**2 * error + 2.0 * BANDWIDTH * rate
+            rigid = robot.rigid_effort(data.qpos[None], data.qvel[None], wanted[None])[0]
+            ahead = friction * np.tanh(plan.velocity[k] / CREEP)
+            command = rigid + armature * wanted + damping * data.qvel + ahead
+            rows.append(np.concatenate([data.qpos, data.qvel, command]))
+        data.qfrc_applied[:] = command - drag * np.abs(data.qvel) * data.qvel
+        mujoco.mj_step(model, data)
+    position, velocity, effort = np.split(np.array(rows), 3, axis=1)
+    noise = generator.standard_normal((3, *position.shape))
+    return Recording(
+        np.arange(len(rows)) / RATE,
+        robot.joints,
+        position + 2e-5 * noise[0],
+        velocity + 2e-3 * noise[1],
+        effort + 0.005 * effort.std(axis=0) * noise[2],
+    )
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return Robot.bundled("arm6")
+
+
+@pytest.fixture(scope="module")
+def usual(robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Spread of each joint's effort, and that per velocity and per acceleration."""
+    time = np.arange(0.0, DURATION, 0.01)
+    plan = fourier(robot, time, np.random.default_rng(4))
+    effort = robot.rigid_effort(plan.position, plan.velocity, plan.acceleration).std(axis=0)
+    return effort, effort / plan.velocity.std(axis=0), effort / plan.acceleration.std(axis=0)
+
+
+def of_kind(diagnosis: Diagnosis, effect: str) -> dict[str | None, float]:
+    """The first parameter of each finding of a kind, by joint."""
+    found = [finding for finding in diagnosis.findings if finding.effect == effect]
+    return {finding.joint: next(iter(finding.parameters.values())).value for finding in found}
+
+
+def test_links_that_are_slightly_off_are_no_cause(robot):
+    none = np.zeros(6)
+    diagnosis = diagnose([recorded(robot, none, none, none, none)], robot)
+    assert diagnosis.findings == () and diagnosis.verdict == "nothing_wrong"
+
+
+def test_wear_and_a_drag_are_all_that_is_named(robot, usual):
+    friction, damping, armature = (
+        joint_values(robot, seed, share, motion)
+        for seed, share, motion in zip((1, 2, 3), (0.1, 0.1, 0.1), usual, strict=True)
+    )
+    drag = np.array([0.0, 0.0, 0.3 * usual[0][2], 0.0, 0.0, 0.0])
+    diagnosis = diagnose([recorded(robot, friction, damping, armature, drag)], robot)
+    assert {finding.effect for finding in diagnosis.findings} == {
+        *("coulomb_friction", "viscous_friction", "armature", "quadratic_drag"),
+    }
+    assert of_kind(diagnosis, "quadratic_drag") == {robot.joints[2]: pytest.approx(drag[2], rel=0.1)}
+    for effect, true in (("coulomb_friction", friction), ("armature", armature)):
+        assert of_kind(diagnosis, effect) == {
+            joint: pytest.approx(value, rel=0.05) for joint, value in zip(robot.joints, true, strict=True)
+        }
