@@ -74,10 +74,19 @@ def main() -> None:
     tell(records, args.draws)
 
 
+def _without_results(words: Sequence[str]) -> list[str]:
+    """The words of a command line but for where its results go."""
+    return [
+        word
+        for before, word in zip(["", *words], words, strict=False)
+        if before != "--results" and not word.startswith("--results")
+    ]
+
+
 def run(draws: Iterable[Draw], args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Finished draws, until none is left or the budget is spent; each is appended to the results first."""
     deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
-    code, command = fingerprint(), "python benchmarks/naming.py " + " ".join(sys.argv[1:])
+    code, command = fingerprint(), "python benchmarks/naming.py " + " ".join(_without_results(sys.argv[1:]))
     args.results.parent.mkdir(parents=True, exist_ok=True)
     with args.results.open("a", encoding="utf-8") as file:
         for record in _finished(iter(draws), args.jobs, deadline):
