@@ -29,9 +29,10 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters
 from std_msgs.msg import Float64MultiArray, String
 
 from bdnn_interfaces.msg import DynamicsEstimate
-from bdnn_interfaces.srv import InverseDynamics
+from bdnn_interfaces.srv import InverseDynamics, SaveModel
 from bdnn_ros import bags
 from bdnn_ros.nodes.parameters import IDENTIFICATION, REPLAY
+from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros
@@ -163,22 +164,30 @@ def test_namespace_remapping_simulated_time_and_commands(tmp_path):
         print(process.output)
 
 
-def test_the_replay_node_plays_a_bag_with_its_own_stamps(tmp_path):
-    recording = motion(REAL, 3.0, 200.0)
+def test_three_processes_play_learn_and_ask(tmp_path):
+    """One process plays a bag at 500 Hz, one learns, this one asks: the answer is the offline model's."""
+    recording = motion(REAL, 3.0, 500.0, noise=0.003)
     bags.write(recording, tmp_path / "bag")
     with (
-        node_process(tmp_path, 124, diagnosis_period=0.0),
+        node_process(tmp_path, 124, diagnosis_period=0.0, model_directory=tmp_path / "models"),
         Robotics(124) as ros,
     ):
         diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
         estimates = ros.keep(DynamicsEstimate, f"{NODE}/estimate")
         arguments = [sys.executable, "-m", "bdnn_ros.nodes.replay_node", "--ros-args"]
-        arguments += ["-p", f"bag:={tmp_path / 'bag'}", "-p", "rate:=2.0", "-p", "clock:=true"]
+        arguments += ["-p", f"bag:={tmp_path / 'bag'}", "-p", "clock:=true"]
         player = Process(arguments, tmp_path / "player.log", 124)
         assert player.process.wait(60) == 0, player.output
-        wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "600")
+        wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "1500")
         assert status(diagnostics)["samples_lost"] == "0"
-        assert re.search(r"played 600 joint states", player.output)
+        assert re.search(r"played 1500 joint states", player.output)
+        wait_until(lambda: int(status(diagnostics)["model_version"]) >= 1)
+        assert ros.call(SaveModel, f"{NODE}/save_model", name="played").success
+        offline = load_model(tmp_path / "models" / "played")
+        asked = pose(ARM, 0.4)
+        answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **asked)
+        expected = offline.inverse_dynamics(*(np.array(values) for values in asked.values()))
+        np.testing.assert_allclose(answer.effort, expected, atol=1e-5)
         stamps = {message.header.stamp.sec for message in estimates}
         original = bags.read(tmp_path / "bag").epoch // 10**9
         assert stamps <= set(range(original, original + 4))
