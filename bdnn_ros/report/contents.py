@@ -210,6 +210,9 @@ def method(shown: View) -> list[tuple[str, str]]:
     signals, compared = equations.motion.signals, words.reference(shown.since)
     held = len(np.unique(equations.block[shown.held]))
     seconds = float(np.median([b - a for a, b in shown.held_spans()])) if shown.held.any() else 0.0
+    doubt = f"{100.0 * pool.link_error:.0f} "
+    known = getattr(examination.model, "covariance", None) is not None
+    doubt += "standard deviations of what was identified" if known else "%"
     return [
         (
             "Low-pass",
@@ -221,6 +224,11 @@ def method(shown: View) -> list[tuple[str, str]]:
             f"{held} of {equations.blocks} blocks of time, about {seconds:.1f} s each, spread over the "
             "recording (shaded in the charts). Neither the search nor the model that is scored has seen "
             "them. Errors, shares and gain are measured there.",
+        ),
+        (
+            "Left out",
+            "Moments at which a joint rests or sticks: there dry friction may be anything between its values in "
+            "both directions. Where a joint turns round, rows weigh as little as the residual there asks for.",
         ),
         (
             "Gain",
@@ -235,7 +243,7 @@ def method(shown: View) -> list[tuple[str, str]]:
         (
             "Probability",
             "Bayesian evidence of the cause against its rivals and against no effect at its place, errors "
-            f"of all links left free around their values (± {100.0 * pool.link_error:.0f} % at first).",
+            f"of all links left free around their values (± {doubt} at first).",
         ),
         (
             "Intervals",
