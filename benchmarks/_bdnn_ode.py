@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from _bdnn_effort import ReadOut
 from _bdnn_layers import Columns, Layers, Settings, Stopwatch, columns_of, few, fit
 from _motion import Data
 from torch import Tensor
@@ -13,7 +14,6 @@ from bdnn_ros.bdnn.backtracking import Windows
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.bdnn.network_training import WINDOWS, Rollouts
 from bdnn_ros.bdnn.samples import samples_of, scales_of
-from bdnn_ros.signals import Signals
 
 ODE = {True: Settings(16, 5e-3, 256), False: Settings(128, 2e-3, 256)}
 MATCH_SHARE = 0.5
@@ -35,6 +35,7 @@ class Acceleration(torch.nn.Module):
 
     def __init__(self, scales: Scales, limit: np.ndarray, hidden: int) -> None:
         super().__init__()
+        self.scales = scales
         self.register_buffer("limit", torch.from_numpy(limit).float())
         n = len(scales.effort)
         self.n, self.layers = n, Layers(5 * n, hidden, n)
@@ -84,17 +85,18 @@ def rollout_loss(module: Acceleration, windows: Windows) -> Tensor:
     return (torch.from_numpy(windows.weights) * (states - measured)[1:] ** 2).mean()
 
 
-class OdeModel:
+class OdeModel(ReadOut):
     """A trained neural ODE as dynamics: the effort is what makes its acceleration."""
 
     def __init__(self, joints: tuple[str, ...], module: Acceleration) -> None:
-        self.joints, self._module = joints, module.double().requires_grad_(False)
+        super().__init__(joints, module.scales)
+        self._module = module.double().requires_grad_(False)
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         q, v, u = (torch.from_numpy(x) for x in (position, velocity, effort))
         return np.asarray(self._module(q, v, torch.tanh(v / self._module.slow), u))
 
-    def _solve(self, q: np.ndarray, v: np.ndarray, direction: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def effort(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """The effort within `limit` whose acceleration is nearest to a goal, by Levenberg-Marquardt."""
         module = self._module
         angle, rate, side, goal = (torch.from_numpy(x) for x in (q, v, direction, a))
@@ -115,32 +117,10 @@ class OdeModel:
             damping = torch.where(better, 0.1 * damping, 10.0 * damping).clamp(1e-9, 1e6)
         return effort.numpy()
 
-    def inverse_dynamics(
-        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
-    ) -> np.ndarray:
-        direction = np.tanh(velocity / self._module.slow.numpy())
-        return self._solve(position, velocity, direction, acceleration)
-
-    def gravity(self, position: np.ndarray) -> np.ndarray:
-        rest = np.zeros_like(position)
-        return self._solve(position, rest, rest, rest)
-
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         rest = np.zeros_like(position)
         q, zero, effort = (torch.from_numpy(x) for x in (position, rest, self.gravity(position)))
         return np.asarray(torch.linalg.pinv(self._module.by_effort(q, zero, zero, effort)[1]))
-
-    def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        still = np.zeros_like(position)
-        ahead, back = (self.inverse_dynamics(position, v, still) for v in (velocity, -velocity))
-        return np.asarray(0.5 * (ahead + back)) - self.gravity(position)
-
-    def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        bias = self.inverse_dynamics(position, velocity, np.zeros_like(position))
-        return bias - self.coriolis(position, velocity) - self.gravity(position)
-
-    def predict(self, signals: Signals) -> np.ndarray:
-        return self._solve(signals.position, signals.velocity, signals.sign, signals.acceleration)
 
 
 def neural_ode(data: Data, budget: float, seed: int, settings: Settings | None = None) -> OdeModel:
