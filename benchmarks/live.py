@@ -106,12 +106,14 @@ def publish(duration: float) -> None:
 
 
 def bare() -> None:
-    """Child: a subscriber that does nothing, and a Trigger service."""
+    """Child: a subscriber that does nothing, a Trigger service, and one that answers inverse dynamics with zeros."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from rclpy.qos import QoSProfile
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
+
+    from bdnn_interfaces.srv import InverseDynamics
 
     rclpy.init()
     node = rclpy.create_node("bare")
@@ -127,8 +129,18 @@ def bare() -> None:
         response.success = True
         return response
 
+    def zeros(
+        request: InverseDynamics.Request, response: InverseDynamics.Response
+    ) -> InverseDynamics.Response:
+        none = [0.0] * len(request.position)
+        response.success, response.joint_names = True, ["joint"] * len(none)
+        response.effort = response.effort_std = response.coriolis = response.gravity = none
+        response.friction, response.mass_matrix = none, none * len(none)
+        return response
+
     node.create_subscription(JointState, "joint_states", take, QoSProfile(depth=1000))
     node.create_service(Trigger, "~/trigger", answer)
+    node.create_service(InverseDynamics, "~/zeros", zeros)
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
     numbers = np.array(latencies[1000:]) * 1e-6
@@ -239,13 +251,16 @@ def measure(duration: float, folder: Path) -> dict[str, Any]:
         wait_until(lambda: diagnostics and float(status(diagnostics)["samples_received"]) > 0, 60.0)
         asked = pose(arm)
         memories: dict[str, list[float]] = {"node": [], "trainer": []}
-        round_trips: dict[str, list[float]] = {"inverse_dynamics": [], "trigger": []}
+        questions: list[tuple[str, Any, str, dict[str, list[float]]]] = [
+            ("inverse_dynamics", InverseDynamics, f"{NODE}/inverse_dynamics", asked),
+            ("trigger", Trigger, "/bare/trigger", {}),
+            ("zeros", InverseDynamics, "/bare/zeros", asked),
+        ]
+        round_trips: dict[str, list[float]] = {name: [] for name, *_ in questions}
         while player.poll() is None:
             for _ in range(10):
-                for name, kind, service, fields in (
-                    ("inverse_dynamics", InverseDynamics, f"{NODE}/inverse_dynamics", asked),
-                    ("trigger", Trigger, "/bare/trigger", {}),
-                ):
+                questions = [*questions[1:], questions[0]]  # the first after the pause finds all asleep
+                for name, kind, service, fields in questions:
                     began = time.perf_counter()
                     ros.call(kind, service, **fields)
                     round_trips[name].append(1e3 * (time.perf_counter() - began))
@@ -331,6 +346,7 @@ def table(result: dict[str, Any]) -> str:
         ("memory growth trainer", f"{result['memory_growth']['trainer']:.2%}", "< 1 % (10 min)"),
         ("inverse dynamics p50, p99 ms", both(ours), ""),
         ("Trigger p50, p99 ms, bare", both(theirs), ""),
+        ("answering zeros, bare", both(result["round_trip_ms"]["zeros"]), ""),
         ("ratio p50", f"{ours['p50'] / theirs['p50']:.2f}", "<= 1.5"),
         ("ratio p99", f"{ours['p99'] / theirs['p99']:.2f}", "<= 2"),
         ("nMSE after 2 s", f"{result['nmse_after_2_s']:.4%}", "< 1 %"),

@@ -19,6 +19,7 @@ from std_msgs.msg import String
 
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
+from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.nodes.publishing import LATCHED, Publishing
 from bdnn_ros.nodes.services import Services
 from bdnn_ros.nodes.streams import Streams
@@ -56,6 +57,7 @@ class IdentificationNode(LifecycleNode):
         self._message_lost = 0
         self._opening: Any = None
         self._complained: str = ""
+        self.failed = False
 
     # -- lifecycle -------------------------------------------------------------------------------
 
@@ -87,9 +89,10 @@ class IdentificationNode(LifecycleNode):
         self._trouble = ""
         session.start()
         self._session = session
+        self._lane = Lane(self.context)
         self._publishing = Publishing(self, session)
         self._services_of_ours = Services(
-            self, session, lambda: self.settings["model_directory"], self._training_was_set
+            self, self._lane, session, lambda: self.settings["model_directory"], self._training_was_set
         )
         self._timers_of_ours = [self._every(HOUSEKEEPING, self._keep_house)]
         self._description = None
@@ -110,16 +113,14 @@ class IdentificationNode(LifecycleNode):
         self._opening = self._every(0.02, self._open)
         rate = self.settings["estimate_rate"]
         if rate > 0:
-            self._timers_of_ours.append(self._every(1.0 / rate, self._publishing.estimate))
+            self._lane.do(self._publishing.estimate, 1.0 / rate)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop listening; services go on answering."""
         self._active = False
         self._close_streams()
-        for timer in self._timers_of_ours[1:]:
-            self.destroy_timer(timer)
-        del self._timers_of_ours[1:]
+        self._lane.do(None)
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -144,6 +145,8 @@ class IdentificationNode(LifecycleNode):
             self.destroy_timer(timer)
         self._timers_of_ours = []
         self._services_of_ours.close()
+        self._lane.stop()
+        self.failed = self._lane.error is not None
         if self._description is not None:
             self.destroy_subscription(self._description)
         learned = session.stop()
@@ -212,7 +215,7 @@ class IdentificationNode(LifecycleNode):
             reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
         )
         commands = self.settings["effort_source"] == serving.COMMANDED
-        self._streams = Streams(self, session, self._choose_joints, profile, commands)
+        self._streams = Streams(self, self._lane, session, self._choose_joints, profile, commands)
 
     def _close_streams(self) -> None:
         if self._opening is not None:
@@ -285,6 +288,7 @@ def main(arguments: list[str] | None = None) -> int:
             signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.finish()
+            status = status or int(node.failed)
             node.destroy_node()
         rclpy.try_shutdown()
     return status

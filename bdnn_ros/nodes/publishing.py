@@ -14,7 +14,6 @@ from sensor_msgs.msg import JointState
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_ros.nodes.conversions import effort_message, estimate_message, findings_message
 from bdnn_ros.nodes.diagnostics import ErrorNow, Reporter
-from bdnn_ros.online.estimate import parts
 from bdnn_ros.online.session import Session
 
 LATCHED = QoSProfile(
@@ -52,7 +51,7 @@ class Publishing:
         if served is None or instant is None or instant.stamp == self._last_stamp:
             return
         self._last_stamp = instant.stamp
-        told = parts(served.model, instant.position, instant.velocity, instant.acceleration)
+        told = served.parts(instant.position, instant.velocity, instant.acceleration)
         if np.isfinite(instant.effort).all():
             self._error.add(instant.stamp, instant.effort, told.effort)
         joints = served.model.joints

@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.nodes.conversions import findings_message, numbers, requested
-from bdnn_ros.online.estimate import parts
+from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.online.places import model_place
 from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session
@@ -28,6 +28,7 @@ class Services:
 
     Args:
         node: to create them on.
+        lane: answers the questions about dynamics.
         session: what they are about.
         directory: gives the model directory.
         training_set: called after training was switched on or off.
@@ -36,19 +37,21 @@ class Services:
     def __init__(
         self,
         node: Node,
+        lane: Lane,
         session: Session,
         directory: Callable[[], str],
         training_set: Callable[[bool], None],
     ) -> None:
         self._node = node
+        self._lane = lane
         self._session = session
         self._directory = directory
         self._training_set = training_set
         # these wait for the disk or the trainer; others go on meanwhile
         beside = ReentrantCallbackGroup()
         self._services = [
-            node.create_service(InverseDynamics, "~/inverse_dynamics", self._inverse_dynamics),
-            node.create_service(ForwardDynamics, "~/forward_dynamics", self._forward_dynamics),
+            self._at_once(InverseDynamics, "~/inverse_dynamics", self._inverse_dynamics),
+            self._at_once(ForwardDynamics, "~/forward_dynamics", self._forward_dynamics),
             node.create_service(Trigger, "~/reset", self._reset),
             node.create_service(SetBool, "~/set_training", self._set_training),
             node.create_service(Diagnose, "~/diagnose", self._diagnose, callback_group=beside),
@@ -59,8 +62,15 @@ class Services:
     def close(self) -> None:
         """Take the services away."""
         for service in self._services:
+            self._lane.forget(service)
             self._node.destroy_service(service)
         self._services.clear()
+
+    def _at_once(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Any:
+        """A service that waits for no executor."""
+        service = self._node.create_service(kind, name, callback, callback_group=self._lane.group())
+        self._lane.answer(service, callback)
+        return service
 
     # -- dynamics --------------------------------------------------------------------------------
 
@@ -79,7 +89,7 @@ class Services:
             index, motion = requested(served.model.joints, request.joint_names, fields)
         except BdnnError as error:
             return _refused(response, error)
-        told = parts(served.model, motion["position"], motion["velocity"], motion["acceleration"])
+        told = served.parts(motion["position"], motion["velocity"], motion["acceleration"])
         response.joint_names = [served.model.joints[k] for k in index]
         response.effort = numbers(told.effort[index])
         response.effort_std = numbers(told.std[index]) if len(told.std) else []
@@ -98,7 +108,7 @@ class Services:
             fields = {name: getattr(request, name) for name in ("position", "velocity", "effort")}
             index, motion = requested(served.model.joints, request.joint_names, fields)
             q, v, effort = (motion[name] for name in ("position", "velocity", "effort"))
-            acceleration = served.model.forward_dynamics(q, v, effort)
+            acceleration = served.forward_dynamics(q, v, effort)
         except BdnnError as error:
             return _refused(response, error)
         except np.linalg.LinAlgError:

@@ -11,17 +11,18 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.online.session import Session
-
-MOST_AT_ONCE = 200
-"""Joint states taken in one go when they have piled up."""
 
 
 class Streams:
     """Creates the subscriptions; `close` takes them away again.
 
+    The executor takes joint states until the joints are fixed, then the lane does.
+
     Args:
         node: to create them on.
+        lane: takes the messages.
         session: that takes the samples.
         choose: asked to fix the joints by the names in the first joint states, until it says that it has.
         profile: quality of service.
@@ -34,6 +35,7 @@ class Streams:
     def __init__(
         self,
         node: Node,
+        lane: Lane,
         session: Session,
         choose: Callable[[Sequence[str]], bool],
         profile: QoSProfile,
@@ -41,38 +43,45 @@ class Streams:
     ) -> None:
         self.lost = 0
         self._node = node
+        self._lane = lane
         self._session = session
         self._choose = choose
         self._commands: Any = None
         if commands:
             self._commands = node.create_subscription(
-                Float64MultiArray, "effort_commands", self._on_command, profile
+                Float64MultiArray, "effort_commands", self._on_command, profile, callback_group=lane.group()
             )
         lost = SubscriptionEventCallbacks(message_lost=self._on_lost)
         self._states = node.create_subscription(
-            JointState, "joint_states", self._on_joint_state, profile, event_callbacks=lost
+            JointState,
+            "joint_states",
+            self._on_joint_state,
+            profile,
+            callback_group=lane.group(),
+            event_callbacks=lost,
         )
+        self._joints_are_fixed()
 
     def close(self) -> None:
         """Take the subscriptions away."""
         for subscription in (self._states, self._commands):
             if subscription is not None:
+                self._lane.forget(subscription)
                 self._node.destroy_subscription(subscription)
 
     def _on_joint_state(self, message: JointState, info: dict[str, int]) -> None:
-        self._take(message, info)
-        # what has piled up is taken at once: by way of the executor each would cost ten times as much
-        handle = self._states.handle
-        with handle:
-            for _ in range(MOST_AT_ONCE):
-                taken = handle.take_message(JointState, False)
-                if taken is None:
-                    return
-                self._take(*taken)
+        if self._session.intake is not None or self._choose(message.name):
+            self._take(message, info)
+            self._joints_are_fixed()
+
+    def _joints_are_fixed(self) -> None:
+        """Hand the stream over to the lane, if they are."""
+        if self._session.intake is not None and not self._lane.holds(self._states):
+            if self._commands is not None:
+                self._lane.listen(self._commands, self._on_command)
+            self._lane.listen(self._states, self._take)
 
     def _take(self, message: JointState, info: dict[str, int]) -> None:
-        if self._session.intake is None and not self._choose(message.name):
-            return
         stamp = message.header.stamp
         self._session.intake.take(  # type: ignore[union-attr]
             message.name,

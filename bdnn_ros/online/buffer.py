@@ -138,14 +138,22 @@ class Ring:
         end = self.written
         if most is not None:
             end = min(end, begin + most)
-        rows = np.arange(begin, max(end, begin)) % self.capacity
-        stamp, sent, stream_time = self._stamp[rows], self._sent[rows], self._time[rows]
-        values = self._values[rows]
+        stamp, sent, stream_time, values = (
+            self._copied(column, begin, max(end, begin))
+            for column in (self._stamp, self._sent, self._time, self._values)
+        )
         # what the writer overtook while we copied is torn
-        torn = min(max(self.oldest - begin, 0), len(rows))
+        torn = min(max(self.oldest - begin, 0), len(stamp))
         first = begin + torn
         missed = max(first - max(start, 0), 0)
         return Chunk(first, stamp[torn:], sent[torn:], stream_time[torn:], values[torn:], missed)
+
+    def _copied(self, column: np.ndarray, begin: int, end: int) -> np.ndarray:
+        """Copies of one column of the samples of these numbers."""
+        first, last = begin % self.capacity, begin % self.capacity + end - begin
+        if last <= self.capacity:
+            return column[first:last].copy()
+        return np.concatenate([column[first:], column[: last - self.capacity]])
 
     def latest(self, count: int) -> Chunk:
         """Copies of the last `count` samples, or of as many as there are."""

@@ -52,19 +52,36 @@ class Instant:
 
 def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Parts:
     """Effort of one motion, (n,) each, with its parts."""
+    if isinstance(model, PhysicalModel):
+        return _physical_parts(model, position, velocity, acceleration)
     effort = model.inverse_dynamics(position, velocity, acceleration)
     matrix = model.mass_matrix(position)
     inertial = matrix @ acceleration
     coriolis = model.coriolis(position, velocity)
     gravity = model.gravity(position)
-    learned, std = np.zeros_like(effort), np.empty(0)
-    if isinstance(model, PhysicalModel):
-        std = effort_std(model, position, velocity, acceleration)
-        if model.learned is not None:
-            load = model.robot.rigid_effort(position, velocity, acceleration)
-            learned = model.learned.effort(position, velocity, np.sign(velocity), load)
-    friction = effort - (inertial + coriolis + gravity + learned)
-    return Parts(effort, std, inertial, coriolis, gravity, friction, learned, matrix)
+    friction = effort - (inertial + coriolis + gravity)
+    return Parts(effort, np.empty(0), inertial, coriolis, gravity, friction, np.zeros_like(effort), matrix)
+
+
+def _physical_parts(
+    model: PhysicalModel, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+) -> Parts:
+    """The same, each term computed once: somebody waits for it."""
+    robot, motors, way = model.robot, model.motors, np.sign(velocity)
+    matrix, gravity = model.mass_matrix(position), robot.gravity(position)
+    load = robot.rigid_effort(position, velocity, acceleration)
+    moving = load + robot.armature * acceleration
+    friction = robot.viscous * velocity + robot.coulomb * way + model.offset
+    if motors.couplings:
+        moving = moving + motors.inertial(acceleration)
+        friction = friction + motors.friction(velocity, np.sign(motors.speeds(velocity)))
+    learned = np.zeros_like(load)
+    if model.learned is not None:
+        learned = model.learned.effort(position, velocity, way, load)
+    inertial = matrix @ acceleration
+    coriolis = moving - inertial - gravity
+    std = effort_std(model, position, velocity, acceleration)
+    return Parts(moving + friction + learned, std, inertial, coriolis, gravity, friction, learned, matrix)
 
 
 def effort_std(

@@ -74,10 +74,11 @@ class Feed:
             self._next_command = commands.first + (int(used[-1]) if len(used) else 0)
         return self._samples(chunk, commands)
 
-    def latest(self, count: int) -> Samples:
-        """The last `count` samples, or as many as there are; does not move `next`."""
+    def latest(self, count: int) -> tuple[Samples, np.ndarray]:
+        """The last `count` samples, or as many as there are, and their stamps [ns]; does not move `next`."""
         commands = None if self.commands is None else self.commands.latest(COMMANDS_PER_STATE * count)
-        return self._samples(self.states.latest(count), commands)
+        chunk = self.states.latest(count)
+        return self._samples(chunk, commands), chunk.stamp
 
     def latest_time(self) -> float:
         """Stream time of the newest joint state [s]; 0 before the first."""

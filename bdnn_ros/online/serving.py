@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from bdnn_ros.online.estimate import Parts, parts
 from bdnn_ros.online.models import Model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import prior
@@ -37,7 +39,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Served:
-    """The model that answers.
+    """The model that answers, to one thread at a time: what a model computes with is its own.
 
     Attributes:
         model: any model of the robot.
@@ -52,6 +54,17 @@ class Served:
     since: float
     samples: int = 0
     origin: str = "robot description"
+    _turn: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
+
+    def parts(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Parts:
+        """As `estimate.parts`."""
+        with self._turn:
+            return parts(self.model, position, velocity, acceleration)
+
+    def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """Acceleration, (n,) [rad/s²]."""
+        with self._turn:
+            return self.model.forward_dynamics(position, velocity, effort)
 
 
 @dataclass

@@ -137,11 +137,8 @@ class Session:
             return None
         self._smoother.settle(period)
         count = self._smoother.count
-        stamps = self._feed.states.latest(count).stamp
-        samples = self._feed.latest(count)
-        if len(samples) < count or len(stamps) != len(samples):
-            return None
-        return self._smoother.at(samples, stamps)
+        samples, stamps = self._feed.latest(count)
+        return self._smoother.at(samples, stamps) if len(samples) >= count else None
 
     # -- requests ----------------------------------------------------------------------------------
 
