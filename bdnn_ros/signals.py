@@ -19,7 +19,7 @@ from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.kernels import gaussian_kernel, gaussian_std, velocity_noise
-from bdnn_ros.recording import Recording, position_noise
+from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.repeats import without_repeats
 
 DEFAULT_CUTOFF = 10.0
@@ -53,6 +53,7 @@ class Signals:
         position_noise: standard deviation of the white noise on the measured position, (n,) [rad].
         raw_rate: the recording's own rate [Hz].
         blurred: the effort has passed the kernel once, so what has steps must, too; see `soften` and `flattened`.
+        effort_noise: standard deviation of the white noise on the measured effort, (n,) [N·m], or None.
     """
 
     time: np.ndarray
@@ -68,6 +69,7 @@ class Signals:
     position_noise: np.ndarray
     raw_rate: float
     blurred: bool = True
+    effort_noise: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -190,6 +192,7 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
         segments=tuple(slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)),
         position_noise=position_noise(recording),
         raw_rate=recording.rate,
+        effort_noise=None if recording.effort is None else white_noise(recording.effort),
     )
 
 

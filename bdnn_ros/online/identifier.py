@@ -17,6 +17,7 @@ from bdnn_ros.physical.parameters import Prior, Spread, prior
 from bdnn_ros.physical.presliding import Directions, directions
 from bdnn_ros.physical.recursive import Recursion
 from bdnn_ros.physical.selection import choose
+from bdnn_ros.physical.sensing import SensorNoise
 from bdnn_ros.physical.structure import Layout, Structure, layout, straightened, typical_friction
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -250,9 +251,10 @@ class Identifier:
         moving = (columns[:, :, bodies:] * fast[:, :, None]).transpose(1, 2, 0)
         self._fast = self._fast + moving @ moving.transpose(0, 2, 1)
         effort = signals.smooth(signals.effort)[rows]
-        self._evidence.update(columns, effort, np.where(signals.at_rest[rows], REST_WEIGHT, 1.0))
+        noise = SensorNoise.of(self.robot, signals, rows)
+        self._evidence.update(columns, effort, np.where(signals.at_rest[rows], REST_WEIGHT, 1.0), noise)
         speed = (signals.velocity[rows] / self.scales.velocity / SLIDING) ** 2
-        self.recursion.update(columns, effort, np.maximum(speed / (1.0 + speed), TURNING_WEIGHT))
+        self.recursion.update(columns, effort, np.maximum(speed / (1.0 + speed), TURNING_WEIGHT), noise)
         return state
 
     def _state_at(self, time: float) -> Directions | None:

@@ -10,7 +10,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.parameters import Prior
-from bdnn_ros.physical.statistics import Statistics, summed
+from bdnn_ros.physical.sensing import SensorNoise
+from bdnn_ros.physical.statistics import Statistics
 from bdnn_ros.physical.structure import Layout
 
 SMALLEST_NOISE = 1e-5
@@ -18,7 +19,11 @@ SMALLEST_NOISE = 1e-5
 FIRST_NOISE = 0.01
 """The residual's standard deviation before any is known, relative to the effort scale."""
 FIRST_CORRELATION = 8.0
-"""Rows that say as much as one independent row, before the residual is known: about those of the low-pass."""
+"""Rows that say as much as one independent row, before blocks of time tell, where the model lacks something."""
+FIRST_ITERATIONS = 40
+"""Of noise and parameters, at most, after the start from the sensors."""
+SETTLED = 0.02
+"""Share by which the weights of the joints' rows change no more."""
 MOST_BLOCKS = 32
 """Blocks of time kept apart; beyond that, neighbours are joined and a block covers twice the time."""
 FEWEST_BLOCKS = 6
@@ -75,30 +80,47 @@ class Recursion:
         """Forget what the residual is like."""
         self.noise = FIRST_NOISE * self.belief.effort_scale
         self.correlation = np.full(len(self.belief.effort_scale), FIRST_CORRELATION)
+        self._doubting = True
 
     def clear(self) -> None:
         """Forget all data; what the residual is like stays."""
         self.total: Statistics | None = None
+        self.sensors: SensorNoise | None = None
         self._blocks: list[Statistics] = []
-        self._parts: list[Statistics] = []
+        self._part: Statistics | None = None
+        self._parts = 0
         self._per_block = 1
 
     @property
     def blocks(self) -> list[Statistics]:
         """Statistics of successive stretches of time."""
-        return [*self._blocks, *([summed(self._parts)] if self._parts else [])]
+        return [*self._blocks, *([self._part] if self._part is not None else [])]
 
-    def update(self, columns: np.ndarray, effort: np.ndarray, weights: np.ndarray | None = None) -> None:
-        """Take in rows: columns (N, n, K) and effort (N, n), low-passed alike, and their weights (N, n)."""
+    def update(
+        self,
+        columns: np.ndarray,
+        effort: np.ndarray,
+        weights: np.ndarray | None = None,
+        sensors: SensorNoise | None = None,
+    ) -> None:
+        """Take in rows: columns (N, n, K) and effort (N, n), low-passed alike, and their weights (N, n).
+
+        Args:
+            sensors: noise that is in these rows, where it is known.
+        """
+        if sensors is not None:
+            self.sensors = sensors if self.sensors is None else self.sensors + sensors
         statistics = Statistics.of(columns, effort, weights)
         self.total = statistics if self.total is None else self.total + statistics
-        self._parts.append(statistics)
-        if len(self._parts) >= self._per_block:
-            self._blocks.append(summed(self._parts))
-            self._parts = []
+        self._part = statistics if self._part is None else self._part + statistics
+        self._parts += 1
+        if self._parts >= self._per_block:
+            self._blocks.append(self._part)
+            self._part, self._parts = None, 0
         if len(self._blocks) > MOST_BLOCKS:
             # an odd block at the end goes on growing
-            self._parts = self._blocks[len(self._blocks) // 2 * 2 :]
+            if len(self._blocks) % 2:
+                self._part, self._parts = self._blocks[-1], 1
             pairs = zip(self._blocks[::2], self._blocks[1::2], strict=False)
             self._blocks = [first + second for first, second in pairs]
             self._per_block *= 2
@@ -114,11 +136,17 @@ class Recursion:
         """
         if self.total is None:
             raise RecordingError("No motion has been seen yet.", "Move the robot.")
+        if self._doubting and self.sensors is not None and iterations:
+            self._start_from_sensors(layout)
+            iterations = max(iterations, FIRST_ITERATIONS)
         posterior = self._posterior(layout)
         for _ in range(iterations):
+            before = self.weights()
             self.noise = self._noise(posterior)
             self.correlation = self._correlation(posterior)
             posterior = self._posterior(layout)
+            if np.allclose(self.weights(), before, rtol=SETTLED, atol=0.0):
+                break
         return posterior
 
     def weights(self) -> np.ndarray:
@@ -180,12 +208,13 @@ class Recursion:
 
         Rows are correlated in time by the low-pass, by coloured noise and by what the model lacks. Were they
         not, the squared scores of blocks of time would add up to what the noise alone gives: the design
-        effect of a cluster-robust covariance (Liang and Zeger 1986).
+        effect of a cluster-robust covariance (Liang and Zeger 1986). Before there are enough blocks, what the
+        sensors' noise makes of the residual counts as that noise is known to, and the rest as `FIRST_CORRELATION`.
         """
         assert self.total is not None
         blocks = self.blocks
         if len(blocks) < FEWEST_BLOCKS:
-            return self.correlation
+            return self._first_correlation(posterior)
         layout, result = posterior.layout, np.empty(len(self.correlation))
         for joint in range(len(result)):
             coefficients = posterior.coefficients(joint)
@@ -196,6 +225,35 @@ class Recursion:
             ratio = float(np.sum(whitened**2)) / (len(values) * free * posterior.noise[joint] ** 2)
             result[joint] = max(ratio, 1.0)
         return result
+
+    def _start_from_sensors(self, layout: Layout) -> None:
+        """Begin with the least noise there can be: what the model lacks shows in the residual."""
+        assert self.sensors is not None
+        self._doubting = False
+        known = self.sensors.columns.shape[-1]
+        for joint, rows in enumerate(layout.parameters):
+            x = self.belief.mean[rows[:known]]
+            least = SMALLEST_NOISE * self.belief.effort_scale[joint]
+            self.noise[joint] = np.sqrt(max(self.sensors.variance(joint, x), least**2))
+            self.correlation[joint] = self.sensors.correlation(
+                joint, x, self.noise[joint] ** 2, FIRST_CORRELATION
+            )
+
+    def _first_correlation(self, posterior: Posterior) -> np.ndarray:
+        """The same from the noise of the sensors, (n,).
+
+        A joint whose few rows fit by chance says no more than most of the others do.
+        """
+        if self.sensors is None:
+            return self.correlation
+        known = self.sensors.columns.shape[-1]
+        each = np.array(
+            [
+                self.sensors.correlation(joint, x[:known], posterior.noise[joint] ** 2, FIRST_CORRELATION)
+                for joint, x in enumerate(map(posterior.coefficients, range(len(self.correlation))))
+            ]
+        )
+        return np.maximum(each, np.median(each))
 
 
 def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -1,0 +1,95 @@
+"""What the sensors' noise alone leaves of a joint's effort, and how alike neighbouring rows of it are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+POSES = 6
+"""Positions of a chunk at which the bodies' columns are asked what noise on the acceleration does to them."""
+CHANCE = 2.0
+"""Standard deviations of the residual's variance that chance may add to what the sensors explain."""
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """White noise of the sensors as it reaches the low-passed rows, summed over rows.
+
+    Attributes:
+        effort: Σ variance by noise on the effort, (n,) [N²·m²].
+        alike: Σ of the same times the rows that it takes for an independent one, (n,) [N²·m²]: a Gaussian low-pass
+            leaves noise whose neighbours are alike.
+        columns: Σ covariance of the columns of bodies and armature by noise on the position, (n, k, k). Twice
+            differentiated, it is nearly independent from row to row.
+        count: rows.
+    """
+
+    effort: np.ndarray
+    alike: np.ndarray
+    columns: np.ndarray
+    count: float
+
+    @classmethod
+    def of(cls, robot: Robot, signals: Signals, rows: np.ndarray) -> SensorNoise:
+        """Of the chosen rows of a motion that was low-passed twice, as `columns.low_passed` does."""
+        assert signals.effort_noise is not None
+        width, rate = np.sqrt(2.0) * signals.kernel_std, signals.raw_rate
+        raw = signals.effort_noise**2 * len(rows)
+        spacing = (rows[-1] - rows[0]) / (signals.rate * (len(rows) - 1)) if len(rows) > 1 else width
+        repeated = max(2.0 * np.sqrt(np.pi) * width / spacing, 1.0)
+        effort = raw / (2.0 * np.sqrt(np.pi) * width * rate)
+        acceleration = 3.0 * signals.position_noise**2 / (8.0 * np.sqrt(np.pi) * width**5 * rate)
+        chosen = rows[:: max(len(rows) // POSES, 1)]
+        change = _by_acceleration(robot, signals.position[chosen])
+        weights = acceleration * ~signals.at_rest[chosen]
+        scaled = change * np.sqrt(weights)[:, None, :, None]
+        columns = np.einsum("tjka,tjkb->jab", scaled, scaled, optimize=True) * (len(rows) / len(chosen))
+        return cls(effort, repeated * effort, columns, float(len(rows)))
+
+    def __add__(self, other: SensorNoise) -> SensorNoise:
+        return SensorNoise(
+            self.effort + other.effort,
+            self.alike + other.alike,
+            self.columns + other.columns,
+            self.count + other.count,
+        )
+
+    def variance(self, joint: int, coefficients: np.ndarray) -> float:
+        """Variance of a joint's residual by the sensors alone [N²·m²], under its coefficients of the bodies and
+        armature, (k,)."""
+        return float(self.effort[joint] + coefficients @ self.columns[joint] @ coefficients) / self.count
+
+    def correlation(self, joint: int, coefficients: np.ndarray, variance: float, unexplained: float) -> float:
+        """How many rows of a joint's residual say as much as one independent one.
+
+        The part of its variance that is the sensors' counts as that noise does; the rest is what the model lacks.
+
+        Args:
+            coefficients: of the joint's bodies and armature, (k,).
+            variance: of the residual [N²·m²].
+            unexplained: rows that count as one where the model lacks something.
+        """
+        known, alike = self.variance(joint, coefficients), self.alike[joint] / self.count
+        by_motion = max(known - self.effort[joint] / self.count, 0.0)
+        # a variance from so few independent rows is that much too large by chance
+        chance = CHANCE * np.sqrt(2.0 * self.alike[joint] / max(self.effort[joint] * self.count, 1e-300))
+        share = min(variance / max(known, 1e-300), 1.0 + chance)
+        lack = variance - share * known
+        return float(max((share * (alike + by_motion) + unexplained * lack) / variance, 1.0))
+
+
+def _by_acceleration(robot: Robot, position: np.ndarray) -> np.ndarray:
+    """Change of each joint's columns of bodies and armature by each joint's acceleration, (N, n, n, k)."""
+    count, width = position.shape
+    still = np.zeros((count, width))
+    without = robot.regressor(position, still, still)
+    result = np.zeros((count, width, width, without.shape[-1] + 1))
+    for moved in range(width):
+        unit = still + np.eye(width)[moved]
+        result[:, :, moved, :-1] = robot.regressor(position, still, unit) - without
+        result[:, moved, moved, -1] = 1.0
+    return result
