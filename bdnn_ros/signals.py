@@ -52,7 +52,7 @@ class Signals:
         segments: rows of each gap-free piece.
         position_noise: standard deviation of the white noise on the measured position, (n,) [rad].
         raw_rate: the recording's own rate [Hz].
-        blurred: the effort has passed the kernel once, so what has steps must, too; see `soften` and `flattened`.
+        flat: cut-off of the flattened low-pass the signals have passed [Hz]; None where it was the one of `smooth`.
         effort_noise: standard deviation of the white noise on the measured effort, (n,) [N·m], or None.
     """
 
@@ -68,7 +68,7 @@ class Signals:
     segments: tuple[slice, ...]
     position_noise: np.ndarray
     raw_rate: float
-    blurred: bool = True
+    flat: float | None = None
     effort_noise: np.ndarray | None = None
 
     def __len__(self) -> int:
@@ -85,8 +85,11 @@ class Signals:
         return gaussian_std(self.cutoff)
 
     def smooth(self, values: np.ndarray) -> np.ndarray:
-        """Low-pass of values (N, ...) along time, the same as the signals have passed, segment by segment."""
-        weights = gaussian_kernel(self.kernel_std, self.rate)[0]
+        """Low-pass of values (N, ...) along time, segment by segment."""
+        return self._smoothed(values, self.kernel_std)
+
+    def _smoothed(self, values: np.ndarray, std: float) -> np.ndarray:
+        weights = gaussian_kernel(std, self.rate)[0]
         result = np.empty_like(values, dtype=float)
         for rows in self.segments:
             result[rows] = convolve1d(np.asarray(values[rows], float), weights, axis=0, mode="nearest")
@@ -94,7 +97,10 @@ class Signals:
 
     def soften(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""
-        return self.smooth(values) if self.blurred else values
+        if self.flat is None:
+            return self.smooth(values)
+        once = self._smoothed(values, gaussian_std(self.flat))
+        return 2.0 * once - self._smoothed(once, gaussian_std(self.flat))
 
     @cached_property
     def interior(self) -> np.ndarray:
@@ -217,7 +223,7 @@ def flattened(signals: Signals, cutoff: float) -> Signals:
         effort=None if signals.effort is None else flat(signals.effort),
         reported_velocity=None if signals.reported_velocity is None else flat(signals.reported_velocity),
         cutoff=cutoff,
-        blurred=False,
+        flat=signals.cutoff,
     )
 
 

@@ -14,7 +14,11 @@ import numpy as np
 from _naming_judging import judge
 
 from bdnn_ros import bags
+from bdnn_ros.diagnosis.building import nominal_effort
 from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.diagnosis.extended import IN_ROBOT
+from bdnn_ros.effects.base import Motion
+from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.robot import BUNDLED, Robot
@@ -135,7 +139,7 @@ def diagnosed(bag: Path) -> Examination:
 def noise_floor(simulated: Simulated, examination: Examination) -> np.ndarray:
     """What the sensors' noise alone leaves of a perfect model on the held-out rows, (n,) [N·m].
 
-    The noise of the effort, and that of the position as it passes through the inverse dynamics.
+    The noise of the effort, and that of the position as it passes through the inverse dynamics, friction and effects.
     """
     noisy, equations, real = simulated.recording, examination.equations, simulated.real
     offset = np.mean(noisy.position - simulated.motor_position, axis=0)
@@ -145,8 +149,12 @@ def noise_floor(simulated: Simulated, examination: Examination) -> np.ndarray:
     for recording in (noisy, clean):
         signals = flattened(prepare(recording), lower)
         assert signals.effort is not None
-        effort = real.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-        left.append(signals.smooth(signals.effort - effort - real.armature * signals.acceleration))
+        effort = nominal_effort(real, signals)
+        motion = Motion(signals, real, effort)
+        beside = IN_ROBOT | {one.effect.name for one in simulated.effects if one.effect.kinematic}
+        effects = [one for one in simulated.effects if one.effect.name not in beside]
+        added = sum((contribution(one, motion) for one in effects), np.zeros_like(effort))
+        left.append(signals.smooth(signals.effort - effort - added))
     if left[0].shape != left[1].shape or len(left[0]) <= equations.rows.max():
         return np.full(len(noisy.joints), np.nan)
     error = (left[0] - left[1])[equations.rows]

@@ -156,7 +156,7 @@ def test_a_better_load_renews_only_columns_made_from_it():
     robot = equations.motion.robot
     (of_load, _), (other, _) = term(load_made, robot), term(SPECS[0], robot)
     before = equations.columns(of_load).copy(), equations.columns(other)
-    equations.relieve(2.0 * equations.motion.load)
+    equations.relieve(2.0 * equations.motion.load, equations.drive)
     np.testing.assert_allclose(equations.columns(of_load), 2.0 * before[0], atol=1e-9)
     assert equations.columns(other) is before[1]
 

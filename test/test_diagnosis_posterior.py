@@ -11,7 +11,7 @@ from diagnosis_cases import coloured, equations_of, term
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Noise
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.posterior import Estimate, estimates
+from bdnn_ros.diagnosis.posterior import IDEALISED, Estimate, estimates
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 
@@ -93,16 +93,34 @@ def test_without_shapes_it_is_the_fits_covariance():
         np.testing.assert_allclose(estimate.covariance, covariance, rtol=1e-5)
 
 
+def of(one, coefficients, covariance):
+    """An estimate whose blocks agree as well as the noise lets them."""
+    return Estimate(one, coefficients, covariance, covariance)
+
+
 def test_uncertainty_passes_through_what_a_parameter_is_made_of():
     robot = Robot.bundled("arm2")
     elastic, _ = term(f"joint_elasticity@{J1}:stiffness=500", robot)
-    quantity = Estimate(elastic, np.array([2e-3]), np.array([[1e-8]])).quantities()["stiffness"]
+    quantity = of(elastic, np.array([2e-3]), np.array([[1e-8]])).quantities()["stiffness"]
     assert quantity.value == pytest.approx(500.0)
     assert quantity.std == pytest.approx(1e-4 / 2e-3**2, rel=0.05)  # |d(1/x)/dx| = 1/x²
     stribeck, _ = term(f"stribeck_friction@{J1}:coulomb=1,static=2,velocity=0.1", robot)
     covariance = np.diag([0.01, 0.04, 0.0004])
-    quantities = Estimate(stribeck, np.array([1.0, 1.0]), covariance).quantities()
-    assert quantities["coulomb"].std == pytest.approx(0.1, rel=1e-3)
-    assert quantities["static"].std == pytest.approx(np.sqrt(0.05), rel=1e-3)
+    quantities = of(stribeck, np.array([1.0, 1.0]), covariance).quantities()
+    assert quantities["coulomb"].std == pytest.approx(np.hypot(0.1, IDEALISED), rel=1e-3)
+    assert quantities["static"].std == pytest.approx(np.sqrt(0.05 + 2 * IDEALISED**2), rel=1e-3)
     assert quantities["velocity"].std == pytest.approx(0.02, rel=1e-3)
     assert [quantities[p.name].unit for p in get("stribeck_friction").parameters] == ["N*m", "N*m", "rad/s"]
+
+
+def test_where_blocks_disagree_more_than_the_noise_says_the_interval_is_theirs():
+    """A cause that comes and goes is not known to the last digit, however white each stretch of it is."""
+    spec = f"viscous_friction@{J1}:viscous=0.5"
+    equations, (one, _) = equations_of([spec]), term(spec, Robot.bundled("arm2"))
+    column = equations.columns(one)[:, :, 0]
+    comes_and_goes = np.where(equations.block % 2 == 0, 1.3, 0.7)[:, None]
+    equations.target += 0.5 * column * (comes_and_goes - 1.0)
+    pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.01)), [one], LINK_ERROR)
+    (estimate,) = estimates(pool, pool.fit([0]))
+    assert estimate.robust[0, 0] > 4.0 * estimate.covariance[0, 0]
+    assert estimate.quantities()["viscous"].std >= np.sqrt(estimate.robust[0, 0])

@@ -62,7 +62,8 @@ def build(
 
     if simulated is None:
         simulated = nominal_effort(robot, signals)
-    motion = Motion(signals, robot, simulated)
+    drive = drive_effort(robot, signals)
+    motion = Motion(signals, robot, simulated, drive)
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     rigid = signals.smooth(motion.regressor)[rows] @ relative
@@ -74,7 +75,18 @@ def build(
     scale = np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9))
     block = block.astype(int)
     return Equations(
-        motion, simulated, rows, target, usable, turning[rows], block, runs, rigid, relative, scale
+        motion,
+        simulated,
+        drive,
+        rows,
+        target,
+        usable,
+        turning[rows],
+        block,
+        runs,
+        rigid,
+        relative,
+        scale,
     )
 
 
@@ -113,8 +125,13 @@ def turns(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
 def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:
     """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m]."""
     rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-    drives = robot.armature * signals.acceleration + robot.viscous * signals.velocity
-    return np.asarray(rigid + drives + robot.coulomb * signals.sign)
+    return np.asarray(rigid + drive_effort(robot, signals))
+
+
+def drive_effort(robot: Robot, signals: Signals) -> np.ndarray:
+    """What a robot's drives take before the gear: for rotors and friction, (N, n) [N·m]."""
+    moving = robot.armature * signals.acceleration + robot.viscous * signals.velocity
+    return np.asarray(moving + robot.coulomb * signals.sign)
 
 
 def relative_inertials(robot: Robot) -> np.ndarray:

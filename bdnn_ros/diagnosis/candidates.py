@@ -78,18 +78,22 @@ class Candidates:
         free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
         return _refined(equations, pool, rest, term, free) if free else term
 
-    def load(self, equations: Equations, pool: Pool, fit: Fit) -> np.ndarray:
-        """Effort that really acts by the fit, at the working rate, (N, n) [N·m]."""
+    def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+        """Effort that really acts by the fit, and what drives take of it before the gear, at the working rate, (N, n) [N·m]."""
         motion = equations.motion
         links = equations.rigid.shape[2]
         base = equations.simulated + motion.regressor @ (equations.relative @ fit.coefficients[:links])
+        drive = equations.drive.copy()
         for chosen in fit.terms:
             term = pool.terms[chosen]
             if term.effect.at_sensor:
                 continue
             coefficients, _ = pool.part(fit, chosen)
-            base = base + term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
-        return np.asarray(base)
+            part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
+            base = base + part
+            if term.effect.in_drive:
+                drive += part
+        return np.asarray(base), drive
 
     def bodies(self, equations: Equations, pool: Pool, fit: Fit) -> Robot:
         """The robot as the fit has it: its links corrected, payloads and scaled links on it.
@@ -117,13 +121,13 @@ def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
     for _ in range(SETTLING_ROUNDS):
         fit = pool.fit(range(len(pool.terms)))
         found = equations, pool, fit
-        load, bodies = candidates.load(*found), candidates.bodies(*found)
+        (load, drive), bodies = candidates.load(*found), candidates.bodies(*found)
         terms = list(pool.terms)
         for chosen in fit.terms:
             term, (coefficients, _) = terms[chosen], pool.part(fit, chosen)
             if term.effect.name not in ON_BODIES:  # a payload's centre would drift: its mass gives way to it
                 terms[chosen] = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
-        equations.relieve(load, bodies)
+        equations.relieve(load, drive, bodies)
         pool = Pool(equations, pool.noise, terms, pool.link_error)
     return pool
 

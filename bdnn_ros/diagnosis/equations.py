@@ -8,6 +8,7 @@ autoregressive model of its own residual, so that sums of squares are log likeli
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +19,9 @@ NOISE_ORDER = 3
 """Order of the autoregressive noise model."""
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
+
+HARDLY_SEEN = 1e-4
+"""What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,7 @@ class Equations:
     Attributes:
         motion: the motion at the working rate, with the robot of the URDF and the load estimate.
         simulated: the simulation's effort at the working rate, (N, n) [N·m].
+        drive: what drives take of it before the gear, (N, n) [N·m].
         rows: which working samples are rows, (R,).
         target: measured effort minus the simulation's, (R, n) [N·m].
         usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest or sticking.
@@ -79,6 +84,7 @@ class Equations:
 
     motion: Motion
     simulated: np.ndarray
+    drive: np.ndarray
     rows: np.ndarray
     target: np.ndarray
     usable: np.ndarray
@@ -136,10 +142,13 @@ class Equations:
         signals = self.motion.signals
         return np.array([1.0 / signals.raw_rate, signals.kernel_std**2])
 
-    def relieve(self, load: np.ndarray, robot: Robot | None = None) -> None:
-        """Take better estimates of the load, (N, n), and of the bodies, and forget columns of old ones."""
+    def relieve(self, load: np.ndarray, drive: np.ndarray, robot: Robot | None = None) -> None:
+        """Take better estimates of the load and of what the drives take of it, (N, n) each, and of the bodies.
+
+        Columns made from old ones are forgotten.
+        """
         motion = self.motion if robot is None else self.motion.with_robot(robot)
-        self.motion = motion.with_load(load)
+        self.motion = motion.with_load(load, drive)
         self._columns = {
             term: kept
             for term, kept in self._columns.items()
@@ -153,7 +162,35 @@ class Equations:
             np.mean(np.where(self.usable[..., None], columns / self.effort_scale[:, None], 0.0) ** 2, axis=0)
         )
         strongest = power.max(axis=0)
+        strongest = np.maximum(strongest, HARDLY_SEEN * strongest.max())
         return np.minimum(TYPICAL_SHARE / np.maximum(strongest, 1e-9), term.effect.coefficient_spread)
+
+    def echo(self, term: Term, width: int) -> np.ndarray:
+        """Correlation of a term's whitened columns with the effort's noise, by block, (B, k): what noise alone explains.
+
+        Such columns are made from the measured effort. With the noise's own likelihood (a change of variables from noise to
+        equation error) they gain nothing from it; without this they would.
+        """
+        result = np.zeros((self.blocks, width))
+        share = term.effect.echo(self.motion, term.target)
+        if share is not None:
+            counted = self.counted()[:, term.target]
+            weight = np.where(counted, self.noise_curvature * share[self.rows], 0.0)
+            result[:, 0] = np.bincount(self.block, weight, self.blocks)
+        return result
+
+    @cached_property
+    def noise_curvature(self) -> float:
+        """Correlation of whitened noise with its own second derivative [1/s²]: minus the mean square frequency that is left."""
+        signals = self.motion.signals
+        noise = np.random.default_rng(0).standard_normal((len(signals), 1))
+        low = signals.smooth(signals.soften(noise))
+        pair = np.concatenate([low, self.motion.derivative(self.motion.derivative(low))], axis=1)[self.rows]
+        white = pair[NOISE_ORDER:] - sum(
+            a * pair[NOISE_ORDER - lag : len(pair) - lag]
+            for lag, a in enumerate(_predicting(pair[:, 0]), start=1)
+        )
+        return float(white[:, 1] @ white[:, 0] / (white[:, 0] @ white[:, 0]))
 
     def without_trends(self, values: np.ndarray) -> np.ndarray:
         """Rows (R, n) less a straight line in every block."""
@@ -205,6 +242,12 @@ class Equations:
                 ]
         return unsteady
 
+    def white_noise_of(self, residual: np.ndarray, floor: np.ndarray) -> Noise:
+        """Noise of a residual (R, n) as if its rows were independent."""
+        counted = self.counted()
+        std = np.array([_rms(residual[counted[:, j], j]) for j in range(self.width)])
+        return Noise(np.zeros((self.width, NOISE_ORDER)), np.maximum(std, floor))
+
     def noise_of(self, residual: np.ndarray, floor: np.ndarray, steady: bool = False) -> Noise:
         """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
         if steady:
@@ -226,6 +269,14 @@ class Equations:
             std[j] = max(_rms(white[steady_rows]), floor[j])
             turning[j] = max(_rms(white[~steady_rows]), std[j])
         return Noise(coefficients, std, turning)
+
+
+def _predicting(values: np.ndarray) -> np.ndarray:
+    """Autoregressive coefficients (NOISE_ORDER,) of values (R,)."""
+    past = np.stack(
+        [values[NOISE_ORDER - lag : len(values) - lag] for lag in range(1, NOISE_ORDER + 1)], axis=1
+    )
+    return np.asarray(np.linalg.lstsq(past, values[NOISE_ORDER:], rcond=None)[0])
 
 
 def _stable(a: np.ndarray) -> np.ndarray:

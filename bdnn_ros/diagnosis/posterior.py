@@ -11,15 +11,23 @@ from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.result import Quantity
 
 RELATIVE_STEP = 1e-3
+IDEALISED = 0.01
+"""No law is exact: so much of each coefficient is added to its standard deviation, whatever the noise."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A term with its coefficients and the covariance of coefficients and shape."""
+    """A term with its coefficients and two covariances of coefficients and shape.
+
+    Attributes:
+        covariance: by the noise model.
+        robust: by how much blocks of time disagree (sandwich, clustered by block; White, Econometrica 48(4), 1980).
+    """
 
     term: Term
     coefficients: np.ndarray
     covariance: np.ndarray
+    robust: np.ndarray
 
     @property
     def values(self) -> dict[str, float]:
@@ -27,7 +35,7 @@ class Estimate:
         return self.term.effect.values(self.coefficients, dict(self.term.shape))
 
     def quantities(self) -> dict[str, Quantity]:
-        """Parameters with standard deviations, by linear propagation."""
+        """Parameters with standard deviations, by linear propagation: the larger by both covariances."""
         names = [name for name, _ in self.term.shape]
         shape = np.array([value for _, value in self.term.shape])
         point = np.concatenate([self.coefficients, shape])
@@ -44,7 +52,12 @@ class Estimate:
             moved = point.copy()
             moved[i] += step
             jacobian[:, i] = (values(moved) - centre) / step
-        std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian), 0.0))
+        ideal = np.diag((IDEALISED * np.where(np.arange(len(point)) < count, point, 0.0)) ** 2)
+        variances = [
+            np.einsum("ij,jk,ik->i", jacobian, one + ideal, jacobian)
+            for one in (self.covariance, self.robust)
+        ]
+        std = np.sqrt(np.maximum(np.max(variances, axis=0), 0.0))
         return {
             p.name: Quantity(float(v), float(s), p.unit)
             for p, v, s in zip(self.term.effect.parameters, centre, std, strict=True)
@@ -78,12 +91,26 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
         precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
     tall = white.reshape(-1, white.shape[2])
     covariance = np.linalg.inv(tall.T @ tall + np.diag(precision))
+    robust = _clustered(pool, fit, white, covariance)
     result, start = [], pool.base
     for (term, chosen, coefficients), span in zip(parts, spans, strict=True):
         rows = np.concatenate([np.arange(start, start + len(pool.slots[chosen])), span]).astype(int)
-        result.append(Estimate(term, coefficients, covariance[np.ix_(rows, rows)]))
+        square = np.ix_(rows, rows)
+        result.append(Estimate(term, coefficients, covariance[square], robust[square]))
         start += len(pool.slots[chosen])
     return result
+
+
+def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Covariance of all unknowns (P, P) by the scatter of the blocks' pulls on them; white columns are (R, n, P)."""
+    left = pool.white_target - pool.white[:, :, pool.columns_of(fit.terms)] @ fit.coefficients
+    pulls = np.einsum("rjp,rj->rp", white, left)
+    block, blocks = pool.equations.block, pool.equations.blocks
+    by_block = np.zeros((blocks, pulls.shape[1]))
+    np.add.at(by_block, block, pulls)
+    by_block -= by_block.mean(axis=0)
+    moved = by_block @ covariance
+    return np.asarray(moved.T @ moved * blocks / max(blocks - 1, 1))
 
 
 def _tangent(pool: Pool, term: Term, coefficients: np.ndarray, name: str) -> np.ndarray:

@@ -31,6 +31,8 @@ SETTLING_STEPS = 3
 OUTSTANDING = 0.1
 """What brings less than this share of the largest gain waits until noise and load are known better."""
 RIVALS_TRIED = 6
+HIDDEN_TRIED = 3
+"""So many effects are tried that only white noise shows."""
 UNSURE = 30.0
 """A rival's gain is found with the others' bounds left as they are: by so much it may be too low."""
 BETTER = 0.5
@@ -89,7 +91,40 @@ class Search:
             selection = self._select(noise, terms)
             if {t.place for t in selection.terms} == previous:
                 break
-        return selection
+        found = self._hidden_in_noise(selection)
+        return selection if found is None else self._select(*found)
+
+    def _hidden_in_noise(self, selection: Selection) -> tuple[Noise, list[Term]] | None:
+        """Noise and terms with one more that white noise shows and its own noise confirms; None without.
+
+        What is constant or acts for a time can make the noise look slow, and slow noise then explains it.
+        """
+        now = self._at_own_noise(selection)
+        pool, chosen = now.pool, now.chosen
+        noise = self.equations.white_noise_of(pool.residual(now.fit), self.floor)
+        pool = Pool(self.equations, noise, now.terms, self.link_error)
+        shaped = self.candidates.shaped(self.equations, pool, pool.fit(chosen))
+        pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
+        open_ = self.open_to(pool, chosen)
+        gains = pool.gains(pool.fit(chosen), open_) - self.costs(pool, chosen)[open_]
+        motion, score = self.equations.motion, self.score(now.pool, chosen)
+        for best in np.argsort(-gains)[:HIDDEN_TRIED]:
+            if gains[best] <= 0.0:
+                break
+            term = pool.terms[open_[best]]
+            kept = [t for t in now.terms if not contains(term, t)]
+            grown = Pool(self.equations, noise, [*kept, term], self.link_error)
+            every = range(len(grown.terms))
+            trial = self._at_own_noise(Selection(grown, tuple(every), grown.fit(every)))
+            if self.score(trial.pool, every) > score + BETTER and self._pays(trial.pool, every, every[-1]):
+                return trial.pool.noise, trial.terms
+            self.equations.relieve(motion.load, motion.drive, motion.robot)
+        return None
+
+    def _at_own_noise(self, selection: Selection) -> Selection:
+        noise, terms = self._settle(selection)
+        pool, every = Pool(self.equations, noise, terms, self.link_error), range(len(terms))
+        return Selection(pool, tuple(every), pool.fit(every))
 
     def _settle(self, selection: Selection) -> tuple[Noise, list[Term]]:
         """Noise, load and bodies as a set of effects has them, each found again with the others, and its terms refined."""
@@ -98,7 +133,7 @@ class Search:
         for _ in range(SETTLING_STEPS):
             found = self.equations, pool, fit
             noise = self.equations.noise_of(pool.residual(fit), self.floor)
-            self.equations.relieve(self.candidates.load(*found), self.candidates.bodies(*found))
+            self.equations.relieve(*self.candidates.load(*found), self.candidates.bodies(*found))
             pool = self._refined(Pool(self.equations, noise, terms, self.link_error), every)
             fit, terms = pool.fit(every), pool.terms
         return self.equations.noise_of(pool.residual(fit), self.floor), terms
@@ -115,7 +150,7 @@ class Search:
             pool = Pool(equations, noise, common, self.link_errors[-1])
             fit = pool.fit(range(len(common)))
             noise = equations.noise_of(pool.residual(fit), self.floor, steady=True)
-        equations.relieve(self.candidates.load(equations, pool, fit))
+        equations.relieve(*self.candidates.load(equations, pool, fit))
         return noise
 
     def _select(self, noise: Noise, start: Sequence[Term], least: float = 0.0) -> Selection:
@@ -160,7 +195,11 @@ class Search:
         return pool
 
     def _descend(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
-        """Add, replace and drop terms until nothing changes; once only where weak terms have to wait."""
+        """Add, replace and drop terms until nothing changes; once only where weak terms have to wait.
+
+        A wrong term gives way first: what is added to mend it would keep it.
+        """
+        chosen = self._replace(pool, chosen)
         for _ in range(1 if least else MOST_ROUNDS):
             before = {pool.terms[c].place for c in chosen}
             pool, chosen = self._add(pool, chosen, least)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
@@ -15,50 +18,69 @@ LONGEST_SHARE = 0.9
 
 
 def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
-    """A term of a wrench with the window that adds most evidence to a fit (correlation with other terms left out)."""
+    """A term of a wrench with the window that adds most evidence to a fit."""
     equations = pool.equations
     time = equations.motion.time[equations.rows]
     always = term.shaped({"start": float(time[0]) - 1.0, "end": float(time[-1]) + 1.0})
-    columns = equations.columns(always)
-    white = equations.whiten(columns, pool.noise)
-    index = pool.columns_of(fit.terms)
-    left = pool.white_target - pool.white[:, :, index] @ fit.coefficients
-    precision = 1.0 / equations.spread(term, columns) ** 2
-    grams = _running(np.einsum("rjk,rjl->rkl", white, white))
-    moments = _running(np.einsum("rjk,rj->rk", white, left))
+    sums = _Sums.of(pool, fit, term, equations.columns(always))
     step = max(round(COARSE / max(float(np.median(np.diff(time))), 1e-6)), 1)
     marks = np.unique([*range(0, len(time), step), len(time)])
-    start, end = _best(marks, marks, time, grams, moments, precision)
+    start, end = sums.best(marks, marks, time)
     near = [
         np.unique(np.clip(np.arange(mark - step, mark + step + 1), 0, len(time))) for mark in (start, end)
     ]
-    start, end = _best(near[0], near[1], time, grams, moments, precision)
+    start, end = sums.best(near[0], near[1], time)
     return term.shaped({"start": float(time[start]), "end": float(time[min(end, len(time) - 1)])})
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Sums over the first 0, 1, 2 ... rows, of which any window's gain follows.
+
+    Attributes:
+        grams: of a wrench's k columns, (R + 1, k, k).
+        seen: their products with the fit's columns, in units in which those are independent, (R + 1, k, P).
+        moments: their products with what the fit leaves, (R + 1, k).
+        prior: precision of their coefficients, (k,).
+    """
+
+    grams: np.ndarray
+    seen: np.ndarray
+    moments: np.ndarray
+    prior: np.ndarray
+
+    @classmethod
+    def of(cls, pool: Pool, fit: Fit, term: Term, columns: np.ndarray) -> _Sums:
+        """Of columns that act all the time, rows (R, n, k)."""
+        joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
+        white = pool.equations.whiten(columns, pool.noise)[:, joints]
+        known = pool.white[:, joints][:, :, pool.columns_of(fit.terms)]
+        left = pool.white_target[:, joints] - known @ fit.coefficients
+        cross = _running(np.einsum("rjk,rjp->rkp", white, known))
+        seen = solve_triangular(fit.factor, cross.reshape(-1, cross.shape[2]).T, lower=True).T
+        return cls(
+            _running(np.einsum("rjk,rjl->rkl", white, white)),
+            seen.reshape(cross.shape),
+            _running(np.einsum("rjk,rj->rk", white, left)),
+            pool.equations.spread(term, columns) ** -2.0,
+        )
+
+    def best(self, starts: np.ndarray, ends: np.ndarray, time: np.ndarray) -> tuple[int, int]:
+        """Rows (start, end) of the window of most evidence, correlation with the fit's other terms counted."""
+        a, b = (grid.ravel() for grid in np.meshgrid(starts, ends, indexing="ij"))
+        length = time[np.minimum(b, len(time) - 1)] - time[np.minimum(a, len(time) - 1)]
+        allowed = (length >= SHORTEST) & (length <= LONGEST_SHARE * (time[-1] - time[0]))
+        if not allowed.any():
+            return int(starts[0]), int(ends[-1])
+        a, b = a[allowed], b[allowed]
+        seen = self.seen[b] - self.seen[a]
+        inner = self.grams[b] - self.grams[a] + np.diag(self.prior) - seen @ seen.transpose(0, 2, 1)
+        moment = self.moments[b] - self.moments[a]
+        explained = 0.5 * np.einsum("wk,wk->w", moment, np.linalg.solve(inner, moment[..., None])[..., 0])
+        best = int(np.argmax(explained - 0.5 * np.linalg.slogdet(inner)[1]))
+        return int(a[best]), int(b[best])
 
 
 def _running(values: np.ndarray) -> np.ndarray:
     """Sums of the first 0, 1, 2 ... rows."""
     return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
-
-
-def _best(
-    starts: np.ndarray,
-    ends: np.ndarray,
-    time: np.ndarray,
-    grams: np.ndarray,
-    moments: np.ndarray,
-    precision: np.ndarray,
-) -> tuple[int, int]:
-    """Rows (start, end) of the window of most evidence."""
-    a, b = (grid.ravel() for grid in np.meshgrid(starts, ends, indexing="ij"))
-    length = time[np.minimum(b, len(time) - 1)] - time[np.minimum(a, len(time) - 1)]
-    allowed = (length >= SHORTEST) & (length <= LONGEST_SHARE * (time[-1] - time[0]))
-    if not allowed.any():
-        return int(starts[0]), int(ends[-1])
-    a, b = a[allowed], b[allowed]
-    inner = grams[b] - grams[a] + np.diag(precision)
-    moment = moments[b] - moments[a]
-    explained = 0.5 * np.einsum("wk,wk->w", moment, np.linalg.solve(inner, moment[..., None])[..., 0])
-    evidence = explained - 0.5 * np.linalg.slogdet(inner)[1]
-    best = int(np.argmax(evidence))
-    return int(a[best]), int(b[best])

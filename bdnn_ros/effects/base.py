@@ -106,6 +106,11 @@ class Motion:
             return self.link_load
         return effort if self.drive is None else effort - self.drive
 
+    @cached_property
+    def own_inertia(self) -> np.ndarray:
+        """Diagonal of the mass matrix, (N, n) [kg·m²]."""
+        return np.diagonal(self.robot.mass_matrix(self.position), axis1=1, axis2=2)
+
     def joint_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
         """Columns (N,) that act on one joint only, as (N, n, k)."""
         result = np.zeros((*self.position.shape, len(columns)))
@@ -295,6 +300,13 @@ class Effect(ABC):
     def believable(self, coefficients: np.ndarray) -> bool:
         """Whether fitted coefficients, each inside its bounds, can be such an effect together."""
         return True
+
+    def echo(self, motion: Motion, target: int) -> np.ndarray | None:
+        """Share of the effort sensor's noise, differentiated twice, that is in the target's column, (N,) [s²·...].
+
+        The same noise is in what the column is to explain. None where the column is free of it.
+        """
+        return None
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         """The shape at which the columns are exact for these coefficients; the same where they always are."""

@@ -19,6 +19,10 @@ SOFTEST_LINK = 25.0
 """Lowest frequency of a link on its elastic gear that a position loop can live with [rad/s]."""
 EFFORT_SHARE = 0.95
 """Largest effort per limit with the effect."""
+TELLING = 0.02
+"""What an effect adds to a simpler one that it contains, per spread of the effort: less makes no difference."""
+LEAST_SCALED = 0.2
+"""A link off by less is one of many that are."""
 
 
 def draw(
@@ -135,12 +139,28 @@ def _sized(
     if reached < 1e-6:
         return None
     scaled = effect.values(coefficients * (share / reached), shape)
+    if _told(effect, target, added, motion) * share / reached < TELLING:
+        return None
     peak = np.abs(motion.load + added * (share / reached)).max(axis=0)
     if (peak > EFFORT_SHARE * motion.robot.limits.effort).any() or not _sensible(
         effect, scaled, target, motion
     ):
         return None
     return Installed(effect, target, link, completed(effect, scaled, motion.robot, link))
+
+
+def _told(effect: Effect, target: int, added: np.ndarray, motion: Motion) -> float:
+    """Root mean square, per spread of the effort, that no single simpler effect it contains says of it."""
+    if target < 0 or not effect.contains:
+        return np.inf
+    here, spread = added[:, target], max(float(np.std(motion.load[:, target])), 1e-9)
+    left = []
+    for name in effect.contains:
+        simple = variants(name)[0]
+        columns = simple.columns(motion, target, simple.shapes(motion, target)[0])[:, target]
+        best = np.linalg.lstsq(columns, here, rcond=None)[0]
+        left.append(float(np.sqrt(np.mean((here - columns @ best) ** 2))) / spread)
+    return min(left)
 
 
 def _sensible(effect: Effect, values: dict[str, float], target: int, motion: Motion) -> bool:
@@ -161,7 +181,9 @@ def _sensible(effect: Effect, values: dict[str, float], target: int, motion: Mot
         ].max()
         return bool(np.sqrt(values["stiffness"] / inertia) >= SOFTEST_LINK)
     if effect.name == "link_inertia":
-        return 0.4 <= values["scale"] <= 2.5
+        return 0.4 <= values["scale"] <= 2.5 and abs(np.log(values["scale"])) >= np.log1p(LEAST_SCALED)
+    if effect.name == "payload":
+        return values["mass"] <= motion.robot.inertials[:, 0].sum()
     if effect.name == "effort_scale":
         return 0.5 <= values["scale"] <= 2.0
     return True

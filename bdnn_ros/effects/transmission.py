@@ -34,7 +34,11 @@ class JointElasticity(Effect):
     shown_by = "fast changes of load: high accelerations, and poses of very different gravity"
     source = SPONG
     of_bodies = True
+    of_load = True
     coefficient_bounds = ((0.0, 1.0),)
+
+    def echo(self, motion: Motion, target: int) -> np.ndarray:
+        return -motion.own_inertia[:, target]
 
     def believable(self, coefficients: np.ndarray) -> bool:
         return bool(coefficients[0] < 1.0)  # at its bound it stands for something else
@@ -44,7 +48,7 @@ class JointElasticity(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         deflection = np.zeros(motion.position.shape)
-        deflection[:, target] = motion.signals.smooth(motion.gear_load[:, target])
+        deflection[:, target] = motion.gear_load[:, target]
         return -motion.shifted(deflection)[..., None]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
@@ -87,7 +91,7 @@ class Backlash(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         crossing = motion.late_mean(np.sign(motion.gear_load[:, target]), shape["transit"])
         side = np.zeros(motion.position.shape)
-        side[:, target] = motion.signals.smooth(crossing)
+        side[:, target] = motion.signals.soften(crossing)
         return -0.5 * motion.shifted(side)[..., None]
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:

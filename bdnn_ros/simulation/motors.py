@@ -11,7 +11,9 @@ from bdnn_ros.effects.plant import DryFriction, JointEffort, Plant
 LEAST_ROTOR = 0.002
 """Rotor inertia, as a share of the joint's own inertia, where the joint has no armature."""
 CONTACT_SHARE = 0.05
-"""A loose but otherwise stiff gear bends by this share of its gap under the joint's typical load."""
+"""A loose but otherwise stiff gear bends by this share of its gap under the joint's largest load."""
+QUICK = 50.0
+"""Acceleration that makes a joint's largest load where gravity does not [rad/s²]."""
 DAMPING_RATIO = 1.0
 """Damping of the rotor's oscillation against the gear."""
 STEPS_PER_RADIAN = 2.5
@@ -108,7 +110,7 @@ def _motor(plant: Plant, joint: int, link_inertia: float, position: float, load:
     inertia = max(float(robot.armature[joint]), LEAST_ROTOR * link_inertia)
     gap, stiffness = float(plant.gap[joint]), float(plant.stiffness[joint])
     if not np.isfinite(stiffness):
-        stiffness = max(abs(load), link_inertia) / (CONTACT_SHARE * gap)
+        stiffness = max(abs(load), QUICK * link_inertia) / (CONTACT_SHARE * gap)
     side = np.sign(load) if load else 1.0
     return Motor(
         inertia=inertia,
