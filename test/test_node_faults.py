@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import time
 from pathlib import Path
@@ -171,6 +172,33 @@ def test_a_model_that_cannot_be_written(tmp_path):
         assert node.end() == 0
         assert "cannot be written" in node.output
     assert blocked.read_text() == "a file"
+
+
+def test_the_disk_is_full_in_the_middle_of_a_save(tmp_path):
+    """The write fails half-way: a sentence, the model saved before stays whole, nothing is left beside it."""
+    kept = tmp_path / "kept"
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": kept, "diagnosis_period": 0.0}
+    with node_process(tmp_path, 137, **parameters) as node, Robotics(137) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        ros.stream(motion(REAL, 3.0, 250.0))
+        wait_until(lambda: diagnostics and int(status(diagnostics)["model_version"]) >= 1)
+        assert ros.call(SaveModel, f"{NODE}/save_model", name="x").success
+        whole = (kept / "x" / "model.bdnn").read_bytes()
+        free = resource.prlimit(node.pid, resource.RLIMIT_FSIZE)
+        assert len(whole) > 4096
+        resource.prlimit(node.pid, resource.RLIMIT_FSIZE, (4096, free[1]))  # SIGXFSZ is ignored by Python
+        for name in ("x", "new"):
+            answer = ros.call(SaveModel, f"{NODE}/save_model", name=name)
+            assert answer.success is False
+            assert "cannot be written" in answer.message and "File too large" in answer.message
+            assert "\n" not in answer.message
+        resource.prlimit(node.pid, resource.RLIMIT_FSIZE, free)
+        assert (kept / "x" / "model.bdnn").read_bytes() == whole
+        assert sorted(path.name for path in kept.rglob("*")) == ["model.bdnn", "new", "x"]
+        assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
+        assert ros.call(SaveModel, f"{NODE}/save_model", name="x").success
+        assert node.end() == 0
+    assert load_model(kept / "x").joints == load_model(kept).joints == ARM.joints
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

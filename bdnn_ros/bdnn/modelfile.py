@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save as serialized
 
 from bdnn_ros.errors import ModelFileError
 
@@ -55,9 +55,11 @@ def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], info: dict[
         )
         tensors = {key: np.ascontiguousarray(value) for key, value in arrays.items()}
         handle, beside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-        os.close(handle)
         try:
-            save_file(tensors, beside, metadata={"bdnn_ros": header})
+            with os.fdopen(handle, "wb") as file:
+                file.write(serialized(tensors, {"bdnn_ros": header}))
+                file.flush()
+                os.fsync(file.fileno())
             os.chmod(beside, 0o666 & ~_umask())
             os.replace(beside, target)
         finally:
