@@ -67,7 +67,8 @@ class Ring:
         if size < HEADER_BYTES:
             raise UsageError("The shared memory holds no ring.", "Create it with Ring.create.")
         self.descriptor = descriptor
-        self._memory = mmap.mmap(descriptor, size)
+        # all pages are mapped now: neither process faults or grows later
+        self._memory = mmap.mmap(descriptor, size, mmap.MAP_SHARED | mmap.MAP_POPULATE)
         self._header = np.frombuffer(self._memory, np.int64, 8)
         if self._header[_MAGIC] != MAGIC:
             raise UsageError("The shared memory holds no ring.", "Create it with Ring.create.")
@@ -81,14 +82,13 @@ class Ring:
 
     @classmethod
     def create(cls, capacity: int, width: int) -> Ring:
-        """A new ring; every page is touched now, so that writing never faults one in."""
+        """A new ring, all zero."""
         if capacity < 2 or width < 1:
             raise UsageError(f"A ring of {capacity} samples of {width} numbers makes no sense.", "")
         size = HEADER_BYTES + capacity * (24 + 8 * width)
         descriptor = os.memfd_create("bdnn_ring")
         os.ftruncate(descriptor, size)
         with mmap.mmap(descriptor, size) as memory:
-            np.frombuffer(memory, np.uint8).fill(0)
             header = np.frombuffer(memory, np.int64, 8)
             header[_CAPACITY], header[_WIDTH] = capacity, width
             header[_MAGIC] = MAGIC

@@ -131,6 +131,7 @@ class Supervisor:
             "OMP_NUM_THREADS": "1",
             "OPENBLAS_NUM_THREADS": "1",
             "MKL_NUM_THREADS": "1",
+            "MALLOC_ARENA_MAX": "1",  # what one thread gave back, the other uses
         }
         command = [*self._command, "--channel", str(descriptor), "--nice", str(self._niceness)]
         self._process = subprocess.Popen(
