@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,9 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = Path(__file__).parent / "results" / "live.json"
+CHANGES_RESULTS = RESULTS.with_name("live_changes.json")
+CHANGES = {"gripped": 20, "released": 20, "push": 20, "drift": 12, "nothing": 12}
+"""Draws of each kind."""
 sys.path.insert(0, str(ROOT / "test"))
 
 from live_support import (  # noqa: E402
@@ -355,11 +359,23 @@ def table(result: dict[str, Any]) -> str:
     return "\n".join(f"{name:32}{value!s:>24}   {goal}" for name, value, goal in rows)
 
 
+def changes(quick: bool) -> int:
+    """Print what is named of robots that change while they move, and write it."""
+    import _live_changes
+
+    counts = dict.fromkeys(_live_changes.KINDS, 3) if quick else CHANGES
+    draws = _live_changes.measure(counts, first_seed=500)
+    print(_live_changes.table(draws))
+    CHANGES_RESULTS.write_text(json.dumps([asdict(d) for d in draws], indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
 def main() -> int:
     """Run, print the table, write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="30 s instead of 10 minutes")
     parser.add_argument("--duration", type=float, help="seconds of stream")
+    parser.add_argument("--changes", action="store_true", help="draws of robots that change, without ROS")
     parser.add_argument("--child", choices=("publish", "bare", "node"), help=argparse.SUPPRESS)
     args, rest = parser.parse_known_args()
     if args.child == "node":
@@ -367,6 +383,8 @@ def main() -> int:
     if args.child == "bare":
         bare()
         return 0
+    if args.changes:
+        return changes(args.quick)
     duration = args.duration or (30.0 if args.quick else 600.0)
     if args.child == "publish":
         publish(duration)

@@ -38,9 +38,9 @@ def told(effort: np.ndarray, before: Robot = REAL) -> list[Change]:
     parts = [*chunks.add(recording.time, recording.position, effort), *chunks.end()]
     for chunk in parts:
         assert chunk is not None
-        change = monitor.look(*chunk, model)
-        if change is not None:
-            changes.append(change)
+        found = monitor.look(*chunk, model)
+        if found:
+            changes += found
             break  # the model would now be another
     return changes
 

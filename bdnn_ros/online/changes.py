@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from bdnn_ros.online.drift import Drift
 from bdnn_ros.online.hypotheses import Explanation, explain
 from bdnn_ros.online.scene import Block, Scene, base_parameters, blocks, inverse
+from bdnn_ros.online.wording import finding
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior
-from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
 QUIET_CHUNKS = 5
@@ -35,6 +37,8 @@ LEAST_PUSH = 0.2
 """A push is named from this share of a mean link's weight on: stiction and gears give less."""
 KNOWN = 3.0
 """A payload is named when its mass is so many standard deviations from zero."""
+PATIENT, HOPE = 3, 2.0
+"""After so many chunks, suspicion is given up if all log odds are under this."""
 LONGEST = 8
 """Chunks that are looked at together."""
 CORRELATION = (3.0, 30.0)
@@ -74,16 +78,18 @@ class Monitor:
         self._before: tuple[Signals, np.ndarray] | None = None
         self._suspects: list[tuple[Signals, np.ndarray]] = []
         self._calm = 0
+        self._evidence = 0.0
+        self._drift = Drift(self.scene)
 
-    def look(self, signals: Signals, rows: np.ndarray, model: PhysicalModel | None) -> Change | None:
-        """Look at the next chunk.
+    def look(self, signals: Signals, rows: np.ndarray, model: PhysicalModel | None) -> tuple[Change, ...]:
+        """Look at the next chunk; several changes at once are drifts of several joints.
 
         Args:
             signals, rows: its motion and the samples that count.
             model: that serves, None before the first.
         """
         if model is None:
-            return None
+            return ()
         suspicious = bool(self._suspects)
         reference = self._reference if suspicious and self._reference is not None else model
         residual = _residual(reference, signals, rows)
@@ -91,17 +97,56 @@ class Monitor:
         ready = len(self._usual) >= QUIET_CHUNKS
         ratio = float(np.max(squared / self._level)) if ready else 0.0
         if not suspicious and not (ready and ratio > ODD):
-            self._learn(signals, rows, residual, squared)
-            self._reference, self._before = model, (signals, rows)
-            return None
+            return self._pass(signals, rows, residual, model)
         self._suspects.append((signals, rows))
         self._calm = self._calm + 1 if ratio < CALM else 0
         change = self._judge()
         if change is not None:
             self._start_over(change.belief)
-        elif self._calm >= 2 or len(self._suspects) >= LONGEST:
-            self._dismiss(model)
-        return change
+            return (change,)
+        groundless = len(self._suspects) >= PATIENT and self._evidence < HOPE
+        if self._calm >= 2 or groundless or len(self._suspects) >= LONGEST:
+            return self._let_pass(model)
+        return ()
+
+    def _let_pass(self, model: PhysicalModel) -> tuple[Change, ...]:
+        """What has no name is usual from now on, and may be part of a slow change."""
+        suspects, self._suspects, self._calm = self._suspects, [], 0
+        for signals, rows in suspects:
+            changes = self._pass(signals, rows, _residual(model, signals, rows), model)
+            if changes:
+                return changes
+        return ()
+
+    def _pass(
+        self, signals: Signals, rows: np.ndarray, residual: np.ndarray, model: PhysicalModel
+    ) -> tuple[Change, ...]:
+        """Take in a chunk in which nothing happened at once."""
+        ready = len(self._usual) >= QUIET_CHUNKS
+        self._usual.append(np.mean(residual**2, axis=0))
+        self._correlation.append(_correlation(residual))
+        self._reference, self._before = model, (signals, rows)
+        columns = self.scene.columns(signals, rows)
+        phi = columns / self._noise[:, None]
+        self._information += np.tensordot(phi, phi, axes=((0, 1), (0, 1)))
+        return self._drifts(signals, rows, columns, model, self._noise if ready else None)
+
+    def _drifts(
+        self,
+        signals: Signals,
+        rows: np.ndarray,
+        columns: np.ndarray,
+        model: PhysicalModel,
+        noise: np.ndarray | None,
+    ) -> tuple[Change, ...]:
+        """Joints whose friction has drifted over the last minutes."""
+        told = self._drift.look(signals, rows, columns, model, noise)
+        if told is None:
+            return ()
+        found, belief = told
+        before = self._drift.reference + found[0].mean
+        self._start_over(belief)
+        return tuple(Change(each, (), finding(self.scene, each, (), before), belief) for each in found)
 
     # -- what is usual ---------------------------------------------------------------------------
 
@@ -116,22 +161,14 @@ class Monitor:
         """Standard deviation of one row as if rows were independent, (n,)."""
         return np.asarray(np.sqrt(self._level * np.median(self._correlation, axis=0)))
 
-    def _learn(self, signals: Signals, rows: np.ndarray, residual: np.ndarray, squared: np.ndarray) -> None:
-        self._usual.append(squared)
-        self._correlation.append(_correlation(residual))
-        phi = self.scene.columns(signals, rows) / self._noise[:, None]
-        self._information += np.tensordot(phi, phi, axes=((0, 1), (0, 1)))
-
     def _start_over(self, belief: Prior) -> None:
+        """The robot is another now: nothing is usual yet."""
         self._information = inverse(belief.covariance)[0]
-        self._dismiss(None)
-
-    def _dismiss(self, model: PhysicalModel | None) -> None:
-        """Forget what was usual: whatever it was, from now on it is so."""
+        self._drift.clear()
         self._usual.clear()
         self._correlation.clear()
         self._suspects, self._calm = [], 0
-        self._reference, self._before = model, None
+        self._reference = self._before = None
 
     # -- judging ---------------------------------------------------------------------------------
 
@@ -145,9 +182,10 @@ class Monitor:
             residual = _residual(self._reference, signals, rows)
             data += blocks(self.scene, signals, rows, residual, self._noise)
         found = explain(self.scene, data, self._information)
+        self._evidence = max(e.evidence for e in found)
         best = found[0]
         seen = data[-1].end - best.start
-        if max(e.evidence for e in found) < SURE or best.share < EXPLAINED or seen < LEAST:
+        if self._evidence < SURE or best.share < EXPLAINED or seen < LEAST:
             return None
         if best.kind == "push" and np.linalg.norm(best.value[:3]) < LEAST_PUSH * 9.81 * self.scene.load:
             return None
@@ -159,7 +197,7 @@ class Monitor:
         mean = base_parameters(self._reference.robot, self._reference.offset)
         spread = 0.5 * (best.spread + best.spread.T)
         belief = Prior(mean + best.mean, spread, self.scene.scale)
-        return Change(best, rivals, _finding(self.scene, best, rivals, mean), belief)
+        return Change(best, rivals, finding(self.scene, best, rivals, mean), belief)
 
 
 def _residual(model: PhysicalModel, signals: Signals, rows: np.ndarray) -> np.ndarray:
@@ -181,94 +219,3 @@ def _correlation(residual: np.ndarray) -> np.ndarray:
             break
         result += np.where(growing, 2.0 * rho, 0.0)
     return np.asarray(np.clip(result, *CORRELATION))
-
-
-# -- words ---------------------------------------------------------------------------------------
-
-
-def _finding(
-    scene: Scene, best: Explanation, rivals: tuple[Explanation, ...], before: np.ndarray
-) -> dict[str, Any]:
-    """The change as a finding of the contract."""
-    describe = {"payload": _payload, "friction": _friction, "push": _push}[best.kind]
-    entry = describe(scene, best, before)
-    odds = np.exp([e.evidence - best.evidence for e in (best, *rivals)])
-    probability = odds / odds.sum()
-    entry |= {
-        "share": float(np.clip(best.share, 0.0, 1.0)),
-        "probability": float(probability[0]),
-        "rivals": [
-            {**_where(scene, rival), "probability": float(p)}
-            for rival, p in zip(rivals, probability[1:], strict=True)
-        ],
-    }
-    return entry
-
-
-def _where(scene: Scene, found: Explanation) -> dict[str, Any]:
-    effect = {"payload": "payload", "friction": "drift", "push": "external_wrench"}[found.kind]
-    joint = scene.robot.joints[found.target] if found.kind == "friction" else None
-    return {"effect": effect, "joint": joint, "link": None if joint else scene.links[found.target]}
-
-
-def _quantity(value: float, std: float, unit: str) -> dict[str, Any]:
-    return {"value": float(f"{value:.6g}"), "std": float(f"{std:.3g}"), "unit": unit}
-
-
-def _payload(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
-    """Something gripped (mass added) or released (mass taken away)."""
-    mass = float(found.value[0])
-    released = mass < 0
-    centre = found.value[1:4] / mass
-    std = np.sqrt(np.diagonal(found.covariance))
-    time = "end" if released else "start"
-    parameters = {
-        "mass": _quantity(abs(mass), std[0], "kg"),
-        **{f"com_{axis}": _quantity(centre[k], std[1 + k] / abs(mass), "m") for k, axis in enumerate("xyz")},
-        time: _quantity(found.start, 0.25, "s"),
-    }
-    link = scene.links[found.target]
-    verb = "released" if released else "gripped"
-    sentence = f"{link} {verb} {abs(mass):.2f} kg (± {std[0]:.2f}) at {found.start:.1f} s."
-    return {**_where(scene, found), "parameters": parameters, "sentence": sentence}
-
-
-def _friction(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
-    """Friction of a joint that is another than before: the part that changed most."""
-    n = scene.width
-    index = n * PER_LINK + np.array([1, 2, 3]) * n + found.target
-    std = np.sqrt(np.diagonal(found.covariance))
-    which = int(np.argmax(np.abs(found.value) / scene.changed("friction", found.target)[1].diagonal() ** 0.5))
-    name = ("viscous friction", "Coulomb friction", "effort offset")[which]
-    unit = ("N*m*s/rad", "N*m", "N*m")[which]
-    old, new = before[index[which]], before[index[which]] + found.value[which]
-    parameters = {
-        "start_value": _quantity(old, std[which], unit),
-        "end_value": _quantity(new, std[which], unit),
-        "start": _quantity(found.start, 0.5, "s"),
-    }
-    joint = scene.robot.joints[found.target]
-    text = unit.replace("*", "·")
-    sentence = (
-        f"{joint} drifts: its {name} went from {old:.3g} to {new:.3g} {text} since {found.start:.1f} s."
-    )
-    return {**_where(scene, found), "parameters": parameters, "sentence": sentence}
-
-
-def _push(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
-    """A wrench of the environment, for a while."""
-    std = np.sqrt(np.diagonal(found.covariance))
-    names = [f"{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz"]
-    units = ["N"] * 3 + ["N*m"] * 3
-    parameters = {
-        "start": _quantity(found.start, 0.25, "s"),
-        "end": _quantity(found.end, 0.25, "s"),
-        **{
-            name: _quantity(value, spread, unit)
-            for name, value, spread, unit in zip(names, found.value, std, units, strict=True)
-        },
-    }
-    force = ", ".join(f"{value:.1f}" for value in found.value[:3])
-    link = scene.links[found.target]
-    sentence = f"Something pushed {link} from {found.start:.1f} s to {found.end:.1f} s with ({force}) N."
-    return {**_where(scene, found), "parameters": parameters, "sentence": sentence}

@@ -58,17 +58,17 @@ def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> lis
         data: blocks in order of time.
         information: inverse covariance of the base parameters before, (P, P).
     """
-    known = _Known.of(data, information)
+    known = Known.of(data, information)
     tip = scene.width - 1
     found: list[Explanation] = []
     for target in range(scene.width):
-        found += [_step(scene, data, known, kind, target) for kind in ("payload", "friction")]
+        found += [step(scene, data, known, kind, target) for kind in ("payload", "friction")]
         push = _push(scene, data, known, target)
         if push is not None:
             found.append(push)
     # a name that fits but for its edges raises the noise for all: rivals are apart by what that noise allows
-    misfit = max(found, key=lambda e: e.evidence).misfit
-    found = [replace(e, evidence=e.evidence / misfit, covariance=e.covariance * e.misfit) for e in found]
+    noise = max(found, key=lambda e: e.evidence).misfit
+    found = [replace(e, evidence=e.evidence / noise, covariance=e.covariance * e.misfit) for e in found]
     odds = [e.evidence + (OFF_TIP if e.kind != "friction" and e.target != tip else 0.0) for e in found]
     return _outermost_first([found[k] for k in np.argsort(odds)[::-1]])
 
@@ -88,7 +88,7 @@ def _outermost_first(ranked: list[Explanation]) -> list[Explanation]:
 
 
 @dataclass(frozen=True)
-class _Known:
+class Known:
     """The base parameters if nothing changed: prior information, and mean and covariance after the data."""
 
     information: np.ndarray
@@ -98,14 +98,14 @@ class _Known:
     covariance: np.ndarray
 
     @classmethod
-    def of(cls, data: Sequence[Block], information: np.ndarray) -> _Known:
+    def of(cls, data: Sequence[Block], information: np.ndarray) -> Known:
         gram = np.sum([block.gram for block in data], axis=0)
         moment = np.sum([block.moment for block in data], axis=0)
         covariance = inverse(information + gram)[0]
         return cls(information, gram, moment, covariance @ moment, covariance)
 
 
-def _step(scene: Scene, data: Sequence[Block], known: _Known, kind: Kind, target: int) -> Explanation:
+def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: int) -> Explanation:
     """Parameters that are others from some block on, by Schur complements of what is known without."""
     index, size = scene.changed(kind, target)
     inverse_size, log_size = inverse(size)
@@ -137,7 +137,7 @@ def _step(scene: Scene, data: Sequence[Block], known: _Known, kind: Kind, target
         data[-1].end,
         gain,
         _share(data[first:], before, part),
-        _misfit(data[first:], sum(_energy(block, before + part) for block in data[first:])),
+        misfit(data[first:], sum(energy(block, before + part) for block in data[first:])),
         change,
         spread,
         before + part,
@@ -145,7 +145,7 @@ def _step(scene: Scene, data: Sequence[Block], known: _Known, kind: Kind, target
     )
 
 
-def _push(scene: Scene, data: Sequence[Block], known: _Known, target: int) -> Explanation | None:
+def _push(scene: Scene, data: Sequence[Block], known: Known, target: int) -> Explanation | None:
     """A wrench on one body over some blocks, another one in each."""
     inverse_size, log_size = inverse(scene.wrench)
     spreads, gains = [], []
@@ -167,21 +167,21 @@ def _push(scene: Scene, data: Sequence[Block], known: _Known, target: int) -> Ex
     log_without = -np.linalg.slogdet(known.covariance)[1]
     without = 0.5 * (float(known.moment @ known.mean) - log_without)
     evidence = sum(gains[low:high]) + 0.5 * (float(moment @ mean) - log_with) - without
-    wrenches, removed, energy = [], 0.0, 0.0
+    wrenches, removed, whole = [], 0.0, 0.0
     for block, spread in zip(data[low:high], spreads[low:high], strict=True):
         score = block.pull_moment[target] - block.cross[target] @ mean
         wrench = spread @ score
         wrenches.append(wrench)
         removed += 2.0 * float(wrench @ score) - float(wrench @ block.pull_gram[target] @ wrench)
-        energy += _energy(block, mean)
+        whole += energy(block, mean)
     return Explanation(
         "push",
         target,
         data[low].start,
         data[high - 1].end,
         evidence,
-        removed / max(energy, 1e-300),
-        _misfit(data[low:high], energy - removed),
+        removed / max(whole, 1e-300),
+        misfit(data[low:high], whole - removed),
         np.mean(wrenches, axis=0),
         np.mean(spreads[low:high], axis=0) / (high - low),
         mean,
@@ -189,20 +189,20 @@ def _push(scene: Scene, data: Sequence[Block], known: _Known, target: int) -> Ex
     )
 
 
-def _energy(block: Block, mean: np.ndarray) -> float:
+def energy(block: Block, mean: np.ndarray) -> float:
     """Weighted square of the residual under base parameters `mean`."""
     return max(block.energy - 2.0 * float(mean @ block.moment) + float(mean @ block.gram @ mean), 1e-300)
 
 
-def _misfit(data: Sequence[Block], left: float) -> float:
+def misfit(data: Sequence[Block], left: float) -> float:
     """How many times the noise is left of the weighted square, at least 1 (Birge 1932)."""
     return max(LEAST_CORRELATION * left / sum(block.count for block in data), 1.0)
 
 
 def _share(data: Sequence[Block], before: np.ndarray, change: np.ndarray) -> float:
     """Part of the weighted square since the change that the change removes."""
-    old = sum(_energy(block, before) for block in data)
-    new = sum(_energy(block, before + change) for block in data)
+    old = sum(energy(block, before) for block in data)
+    new = sum(energy(block, before + change) for block in data)
     return 1.0 - new / max(old, 1e-300)
 
 

@@ -151,10 +151,10 @@ class Learning:
         before = squared_error(self._serving, signals, rows, measured)
         number = self._number if self.served is None else self.served.number
         self.errors.append(Error(float(signals.time[rows[-1]]), before, self._spread.variance, number))
-        change = self._monitor.look(signals, rows, None if self.served is None else self.served.model)
-        if change is not None:
-            self.changes.append(change)
-            self.identifier = self.identifier.restarted(change.belief)
+        changes = self._monitor.look(signals, rows, None if self.served is None else self.served.model)
+        if changes:
+            self.changes += changes
+            self.identifier = self.identifier.restarted(changes[-1].belief)
             self._candidate, self._eager = None, True
             return
         if self._candidate is not None:

@@ -1,0 +1,105 @@
+"""A change of a robot in the words and numbers of the contract's diagnosis.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.online.hypotheses import Explanation
+from bdnn_ros.online.scene import Scene
+from bdnn_ros.robot import PER_LINK
+
+
+def finding(
+    scene: Scene, best: Explanation, rivals: tuple[Explanation, ...], before: np.ndarray
+) -> dict[str, Any]:
+    """The change as a finding of the contract.
+
+    Args:
+        best: what changed.
+        rivals: what else it might be.
+        before: base parameters before it, (P,).
+    """
+    describe = {"payload": _payload, "friction": _friction, "push": _push}[best.kind]
+    entry = describe(scene, best, before)
+    odds = np.exp([e.evidence - best.evidence for e in (best, *rivals)])
+    probability = odds / odds.sum()
+    entry |= {
+        "share": float(np.clip(best.share, 0.0, 1.0)),
+        "probability": float(probability[0]),
+        "rivals": [
+            {**_where(scene, rival), "probability": float(p)}
+            for rival, p in zip(rivals, probability[1:], strict=True)
+        ],
+    }
+    return entry
+
+
+def _where(scene: Scene, found: Explanation) -> dict[str, Any]:
+    effect = {"payload": "payload", "friction": "drift", "push": "external_wrench"}[found.kind]
+    joint = scene.robot.joints[found.target] if found.kind == "friction" else None
+    return {"effect": effect, "joint": joint, "link": None if joint else scene.links[found.target]}
+
+
+def _quantity(value: float, std: float, unit: str) -> dict[str, Any]:
+    return {"value": float(f"{value:.6g}"), "std": float(f"{std:.3g}"), "unit": unit}
+
+
+def _payload(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
+    """Something gripped (mass added) or released (mass taken away)."""
+    mass = float(found.value[0])
+    released = mass < 0
+    centre = found.value[1:4] / mass
+    std = np.sqrt(np.diagonal(found.covariance))
+    time = "end" if released else "start"
+    parameters = {
+        "mass": _quantity(abs(mass), std[0], "kg"),
+        **{f"com_{axis}": _quantity(centre[k], std[1 + k] / abs(mass), "m") for k, axis in enumerate("xyz")},
+        time: _quantity(found.start, 0.25, "s"),
+    }
+    link = scene.links[found.target]
+    verb = "released" if released else "gripped"
+    sentence = f"{link} {verb} {abs(mass):.2f} kg (± {std[0]:.2f}) at {found.start:.1f} s."
+    return {**_where(scene, found), "parameters": parameters, "sentence": sentence}
+
+
+def _friction(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
+    """Friction of a joint that is another than before: the part that changed most."""
+    n = scene.width
+    index = n * PER_LINK + np.array([1, 2, 3]) * n + found.target
+    std = np.sqrt(np.diagonal(found.covariance))
+    which = int(np.argmax(np.abs(found.value) / scene.changed("friction", found.target)[1].diagonal() ** 0.5))
+    name = ("viscous friction", "Coulomb friction", "effort offset")[which]
+    unit = ("N*m*s/rad", "N*m", "N*m")[which]
+    old, new = before[index[which]], before[index[which]] + found.value[which]
+    parameters = {
+        "start_value": _quantity(old, std[which], unit),
+        "end_value": _quantity(new, std[which], unit),
+        "start": _quantity(found.start, 0.5, "s"),
+    }
+    joint = scene.robot.joints[found.target]
+    text = unit.replace("*", "·")
+    sentence = (
+        f"{joint} drifts: its {name} went from {old:.3g} to {new:.3g} {text} since {found.start:.1f} s."
+    )
+    return {**_where(scene, found), "parameters": parameters, "sentence": sentence}
+
+
+def _push(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
+    """A wrench of the environment, for a while."""
+    std = np.sqrt(np.diagonal(found.covariance))
+    names = [f"{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz"]
+    units = ["N"] * 3 + ["N*m"] * 3
+    parameters = {
+        "start": _quantity(found.start, 0.25, "s"),
+        "end": _quantity(found.end, 0.25, "s"),
+        **{
+            name: _quantity(value, spread, unit)
+            for name, value, spread, unit in zip(names, found.value, std, units, strict=True)
+        },
+    }
+    force = ", ".join(f"{value:.1f}" for value in found.value[:3])
+    link = scene.links[found.target]
+    sentence = f"Something pushed {link} from {found.start:.1f} s to {found.end:.1f} s with ({force}) N."
+    return {**_where(scene, found), "parameters": parameters, "sentence": sentence}
