@@ -88,6 +88,7 @@ class Trainer:
                 self._hand_over(version)
             self._tell_rejected()
             self._tell_changes()
+            self.learning.errors.clear()
         self.analyst.tick(float(samples.time[-1]))
         return True
 
