@@ -62,7 +62,7 @@ def robots() -> tuple[Robot, Robot]:
 def recording(duration: float) -> Recording:
     """The motion that is streamed, with noise; periodic."""
     _, real = robots()
-    return motion(real, duration, RATE, noise=0.003)
+    return motion(real, duration, RATE, noise=0.003, period=PERIOD)
 
 
 # -- processes -------------------------------------------------------------------------------------

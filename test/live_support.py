@@ -31,11 +31,16 @@ def real_robot(robot: Robot, seed: int = 1, error: float = 0.1) -> Robot:
     )
 
 
-def motion(robot: Robot, duration: float, rate: float, seed: int = 0, noise: float = 0.0) -> Recording:
-    """A robot that follows sums of sines exactly; its effort is the inverse dynamics, and noise."""
+def motion(
+    robot: Robot, duration: float, rate: float, seed: int = 0, noise: float = 0.0, period: float | None = None
+) -> Recording:
+    """A robot that follows sums of sines exactly, repeated after the period if any; its effort is the
+    inverse dynamics, and noise."""
     generator = np.random.default_rng(seed)
     time_ = np.arange(round(duration * rate)) / rate
     frequency = generator.uniform(0.15, 0.9, (4, robot.width)) * 2.0 * np.pi
+    if period is not None:
+        frequency = np.round(frequency * period / (2.0 * np.pi)) * 2.0 * np.pi / period
     phase = generator.uniform(0.0, 2.0 * np.pi, (4, robot.width))
     amplitude = generator.uniform(0.1, 0.3, (4, robot.width))
     angle = frequency * time_[:, None, None] + phase

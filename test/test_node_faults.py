@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from live_support import (
+    Process,
     Robotics,
     motion,
     node_process,
@@ -24,6 +27,7 @@ from live_support import (
 from std_msgs.msg import String
 
 from bdnn_interfaces.srv import InverseDynamics, SaveModel
+from bdnn_ros import bags
 from bdnn_ros.cli.replay import replayed
 from bdnn_ros.online.learning import Learning
 from bdnn_ros.online.models import load_model
@@ -157,6 +161,37 @@ def test_a_stream_with_faults(tmp_path):
         description.publish(String(data=Robot.bundled("arm6").urdf))
         wait_until(lambda: "another robot" in node.output)
         assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
+
+
+def test_the_publisher_is_killed_and_returns(tmp_path):
+    """A process that plays a bag dies without a word; another begins the bag anew: learning goes on."""
+    bags.write(replace(motion(REAL, 6.0, 250.0), epoch=1000 * SECOND), tmp_path / "bag")
+    arguments = [
+        sys.executable,
+        "-m",
+        "bdnn_ros.nodes.replay_node",
+        "--ros-args",
+        "-p",
+        f"bag:={tmp_path / 'bag'}",
+    ]
+    with node_process(tmp_path, 138, diagnosis_period=0.0), Robotics(138) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+
+        def told(key: str) -> int:
+            return int(status(diagnostics).get(key, "0")) if diagnostics else 0
+
+        first = Process(arguments, tmp_path / "first.log", 138)
+        wait_until(lambda: told("samples_received") > 500, 30.0)
+        first.process.kill()
+        first.process.wait()
+        wait_until(lambda: "no joint state for" in status(diagnostics)["message"], 20.0)
+        before, version = told("samples_received"), told("model_version")
+        assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
+        second = Process(arguments, tmp_path / "second.log", 138)
+        assert second.process.wait(60) == 0, second.output
+        wait_until(lambda: told("samples_received") == before + 1500)
+        assert told("stream_clock_restarts") == 1 and told("samples_lost") == 0
+        wait_until(lambda: told("model_version") > version)
 
 
 def test_a_model_that_cannot_be_written(tmp_path):
