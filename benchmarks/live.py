@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -221,6 +222,16 @@ def growth(samples: list[float], held: Callable[[np.ndarray], float] = np.mean) 
     return float(held(half[-quarter:]) / held(half[:quarter]) - 1.0)
 
 
+def _end(process: subprocess.Popen[Any]) -> None:
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(60.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
 def measure(duration: float, folder: Path) -> dict[str, Any]:
     """One run of all processes."""
     from diagnostic_msgs.msg import DiagnosticArray
@@ -244,7 +255,9 @@ def measure(duration: float, folder: Path) -> dict[str, Any]:
         text=True,
     )
     result: dict[str, Any] = {"duration_s": duration, "samples": round(duration * RATE)}
-    with Robotics(DOMAIN, "client") as ros:
+    with contextlib.ExitStack() as ending, Robotics(DOMAIN, "client") as ros:
+        for process in (node.process, other.process, player):  # none stays, whatever goes wrong
+            ending.callback(_end, process)
         diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
         stamps: list[tuple[float, float]] = []
 
@@ -305,8 +318,7 @@ def measure(duration: float, folder: Path) -> dict[str, Any]:
             "round_trip_ms": {name: quantiles(np.array(v)) for name, v in round_trips.items()},
             "nmse_after_2_s": nmse(errors, 2.0, min(duration, 32.0)),
         }
-    other.end()
-    assert node.end(patience=60.0) == 0, node.output
+    assert node.process.wait() == 0, node.output
     result["bare"] = json.loads(other.output.splitlines()[-1])
     line = next(line for line in node.output.splitlines() if line.startswith("MEASURED"))
     result |= json.loads(line.removeprefix("MEASURED "))
