@@ -125,6 +125,7 @@ def test_good_data_is_not_remarked_on(bag, tmp_path, capsys):
         ("silent", [], 1, "no effort"),
         ("still", [], 1, "no joint moves"),
         ("first", ["--holdout", "1.5"], 2, "between 0 and 1"),
+        ("first", ["--holdout", "0.99"], 2, "Give a smaller share"),
         ("first", ["--budget", "0"], 2, "not a time"),
         ("first", ["--cutoff", "500"], 2, "does not fit"),
         ("first", ["--spread", "mass=0.1"], 2, "--spread mass=0.1 is no spread"),
@@ -141,3 +142,13 @@ def test_what_cannot_be_answered_is_said_in_one_sentence(
     assert words in said
     assert "Traceback" not in said
     assert not (tmp_path / "out").exists()
+
+
+def test_a_bag_of_another_robot_among_several_is_named(bag, tmp_path, capsys):
+    robot = Robot.bundled("arm6")
+    other = recorded(1)
+    other = Recording(other.time, robot.joints[:2], other.position, None, other.effort)
+    strange = str(bags.write(other, tmp_path / "strange"))
+    assert main(["identify", bag["first"], strange, "--out", str(tmp_path / "model")]) == 2
+    message = capsys.readouterr().err
+    assert f"{Path(strange).name}: its joints ({robot.joints[0]}, {robot.joints[1]}) are none" in message

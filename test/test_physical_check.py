@@ -169,3 +169,13 @@ def test_an_uncertain_delay_is_not_told(model, recording):
     assert len(list(check.delayed(apart, [recording]))) == 1
     assert list(check.delayed(replace(apart, lead_std=0.008), [recording])) == []
     assert list(check.delayed(replace(apart, lead_std=0.002), [recording])) == []
+
+
+def test_a_motion_that_tells_nothing_apart_tells_no_delay(model, recording):
+    apart = replace(model, lead=0.02)
+    poor = recording.position.copy()
+    poor[:, 1:] = poor[:1, 1:]
+    alone = replace(recording, position=poor, velocity=None)
+    for one, told in ((recording, True), (alone, False)):
+        remarks = [str(remark) for remark in check.check([one], model.robot, apart)]
+        assert any("ahead of the motion" in remark for remark in remarks) is told

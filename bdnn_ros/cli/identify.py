@@ -27,6 +27,8 @@ HELP = "identify a model from recordings"
 MOST_REMARKS = 8
 """Sentences about the data that are printed; parameters.json has all."""
 
+LEAST_SECONDS = 1.0
+"""Motion that a model is identified from, at least [s]."""
 WIDEST_SPREAD = 10.0
 
 
@@ -74,6 +76,12 @@ def run(args: argparse.Namespace) -> int:
         )
     recordings, robot = options.load(args)
     parts = [recording.split(args.holdout) for recording in recordings]
+    for recording, (first, _) in zip(recordings, parts, strict=True):
+        if first.duration < LEAST_SECONDS <= recording.duration:
+            raise UsageError(
+                f"--holdout {args.holdout:g} leaves {first.duration:.2g} s of {recording.name} to learn from.",
+                f"Give a smaller share: {LEAST_SECONDS:g} s are the least.",
+            )
     training, held_out = [first for first, _ in parts], [last for _, last in parts]
     tested = [prepare(recording, args.cutoff) for recording in held_out]
     if args.prior == "none":

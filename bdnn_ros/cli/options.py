@@ -207,8 +207,15 @@ def _common_joints(recordings: Sequence[Recording], robot: Robot | None) -> tupl
         raise UsageError(
             f"The bags share no joint; they have {theirs}.", "Map the names with --rename old=new."
         )
+    if all(set(r.joints) & set(candidates) for r in recordings):
+        raise UsageError(
+            f"No joint of the robot is in all bags; they have {theirs}.", "Give bags of the same joints."
+        )
+    strange = next(r for r in recordings if not set(r.joints) & set(candidates))
+    theirs = listed(strange.joints, 20)
+    whose = f"{strange.name}: its" if len(recordings) > 1 else "The bag's"
     raise UsageError(
-        f"The bag's joints ({theirs}) are none of the URDF's ({listed(robot.joints, 20)}).",
+        f"{whose} joints ({theirs}) are none of the URDF's ({listed(robot.joints, 20)}).",
         "Map the names with --rename old=new or --rename s/pattern/replacement/, or pass the robot's --urdf.",
     )
 

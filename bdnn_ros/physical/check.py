@@ -23,7 +23,7 @@ MATTERS = 0.02
 ILL_CONDITIONED = 100.0
 """Condition number above which parameters are hard to tell apart (Gautier and Khalil, IJRR 1992)."""
 HOPELESS = 1e5
-"""The condition number is not told beyond."""
+"""The condition number is not told beyond, nor a delay: all there is may be a joint that turns round now and then."""
 MOST_ROWS = 2000
 """Samples that the condition is found from."""
 PERIODS = 0.75
@@ -80,7 +80,10 @@ def check(
         spread: that the model was identified with.
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
-    found = [*unexcited(robot, model, spread), *conditioned(robot, signals), *delayed(model, recordings)]
+    value = condition(robot, signals)
+    found = [*unexcited(robot, model, spread), *conditioned(value)]
+    if value < HOPELESS:
+        found += delayed(model, recordings)
     for recording, one in zip(recordings, signals, strict=True):
         found += [*saturated(recording, robot), *odd_velocity(recording, one)]
     return found
@@ -129,9 +132,8 @@ def _open_inertias(robot: Robot, model: PhysicalModel, belief: Prior) -> Iterato
         )
 
 
-def conditioned(robot: Robot, signals: Sequence[Signals]) -> Iterator[Remark]:
-    """Whether parameters are hard to tell apart on this motion."""
-    value = condition(robot, signals)
+def conditioned(value: float) -> Iterator[Remark]:
+    """Whether parameters are hard to tell apart on a motion with this condition number."""
     if value > ILL_CONDITIONED:
         size = f"{value:.0f}" if value < HOPELESS else f"above {HOPELESS:.0f}"
         yield Remark(
