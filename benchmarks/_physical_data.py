@@ -96,6 +96,15 @@ def tests(one: Real, seed: int) -> list[Signals]:
     return [prepare(recording) for recording in motions(one, TESTED, 1_000_000 + seed)]
 
 
+def true_motion(one: Real, seed: int) -> Trajectory:
+    """Other motions once more, as they are: without sensors, at 100 Hz."""
+    rng = np.random.default_rng([seed, 3])
+    time = np.arange(0.0, TESTED, 0.01)
+    plans = [fourier(one.nominal, time[time < PIECE], rng) for _ in range(round(TESTED / PIECE))]
+    parts = (np.concatenate([getattr(p, k) for p in plans]) for k in ("position", "velocity", "acceleration"))
+    return Trajectory(time, *parts)
+
+
 def _noise(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
     """Noise of unit variance, white or correlated over so many samples, (N, n)."""
     white = rng.standard_normal(shape)

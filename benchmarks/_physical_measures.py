@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from _physical_data import PIECE, Real
+from _physical_data import PIECE, Real, true_motion
 
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.recording import Recording
@@ -30,6 +30,18 @@ def poses(robot: Robot, count: int, seed: int = 0) -> np.ndarray:
 def torque_error(model: PhysicalModel, parts: Sequence[Signals]) -> float:
     """Mean over the joints of squared error / variance of the torque."""
     return float(score_model(model, parts).nmse.mean())
+
+
+def true_error(model: PhysicalModel, one: Real, seed: int) -> float:
+    """The same of the effort that the model gives for a motion known exactly, against the exact effort.
+
+    No sensor, no low-pass: what is left is the model's own error.
+    """
+    motion = true_motion(one, seed)
+    at = motion.position, motion.velocity, motion.acceleration
+    exact_effort = one.effort(*at)
+    error = model.inverse_dynamics(*at) - exact_effort
+    return float(np.mean(np.mean(error**2, axis=0) / np.var(exact_effort, axis=0)))
 
 
 def mechanics_errors(model: PhysicalModel, one: Real) -> tuple[float, float]:
