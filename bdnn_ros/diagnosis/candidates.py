@@ -15,7 +15,6 @@ from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
-SETTLING_ROUNDS = 2
 RELINEARISATIONS = 4
 CONSISTENT = 0.1
 """Columns are exact enough where the shape they were made with is found again within this share."""
@@ -112,30 +111,10 @@ class Candidates:
         return plant.robot
 
 
-def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
-    """The pool with load and bodies as its own fit has them.
-
-    Only then is the sum of the terms what the effects do together: a scaled effort scales the friction found beside
-    it, a tilt turns the payload's gravity.
-    """
-    for _ in range(SETTLING_ROUNDS):
-        fit = pool.fit(range(len(pool.terms)))
-        found = equations, pool, fit
-        (load, drive), bodies = candidates.load(*found), candidates.bodies(*found)
-        terms = list(pool.terms)
-        for chosen in fit.terms:
-            term, (coefficients, _) = terms[chosen], pool.part(fit, chosen)
-            if term.effect.name not in ON_BODIES:  # a payload's centre would drift: its mass gives way to it
-                terms[chosen] = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
-        equations.relieve(load, drive, bodies)
-        pool = Pool(equations, pool.noise, terms, pool.link_error)
-    return pool
-
-
-def lone_gain(equations: Equations, pool: Pool, fit: Fit, term: Term) -> float:
-    """Evidence a term with its shape would add to a fit."""
+def _alone(equations: Equations, pool: Pool, fit: Fit, term: Term) -> tuple[float, np.ndarray]:
+    """Evidence a term with its shape would add to a fit, and its coefficients (k,); its columns are not kept."""
     raw = term.effect.columns(equations.motion, term.target, dict(term.shape), term.link)
-    return pool.gain_of(fit, term, equations.reduced(raw))[0]
+    return pool.gain_of(fit, term, equations.reduced(raw))
 
 
 def _elsewhere(term: Term, other: Term) -> bool:
@@ -145,9 +124,10 @@ def _elsewhere(term: Term, other: Term) -> bool:
 
 def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
     """The term with columns that are exact where they fit best beside a fit; what they gain elsewhere is not real."""
+    if not term.shape:
+        return term
     for _ in range(RELINEARISATIONS):
-        raw = term.effect.columns(equations.motion, term.target, dict(term.shape), term.link)
-        _, coefficients = pool.gain_of(fit, term, equations.reduced(raw))
+        _, coefficients = _alone(equations, pool, fit, term)
         moved = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
         before, after = (np.array([value for _, value in one.shape]) for one in (term, moved))
         if np.linalg.norm(after - before) <= CONSISTENT * np.linalg.norm(after):
@@ -158,7 +138,7 @@ def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Ter
 
 def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term, names: Sequence[str]) -> Term:
     """The term with its free shape parameters where they add most evidence to a fit."""
-    fixed = dict(term.shape)
+    fixed, motion = dict(term.shape), equations.motion
     start = np.array([fixed[name] for name in names])
     scale = np.where(np.abs(start) > 1e-9, np.abs(start), 1.0)
 
@@ -166,9 +146,10 @@ def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term, names: Sequ
         return {**fixed, **dict(zip(names, (x * scale).tolist(), strict=True))}
 
     def loss(x: np.ndarray) -> float:
-        if not term.effect.shape_allowed(moved(x)):
+        shape = moved(x)
+        if not (term.effect.shape_allowed(shape) and term.effect.resolved(motion, term.target, shape)):
             return 1e9
-        return -lone_gain(equations, pool, fit, term.shaped(moved(x)))
+        return -_alone(equations, pool, fit, term.shaped(shape))[0]
 
     first = loss(start / scale)
     best = minimize(

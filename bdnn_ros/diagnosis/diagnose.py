@@ -9,15 +9,16 @@ from typing import Protocol
 import numpy as np
 
 from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.candidates import Candidates, settled
+from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.identifiability import Judgement, advice, judge
+from bdnn_ros.diagnosis.identifiability import Judgement, advice, judge, likelier
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Search, Selection
+from bdnn_ros.diagnosis.settling import settled, timed
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
@@ -26,6 +27,8 @@ from bdnn_ros.signals import Signals, concatenated, flattened, prepare
 
 EVERY_TEST_BLOCK = 5
 """One block in so many is kept out of the search and of the fit that the gain is measured with."""
+SWAPS = 3
+"""So many findings may give way to a rival that proves likelier."""
 RESAMPLES = 1000
 MINIMUM_SHARE = 0.02
 """An effect that removes an error below this share of the effort's spread at every joint stays in the model without a name."""
@@ -128,7 +131,16 @@ def examine(
     selection = search.run()
     say("weighing rivals")
     judgements = judge(search, selection)
-    fitted = Pool(equations, selection.pool.noise, selection.terms, selection.pool.link_error)
+    for _ in range(SWAPS):
+        better = likelier(selection, judgements)
+        if better is None:
+            break
+        selection, judgements = better, judge(search, better)
+    equations.usable = whole
+    seen = Pool(equations, selection.pool.noise, selection.terms, selection.pool.link_error)
+    terms = timed(search.candidates, equations, seen).terms
+    equations.usable = whole & ~test[:, None]
+    fitted = Pool(equations, selection.pool.noise, terms, selection.pool.link_error)
     fitted = settled(search.candidates, equations, fitted)
     extended = fitted.residual(fitted.fit(range(len(selection.terms))), blur=False)
     equations.usable = whole

@@ -143,16 +143,18 @@ class Equations:
         return np.array([1.0 / signals.raw_rate, signals.kernel_std**2])
 
     def relieve(self, load: np.ndarray, drive: np.ndarray, robot: Robot | None = None) -> None:
-        """Take better estimates of the load and of what the drives take of it, (N, n) each, and of the bodies.
-
-        Columns made from old ones are forgotten.
-        """
+        """Take better estimates of the load and of what the drives take of it, (N, n) each, and of the bodies."""
         motion = self.motion if robot is None else self.motion.with_robot(robot)
-        self.motion = motion.with_load(load, drive)
+        self.take(motion.with_load(load, drive))
+
+    def take(self, motion: Motion) -> None:
+        """Take another estimate of what acts along the same motion; columns made from the old one are forgotten."""
+        bodies = motion.robot is not self.motion.robot
+        self.motion = motion
         self._columns = {
             term: kept
             for term, kept in self._columns.items()
-            if not (term.effect.of_load or (term.effect.of_bodies and robot is not None))
+            if not (term.effect.of_load or (term.effect.of_bodies and bodies))
         }
         self._nuisances = None
 

@@ -16,6 +16,8 @@ TEMPERATURE = 2.0
 LISTED = 0.02
 """Rivals less probable than this are not listed."""
 CLOSE = 12.0
+HARDLY = 0.05
+"""A finding less probable than this is given up where a rival is more probable than not."""
 TIE = 0.1
 """A rival at least this probable makes the finding a tie, and earns advice."""
 SAME_PHYSICS = (frozenset({"payload", "link_inertia"}),)
@@ -40,6 +42,16 @@ class Judgement:
 def judge(search: Search, selection: Selection) -> list[Judgement]:
     """Rivals of every chosen term, in the order of `selection.chosen`."""
     return [_judge(search, selection, one) for one in selection.chosen]
+
+
+def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
+    """The selection with a finding that hardly can be given up for its likeliest rival; None where there is none."""
+    for one, judgement in zip(selection.chosen, judgements, strict=True):
+        if judgement.rivals and judgement.probability < HARDLY < 0.5 < judgement.rivals[0][1]:
+            rival = selection.pool.terms.index(judgement.rivals[0][0])
+            chosen = tuple(rival if c == one else c for c in selection.chosen)
+            return Selection(selection.pool, chosen, selection.pool.fit(chosen))
+    return None
 
 
 def _judge(search: Search, selection: Selection, one: int) -> Judgement:

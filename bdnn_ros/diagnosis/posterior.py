@@ -11,6 +11,8 @@ from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.result import Quantity
 
 RELATIVE_STEP = 1e-3
+GIVEN = 1e-9
+"""Spread of a shape parameter that no search moves, such as a link's mass by the description."""
 IDEALISED = 0.01
 """No law is exact: so much of each coefficient is added to its standard deviation, whatever the noise."""
 
@@ -87,7 +89,7 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     if tangents:
         extra = np.stack(tangents, axis=2)
         white = np.concatenate([white, equations.whiten(extra, pool.noise)], axis=2)
-        ranges = [abs(value) + 1e-6 for c in fit.terms for _, value in pool.terms[c].shape]
+        ranges = [span for c in fit.terms for span in _ranges(pool.terms[c])]
         precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
     tall = white.reshape(-1, white.shape[2])
     covariance = np.linalg.inv(tall.T @ tall + np.diag(precision))
@@ -99,6 +101,12 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
         result.append(Estimate(term, coefficients, covariance[square], robust[square]))
         start += len(pool.slots[chosen])
     return result
+
+
+def _ranges(term: Term) -> list[float]:
+    """Prior spread of each shape parameter; what is given is known."""
+    free = term.effect.shape_bounds
+    return [abs(value) + 1e-6 if name in free else GIVEN for name, value in term.shape]
 
 
 def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Noise, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near
+from bdnn_ros.diagnosis.settling import at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""
@@ -27,12 +28,13 @@ ABSURD = 1e9
 NOISE_FLOOR = 1e-4
 """Smallest noise as a share of the effort's spread."""
 MOST_ROUNDS = 4
-SETTLING_STEPS = 3
 OUTSTANDING = 0.1
 """What brings less than this share of the largest gain waits until noise and load are known better."""
 RIVALS_TRIED = 6
 HIDDEN_TRIED = 3
 """So many effects are tried that only white noise shows."""
+LOUD = 15.0
+"""Evidence that white noise must show of them: it overstates it."""
 UNSURE = 30.0
 """A rival's gain is found with the others' bounds left as they are: by so much it may be too low."""
 BETTER = 0.5
@@ -87,56 +89,43 @@ class Search:
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
             previous = {t.place for t in selection.terms}
-            noise, terms = self._settle(selection)
-            selection = self._select(noise, terms)
+            settled = self._at_own_noise(selection.pool, selection.chosen)
+            selection = self._select(settled.noise, settled.terms)
             if {t.place for t in selection.terms} == previous:
                 break
         found = self._hidden_in_noise(selection)
-        return selection if found is None else self._select(*found)
+        return selection if found is None else self._select(found.noise, found.terms)
 
-    def _hidden_in_noise(self, selection: Selection) -> tuple[Noise, list[Term]] | None:
-        """Noise and terms with one more that white noise shows and its own noise confirms; None without.
+    def _hidden_in_noise(self, selection: Selection) -> Pool | None:
+        """The terms and one more that white noise shows and its own noise confirms; None without.
 
         What is constant or acts for a time can make the noise look slow, and slow noise then explains it.
         """
-        now = self._at_own_noise(selection)
-        pool, chosen = now.pool, now.chosen
-        noise = self.equations.white_noise_of(pool.residual(now.fit), self.floor)
+        now = self._at_own_noise(selection.pool, selection.chosen)
+        chosen = range(len(now.terms))
+        noise = self.equations.white_noise_of(now.residual(now.fit(chosen)), self.floor)
         pool = Pool(self.equations, noise, now.terms, self.link_error)
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(chosen))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         open_ = self.open_to(pool, chosen)
         gains = pool.gains(pool.fit(chosen), open_) - self.costs(pool, chosen)[open_]
-        motion, score = self.equations.motion, self.score(now.pool, chosen)
+        motion, score = self.equations.motion, self.score(now, chosen)
         for best in np.argsort(-gains)[:HIDDEN_TRIED]:
-            if gains[best] <= 0.0:
+            if gains[best] <= LOUD:
                 break
             term = pool.terms[open_[best]]
             kept = [t for t in now.terms if not contains(term, t)]
-            grown = Pool(self.equations, noise, [*kept, term], self.link_error)
-            every = range(len(grown.terms))
-            trial = self._at_own_noise(Selection(grown, tuple(every), grown.fit(every)))
-            if self.score(trial.pool, every) > score + BETTER and self._pays(trial.pool, every, every[-1]):
-                return trial.pool.noise, trial.terms
-            self.equations.relieve(motion.load, motion.drive, motion.robot)
+            every = range(len(kept) + 1)
+            trial = self._at_own_noise(Pool(self.equations, noise, [*kept, term], self.link_error), every)
+            if self.score(trial, every) > score + BETTER and self._pays(trial, every, every[-1]):
+                return trial
+            self.equations.take(motion)
         return None
 
-    def _at_own_noise(self, selection: Selection) -> Selection:
-        noise, terms = self._settle(selection)
-        pool, every = Pool(self.equations, noise, terms, self.link_error), range(len(terms))
-        return Selection(pool, tuple(every), pool.fit(every))
-
-    def _settle(self, selection: Selection) -> tuple[Noise, list[Term]]:
-        """Noise, load and bodies as a set of effects has them, each found again with the others, and its terms refined."""
-        pool, every = selection.pool, range(len(selection.chosen))
-        fit, terms = selection.fit, selection.terms
-        for _ in range(SETTLING_STEPS):
-            found = self.equations, pool, fit
-            noise = self.equations.noise_of(pool.residual(fit), self.floor)
-            self.equations.relieve(*self.candidates.load(*found), self.candidates.bodies(*found))
-            pool = self._refined(Pool(self.equations, noise, terms, self.link_error), every)
-            fit, terms = pool.fit(every), pool.terms
-        return self.equations.noise_of(pool.residual(fit), self.floor), terms
+    def _at_own_noise(self, pool: Pool, chosen: Sequence[int]) -> Pool:
+        terms = [pool.terms[c] for c in chosen]
+        alone = Pool(self.equations, pool.noise, terms, pool.link_error)
+        return at_own_noise(self.candidates, self.equations, alone, self.floor)
 
     def _start(self) -> Noise:
         """Noise of what the commonest causes on every joint would leave, trends left out; a first estimate of the load.
@@ -161,7 +150,7 @@ class Search:
         """
         count = len(start)
         pool = Pool(self.equations, noise, start, self.link_error)
-        pool = self._refined(pool, range(count))
+        pool = refined(self.candidates, self.equations, pool, range(count))
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         found = [
@@ -185,14 +174,6 @@ class Search:
         ]
         best = int(np.argmax(scores))
         return list(self.link_errors[max(best - 1, 0) : best + 1])
-
-    def _refined(self, pool: Pool, chosen: Sequence[int]) -> Pool:
-        """The pool with the shapes of some terms moved to where they fit best, one after another."""
-        for one in chosen:
-            term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
-            if term != pool.terms[one]:
-                pool = pool.replacing(one, term)
-        return pool
 
     def _descend(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
         """Add, replace and drop terms until nothing changes; once only where weak terms have to wait.

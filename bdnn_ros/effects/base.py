@@ -301,6 +301,10 @@ class Effect(ABC):
         """Whether fitted coefficients, each inside its bounds, can be such an effect together."""
         return True
 
+    def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
+        """Whether a motion behind its low-pass shows the effect with this shape at all."""
+        return True
+
     def echo(self, motion: Motion, target: int) -> np.ndarray | None:
         """Share of the effort sensor's noise, differentiated twice, that is in the target's column, (N,) [s²·...].
 

@@ -19,8 +19,8 @@ SOFTEST_LINK = 25.0
 """Lowest frequency of a link on its elastic gear that a position loop can live with [rad/s]."""
 EFFORT_SHARE = 0.95
 """Largest effort per limit with the effect."""
-TELLING = 0.02
-"""What an effect adds to a simpler one that it contains, per spread of the effort: less makes no difference."""
+TELLING = 0.05
+"""What an effect adds to a simpler one that it contains, per spread of the effort: less makes little difference."""
 LEAST_SCALED = 0.2
 """A link off by less is one of many that are."""
 
@@ -183,7 +183,8 @@ def _sensible(effect: Effect, values: dict[str, float], target: int, motion: Mot
     if effect.name == "link_inertia":
         return 0.4 <= values["scale"] <= 2.5 and abs(np.log(values["scale"])) >= np.log1p(LEAST_SCALED)
     if effect.name == "payload":
-        return values["mass"] <= motion.robot.inertials[:, 0].sum()
+        # on the first link it is a rotor's inertia by another name
+        return target > 0 and values["mass"] <= motion.robot.inertials[:, 0].sum()
     if effect.name == "effort_scale":
         return 0.5 <= values["scale"] <= 2.0
     return True

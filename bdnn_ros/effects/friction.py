@@ -15,6 +15,8 @@ ARMSTRONG = (
     "for the control of machines with friction, Automatica 30(7), 1994"
 )
 BONA = "Bona, Indri, Friction compensation in robotics: an overview, CDC 2005"
+RESOLVED = 0.25
+"""A Stribeck velocity that is passed within this share of the low-pass's standard deviation cannot be told from sticking."""
 
 
 class CoulombFriction(Effect):
@@ -108,7 +110,13 @@ class StribeckFriction(Effect):
         return motion.sharp_column(target, sign, fall * sign)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"velocity": float(v)} for v in np.geomspace(0.02, 0.3, 5)]
+        tried = [{"velocity": float(v)} for v in np.geomspace(0.02, 0.3, 5)]
+        return [shape for shape in tried if self.resolved(motion, target, shape)] or tried[-1:]
+
+    def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
+        """Whether the joint takes a good part of the low-pass's width to pass the velocity."""
+        usual = float(np.sqrt(np.mean(motion.acceleration[:, target] ** 2)))
+        return shape["velocity"] >= RESOLVED * usual * motion.signals.kernel_std
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         coulomb, extra = (float(c) for c in coefficients)

@@ -1,0 +1,73 @@
+"""A set of effects made to agree with what it says itself: of noise, load, bodies and shapes.
+
+A scaled effort scales the friction found beside it, a tilt turns the payload's gravity: columns are exact only at what the
+fit they are part of makes of the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.diagnosis.candidates import ON_BODIES, Candidates
+from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.evidence import Pool
+
+NOISE_ROUNDS = 3
+LAST_ROUNDS = 2
+
+
+def refined(candidates: Candidates, equations: Equations, pool: Pool, chosen: Sequence[int]) -> Pool:
+    """The pool with the shapes of some terms moved to where they fit best, one after another."""
+    for one in chosen:
+        term = candidates.refined(equations, pool, pool.fit(chosen), one)
+        if term != pool.terms[one]:
+            pool = pool.replacing(one, term)
+    return pool
+
+
+def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
+    """Give the equations load and bodies as the pool's terms together have them."""
+    found = equations, pool, pool.fit(range(len(pool.terms)))
+    equations.relieve(*candidates.load(*found), candidates.bodies(*found))
+
+
+def at_own_noise(candidates: Candidates, equations: Equations, pool: Pool, floor: np.ndarray) -> Pool:
+    """The pool with noise, load, bodies and shapes as its own fit has them, each found again with the others."""
+    every = range(len(pool.terms))
+    for _ in range(NOISE_ROUNDS):
+        noise = equations.noise_of(pool.residual(pool.fit(every)), floor)
+        relieve(candidates, equations, pool)
+        pool = refined(candidates, equations, Pool(equations, noise, pool.terms, pool.link_error), every)
+    noise = equations.noise_of(pool.residual(pool.fit(every)), floor)
+    return Pool(equations, noise, pool.terms, pool.link_error)
+
+
+def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
+    """The pool with load, bodies and the points its columns are made at as its own fit has them; its noise is kept."""
+    for _ in range(LAST_ROUNDS):
+        fit = pool.fit(range(len(pool.terms)))
+        terms = list(pool.terms)
+        for chosen in fit.terms:
+            term, (coefficients, _) = terms[chosen], pool.part(fit, chosen)
+            if term.effect.name not in ON_BODIES:  # a payload's centre would drift: its mass gives way to it
+                terms[chosen] = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
+        relieve(candidates, equations, pool)
+        pool = Pool(equations, pool.noise, terms, pool.link_error)
+    return pool
+
+
+def timed(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
+    """The pool with the windows of its wrenches found anew: in all rows, where those of a search left some out.
+
+    What begins in a stretch that was left out can be timed only there.
+    """
+    every = range(len(pool.terms))
+    terms = [
+        candidates.refined(equations, pool, pool.fit(every), one)
+        if pool.terms[one].effect.name == "external_wrench"
+        else pool.terms[one]
+        for one in every
+    ]
+    return pool if terms == pool.terms else Pool(equations, pool.noise, terms, pool.link_error)
