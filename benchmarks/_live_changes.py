@@ -85,7 +85,7 @@ def draw(kind: str, name: str, seed: int) -> Draw:
         truth = 9.81 * load * float(g.uniform(0.5, 1.5))
         wrench = np.concatenate([truth * way / np.linalg.norm(way), np.zeros(3)])
         jacobian = arm.link_jacobian(plain.position, arm.moving_link(arm.joints[-1]))
-        during = after[:, 0] & (plain.time < onset + g.uniform(0.6, 3.0))
+        during = after[:, 0] & (plain.time < onset + g.uniform(0.8, 3.0))
         effort = effort - during[:, None] * np.einsum("tij,i->tj", jacobian, wrench)
     elif kind == "drift":
         j = int(g.integers(arm.width))

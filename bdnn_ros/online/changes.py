@@ -10,7 +10,7 @@ import numpy as np
 
 from bdnn_ros.online.drift import Drift
 from bdnn_ros.online.hypotheses import Explanation, explain
-from bdnn_ros.online.scene import Block, Scene, base_parameters, blocks, inverse
+from bdnn_ros.online.scene import BLOCK_SECONDS, Block, Scene, base_parameters, blocks, inverse
 from bdnn_ros.online.wording import finding
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior
@@ -35,6 +35,8 @@ LEAST = 1.5
 """Motion after a change that lasts before it is named [s]."""
 LEAST_PUSH = 0.2
 """A push is named from this share of a mean link's weight on: stiction and gears give less."""
+LEAST_PUSHING = 0.7
+"""And when it lasts so long [s]: friction that is not learned yet gives jolts that are shorter."""
 KNOWN = 3.0
 """A payload is named when its mass is so many standard deviations from zero."""
 PATIENT, HOPE = 3, 2.0
@@ -187,7 +189,7 @@ class Monitor:
         seen = data[-1].end - best.start
         if self._evidence < SURE or best.share < EXPLAINED or seen < LEAST:
             return None
-        if best.kind == "push" and np.linalg.norm(best.value[:3]) < LEAST_PUSH * 9.81 * self.scene.load:
+        if best.kind == "push" and not self._is_push(best, data[-1].end):
             return None
         if best.kind == "payload" and abs(best.value[0]) < KNOWN * np.sqrt(best.covariance[0, 0]):
             return None
@@ -198,6 +200,12 @@ class Monitor:
         spread = 0.5 * (best.spread + best.spread.T)
         belief = Prior(mean + best.mean, spread, self.scene.scale)
         return Change(best, rivals, finding(self.scene, best, rivals, mean), belief)
+
+    def _is_push(self, found: Explanation, now: float) -> bool:
+        """Whether it is too strong and too long for a jolt of the robot's own, and over: a payload stays."""
+        over = now - found.end > 0.5 * BLOCK_SECONDS or len(self._suspects) >= LONGEST - 1
+        strong = float(np.linalg.norm(found.value[:3])) >= LEAST_PUSH * 9.81 * self.scene.load
+        return over and strong and found.end - found.start >= LEAST_PUSHING
 
 
 def _residual(model: PhysicalModel, signals: Signals, rows: np.ndarray) -> np.ndarray:
