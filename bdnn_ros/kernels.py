@@ -1,4 +1,4 @@
-"""Gaussian kernels: a low-pass, its derivatives, and the noise they let through."""
+"""Gaussian kernels: a low-pass, its derivatives, the noise they let through, and the grid they work on."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import numpy as np
 
 KERNEL_WIDTHS = 4.0
 """Half length of the kernel in standard deviations."""
+
+ROUNDING = 0.05
+"""A rate this close to a whole number of working rates counts as there: 999 and 1001 Hz go together."""
 
 
 def gaussian_std(cutoff: float) -> float:
@@ -34,3 +37,15 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
 def velocity_noise(position_noise: np.ndarray, std: float, rate: float) -> np.ndarray:
     """Standard deviation of the low-passed velocity under white position noise, (n,) [rad/s]."""
     return np.asarray(position_noise / np.sqrt(4.0 * np.sqrt(np.pi) * std**3 * rate))
+
+
+def even_grid(rate: float, least: float) -> tuple[float, int]:
+    """Step of the even grid [s] for samples at a rate [Hz], and how many of its samples make one working sample.
+
+    Args:
+        least: working samples per second that are enough [Hz].
+    """
+    ratio = rate / least
+    if ratio >= 1.0:
+        return 1.0 / rate, int(ratio + ROUNDING)
+    return 1.0 / (rate * np.ceil(1.0 / ratio - ROUNDING)), 1

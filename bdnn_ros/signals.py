@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.kernels import gaussian_kernel, gaussian_std, velocity_noise
+from bdnn_ros.kernels import even_grid, gaussian_kernel, gaussian_std, velocity_noise
 from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.repeats import without_repeats
 
@@ -29,8 +29,6 @@ SAMPLES_PER_CUTOFF = 20.0
 """Working rate per cut-off frequency: 200 Hz for 10 Hz."""
 MINIMUM_SAMPLES = 20
 """A segment shorter than this many working samples is left out."""
-ROUNDING = 0.05
-"""A rate this close to a whole number of working rates counts as there: 999 and 1001 Hz go together."""
 SAME_RATE = 0.02
 """Signals whose working rates differ by more than this share are not joined."""
 REST_WIDTHS = 5.0
@@ -174,7 +172,7 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
         )
     recording = without_repeats(recording)
     chosen = suitable_cutoff(recording.rate, cutoff)
-    step, every = _grid(recording.rate, chosen)
+    step, every = even_grid(recording.rate, SAMPLES_PER_CUTOFF * chosen)
     pieces = [_segment(recording, rows, chosen, step, every) for rows in recording.segments()]
     pieces = [piece for piece in pieces if len(piece["time"]) >= MINIMUM_SAMPLES]
     if not pieces:
@@ -282,14 +280,6 @@ def suitable_cutoff(rate: float, cutoff: float | None = None) -> float:
             f"Choose up to {rate * CUTOFF_PER_RATE:g} Hz.",
         )
     return chosen
-
-
-def _grid(rate: float, cutoff: float) -> tuple[float, int]:
-    """Step of the even grid [s] and how many of its samples make one working sample."""
-    ratio = rate / (SAMPLES_PER_CUTOFF * cutoff)
-    if ratio >= 1.0:
-        return 1.0 / rate, int(ratio + ROUNDING)
-    return 1.0 / (rate * np.ceil(1.0 / ratio - ROUNDING)), 1
 
 
 def _segment(
