@@ -20,6 +20,8 @@ NOISE_ORDER = 3
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
 
+STICKING_LEAD = 0.003
+"""How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
 HARDLY_SEEN = 1e-4
 """What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
 
@@ -126,21 +128,31 @@ class Equations:
 
     @property
     def nuisances(self) -> np.ndarray:
-        """What is never a finding: columns of a lead and a blur of the effort against the motion, (R, n, 2).
+        """What is never a finding: columns of a lead, of a blur and of each joint's sticking, (R, n, 2 + n).
 
         The first is the load's rate: an effort that is held for a sample leads by half of one. The second is its curvature:
-        it weighs down what noise of the position adds at high frequencies, and stands for a slow effort sensor.
+        it weighs down what noise of the position adds at high frequencies, and stands for a slow effort sensor. The others
+        are the rates of the joints' directions: a joint that sticks while it turns round leaves slowly, so that its dry
+        friction turns before its low-passed velocity does.
         """
         if self._nuisances is None:
             rate = self.motion.load_rate
-            self._nuisances = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1))
+            general = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1))
+            self._nuisances = np.concatenate([general, self._sticking], axis=2)
         return self._nuisances
+
+    @cached_property
+    def _sticking(self) -> np.ndarray:
+        """Rates of the joints' directions, (R, n, n) [1/s]."""
+        rate = self.reduced(self.motion.derivative(self.motion.signals.sign))
+        return np.asarray(rate[:, :, None] * np.eye(self.width))
 
     @property
     def nuisance_spread(self) -> np.ndarray:
-        """Prior standard deviations of the lead [s] and of the blur [s²], (2,)."""
+        """Prior standard deviations of the lead [s], of the blur [s²] and of the friction's leads [N·m·s], (2 + n,)."""
         signals = self.motion.signals
-        return np.array([1.0 / signals.raw_rate, signals.kernel_std**2])
+        general = [1.0 / signals.raw_rate, signals.kernel_std**2]
+        return np.array([*general, *(STICKING_LEAD * self.effort_scale)])
 
     def relieve(self, load: np.ndarray, drive: np.ndarray, robot: Robot | None = None) -> None:
         """Take better estimates of the load and of what the drives take of it, (N, n) each, and of the bodies."""

@@ -209,7 +209,8 @@ class Pool:
         equations = self.equations
         links = equations.rigid.shape[2]
         total = equations.rigid @ fit.coefficients[:links]
-        nuisances = fit.coefficients[links : self.base] * [1.0, float(blur)]
+        nuisances = fit.coefficients[links : self.base].copy()
+        nuisances[1:] *= blur
         total = total + equations.nuisances @ nuisances
         at = self.base
         for chosen in fit.terms:
