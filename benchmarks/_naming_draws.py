@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import time
 import traceback
@@ -17,10 +18,10 @@ from bdnn_ros import bags
 from bdnn_ros.diagnosis.building import nominal_effort
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.extended import IN_ROBOT
-from bdnn_ros.effects.base import Motion
 from bdnn_ros.effects.drawing import contribution
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS
-from bdnn_ros.errors import BdnnError
+from bdnn_ros.errors import BdnnError, DataError
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.scenario import Scenario
@@ -29,6 +30,11 @@ from bdnn_ros.simulation.simulate import Simulated
 HIDDEN = {0: 0.15, 1: 0.6, 2: 0.15, 3: 0.1}
 WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
+EXAMPLES = {
+    "xarm7": "xarm_description/urdf/xarm7.urdf",
+    "kinova": "kinova_description/robots/kinova.urdf",
+}
+"""Robots of example-robot-data: none was looked at while the diagnosis was made."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15
 """What is drawn how often, where the command line does not fix it."""
 
@@ -164,8 +170,23 @@ def noise_floor(simulated: Simulated, examination: Examination) -> np.ndarray:
 
 @cache
 def robot_of(name: str) -> Robot:
-    """A bundled robot, or one of a URDF file."""
-    return Robot.bundled(name) if name in BUNDLED else Robot.from_file(Path(name))
+    """A bundled robot, one of example-robot-data, or one of a URDF file."""
+    if name in BUNDLED:
+        return Robot.bundled(name)
+    return Robot.from_file(example(name) if name in EXAMPLES else Path(name))
+
+
+def example(name: str) -> Path:
+    """The description of a robot that no development saw.
+
+    Raises:
+        DataError: example-robot-data is not installed.
+    """
+    for folder in map(Path, sys.path):
+        path = folder / "cmeel.prefix" / "share" / "example-robot-data" / "robots" / EXAMPLES[name]
+        if path.is_file():
+            return path
+    raise DataError(f"There is no description of {name} here.", 'Install it: pip install ".[bench-extra]".')
 
 
 def _scenario(draw: Draw) -> Scenario:

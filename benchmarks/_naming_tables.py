@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.robot import BUNDLED
 
 Record = Mapping[str, Any]
 Rows = list[list[str]]
@@ -204,7 +205,9 @@ def confusion(records: Sequence[Record]) -> Rows:
 
 def shows(records: Sequence[Record]) -> Rows:
     """What is promised, and what was measured."""
-    rich = [r for r in records if not r["draw"]["poor"] and r["draw"]["duration"] >= 30.0]
+    seen = [r for r in records if r["draw"]["robot"] in BUNDLED]
+    rich = [r for r in seen if not r["draw"]["poor"] and r["draw"]["duration"] >= 30.0]
+    unseen = Totals([r for r in records if r not in seen and r["draw"]["hidden"] == 1])
     new, worn = ([r for r in rich if r["draw"]["worn"] is w] for w in (False, True))
     single = Totals([r for r in new if r["draw"]["hidden"] == 1 and r["draw"]["wrong"] == 0.05])
     further = Totals([r for r in new if r["draw"]["hidden"] == 1 and r["draw"]["wrong"] == 0.1])
@@ -217,6 +220,7 @@ def shows(records: Sequence[Record]) -> Rows:
         ["what", "wanted", "measured", "draws"],
         ["one effect, links 5 % off: named first", "≥ 95 %", *_of(single, single.named("first"))],
         ["the effect least often named first", "≥ 80 %", *_of(single, *_weakest(single))],
+        ["the same on robots not seen before", "5 less", *_of(unseen, unseen.named("first"))],
         ["one effect, links 10 % off: named first", "≥ 90 %", *_of(further, further.named("first"))],
         ["two effects: both named", "≥ 85 %", *_of(two, two.all_named())],
         ["nothing hidden: draws with a false finding", "≤ 2 %", *_of(clean, clean.with_false())],

@@ -24,7 +24,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from _naming_draws import Choices, Draw, done
+from _naming_draws import EXAMPLES, Choices, Draw, done
+from _naming_recordings import in_words, recorded, tables
 from _naming_tables import by_condition, by_effect, confusion, markdown, shows, summary, text
 
 from bdnn_ros.effects.registry import EFFECTS
@@ -32,7 +33,8 @@ from bdnn_ros.effects.registry import EFFECTS
 HERE = Path(__file__).resolve().parent
 RECORDS = HERE / "results" / "naming.jsonl"
 DOCUMENT = HERE.parent / "docs" / "naming.md"
-SOURCES = ("diagnosis", "effects", "simulation", "signals.py", "recording.py", "robot.py")
+RECORDED = HERE / "results" / "naming_recordings.json"
+SOURCES = ("diagnosis", "effects", "simulation", "signals.py", "kernels.py", "recording.py", "robot.py")
 FIRST_SEED, BUDGET = 10000, 120.0
 HEAD = """# Naming hidden effects: blind draws
 
@@ -40,6 +42,8 @@ Made by `python benchmarks/naming.py --write-docs` from `benchmarks/results/nami
 
 A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort), noise, errors of the links,
 motion and duration from its seed, writes a bag without the truth, diagnoses the bag, and only then compares.
+What contains a simpler effect (Stribeck and asymmetric friction, a drift) adds at least 5 % to what the simpler one
+says; a link is off by 20 % or more, beside others that are off by 5 or 10 %; a payload hangs from the second link on.
 
 - *Named*: the effect and its joint or link are among the findings. What is physically the same (payload and
   scaled link; asymmetric friction, and Coulomb friction with an offset; the base's tilt, and the zero of a
@@ -49,10 +53,10 @@ motion and duration from its seed, writes a bag without the truth, diagnoses the
   is true where the link really is off by about as much.
 - Errors of parameters are shares of the true value: of the vector's length for centres of mass and forces, of
   the larger end of a drift, of 1 rad for phases and rest positions.
-- The noise floor is what the sensors' noise leaves of a perfect model on the same held-out rows.
+- The noise floor is what the sensors' noise leaves of a perfect model on the same held-out rows: the effort's own,
+  and the position's through bodies, friction and effects.
 - A link that is off by hardly more than all links are is not named, here or on a real robot: the extended model
-  mends it silently. Dry friction that differs between directions by little, or only near standstill, is told as
-  Coulomb friction.
+  mends it silently.
 """
 
 
@@ -60,6 +64,9 @@ def main() -> None:
     args = _arguments()
     if args.write_docs:
         write_document(args.results)
+        return
+    if args.recordings:
+        tell_recordings(args.recordings)
         return
     records: list[dict[str, Any]] = []
     try:
@@ -130,6 +137,33 @@ def line(record: Mapping[str, Any]) -> str:
     return start + "; ".join([*(said or ["nothing hidden"]), *false, floor])
 
 
+def tell_recordings(data: Path) -> None:
+    """Diagnoses real recordings and their halves; keeps and prints what they name."""
+    results = recorded(data)
+    beside = RECORDED.with_suffix(".part")
+    beside.write_text(json.dumps(rounded(results), indent=1) + "\n", encoding="utf-8")
+    os.replace(beside, RECORDED)
+    for title, rows in tables(results):
+        print(f"\n{title}\n{text(rows)}")
+    print("\n" + in_words(results))
+
+
+def real_recordings() -> list[str]:
+    """What real recordings name, for the document; nothing where they were not diagnosed."""
+    if not RECORDED.is_file():
+        return []
+    results = json.loads(RECORDED.read_text(encoding="utf-8"))
+    parts = [
+        "\n## Real recordings\n",
+        "Made by `python benchmarks/naming.py --recordings DIR`. The truth is not known; what can be asked is whether each\n"
+        "half of a recording names what the whole does, and what is left unexplained.\n",
+        in_words(results) + "\n",
+    ]
+    for title, rows in tables(results):
+        parts += [f"\n**{title}**\n", markdown(rows)]
+    return parts
+
+
 def write_document(results: Path) -> None:
     """docs/naming.md from every draw's latest record."""
     latest: dict[str, dict[str, Any]] = {}
@@ -150,6 +184,7 @@ def write_document(results: Path) -> None:
         markdown(by_effect(records)),
         "\n## By condition\n",
         markdown(by_condition(records)),
+        *real_recordings(),
     ]
     beside = DOCUMENT.with_suffix(".part")
     beside.write_text("\n".join(parts) + "\n", encoding="utf-8")
@@ -216,7 +251,10 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--draws", type=int, default=300, help="default: %(default)s")
     parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="first seed (default: %(default)s)")
     parser.add_argument(
-        "--robots", type=names, default=["arm2", "arm6", "arm7"], help="bundled robots or URDF files, a,b"
+        "--robots",
+        type=names,
+        default=["arm2", "arm6", "arm7"],
+        help=f"bundled robots, {', '.join(EXAMPLES)} of example-robot-data, or URDF files, a,b",
     )
     parser.add_argument("--effects", type=names, default=list(EFFECTS), help="effects to hide, a,b")
     parser.add_argument("--hidden", type=int, choices=(0, 1, 2, 3), help="how many (default: by the seed)")
@@ -236,6 +274,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
     parser.add_argument("--results", type=Path, default=RECORDS, help="default: results/naming.jsonl")
     parser.add_argument("--write-docs", action="store_true", help="write docs/naming.md from the results")
+    parser.add_argument("--recordings", metavar="DIR", type=Path, help="diagnose real recordings instead")
     args = parser.parse_args()
     unknown = [name for name in args.effects if name not in EFFECTS]
     if unknown:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bdnn_ros.effects.base import Motion
 from bdnn_ros.effects.drawing import planned
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import fourier

@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
 from bdnn_ros.diagnosis.unexplained import Remainder
-from bdnn_ros.effects.base import Motion
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

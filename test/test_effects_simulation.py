@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effect_cases import SPECS, linear, robot
 
-from bdnn_ros.effects.base import Motion
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import Installed, parse_spec
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation import Simulated, simulate

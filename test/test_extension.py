@@ -10,6 +10,7 @@ import pytest
 
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.diagnosis.building import build, relative_inertials
+from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.extended import ExtendedModel
@@ -24,7 +25,8 @@ from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS, Scale
 from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.simulation.simulate import simulate
 
 TIMELESS = (
     "coulomb_friction@arm7_joint4:coulomb=1.3",
@@ -51,6 +53,7 @@ SHARP = (
     "cogging",
     "effort_scale",
 )
+WORN_WRIST = (("coulomb_friction", "coulomb=0.2"), ("armature", "armature=0.03"))
 TIMED = (
     "hysteresis@arm7_joint1:force=0.9,breakaway=0.03",
     "effort_delay:delay=0.012",
@@ -363,3 +366,21 @@ def test_what_an_identified_model_learned_stays(tmp_path) -> None:
     assert (np.linalg.eigvalsh(model.mass_matrix(state[0]))[:, 0] > 0.0).all()
     without = replace(model, beyond=None)
     assert np.abs(without.inverse_dynamics(*state) - effort).max() > 0.1
+
+
+def test_dry_friction_turns_round_before_a_joint_that_sticks():
+    """What the fit says of sticking is in the model, in its file, and in what it predicts."""
+    robot = Robot.bundled("arm6")
+    worn = [parse_spec(f"{name}@{robot.joints[5]}:{value}", robot) for name, value in WORN_WRIST]
+    recording = simulate(robot, worn, seed=3, duration=20.0).recording
+    model = extend(examine([recording], robot))
+    assert model.sticking[5] > 0.0
+    arrays, info = model.to_state()
+    assert ExtendedModel.from_state(arrays, info).sticking == model.sticking
+    signals = prepare(recording)
+
+    def left(one: ExtendedModel) -> float:
+        error = signals.smooth(signals.effort - one.predict(signals))[signals.interior, 5]
+        return float(np.sqrt(np.mean(error**2)))
+
+    assert left(model) < 0.9 * left(replace(model, sticking=()))

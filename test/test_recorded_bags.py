@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from bdnn_ros import bags
-from bdnn_ros.effects.base import Motion
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.effects.base import Motion
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 from bdnn_ros.robot import PER_LINK, Robot

@@ -12,7 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Motion
+from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
 
 NOISE_ORDER = 3

@@ -210,7 +210,7 @@ class Pool:
         links = equations.rigid.shape[2]
         total = equations.rigid @ fit.coefficients[:links]
         nuisances = fit.coefficients[links : self.base].copy()
-        nuisances[1:] *= blur
+        nuisances[1] *= blur
         total = total + equations.nuisances @ nuisances
         at = self.base
         for chosen in fit.terms:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bdnn_ros.diagnosis.effects_file import entry, from_entry
-from bdnn_ros.effects.base import Motion
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import BdnnError, ModelFileError
@@ -67,6 +67,8 @@ class ExtendedModel:
         stds: standard deviations of each effect's values, in the order of `effects`; empty if unknown.
         lead: how far the effort's stamps lead the motion's [s]: a property of the recording that only
             `predict` counts.
+        sticking: each joint's dry friction times how far it turns round before the joint does [N·m·s], (n,); empty
+            for none. A joint that sticks leaves slowly; only `predict` counts it.
         beyond: an identified model whose joints add to its robot what no effect says (motors that turn with
             two joints, learned friction), or None; its offset is not counted.
     """
@@ -79,6 +81,7 @@ class ExtendedModel:
     stds: tuple[Mapping[str, float], ...] = ()
     lead: float = 0.0
     beyond: PhysicalModel | None = None
+    sticking: tuple[float, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -199,6 +202,8 @@ class ExtendedModel:
             drive = drive + self.beyond.predict(signals) - plain
         own = replace(signals, effort=None)
         motion = Motion(own, robot, rigid + drive)
+        if any(self.sticking):
+            drive = drive + np.array(self.sticking) * motion.derivative(signals.sign)
         others = [e for e in self.effects if e.effect.name not in IN_PLANT]
         loaded = [e for e in others if e.effect.of_load or e.effect.name in GEAR_ROUNDS]
         for effect in others:
@@ -235,6 +240,7 @@ class ExtendedModel:
             "effects": [entry(effect, robot) for effect in self.effects],
             "stds": [dict(std) for std in self.stds],
             "lead": self.lead,
+            "sticking": list(self.sticking),
         }
         if self.beyond is not None:
             held, info["beyond"] = self.beyond.to_state()
@@ -257,6 +263,7 @@ class ExtendedModel:
                 noise=np.asarray(arrays["noise"], float),
                 stds=tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
                 lead=float(info["lead"]),
+                sticking=tuple(float(value) for value in info.get("sticking", ())),
                 beyond=PhysicalModel.from_state(held, info["beyond"]) if held else None,
             )
         except (KeyError, TypeError, ValueError, AttributeError, BdnnError) as error:

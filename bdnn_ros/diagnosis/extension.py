@@ -51,9 +51,13 @@ def extend(examination: Examination) -> ExtendedModel:
     rows = equations.usable & examination.test[:, None]
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
-    lead = earlier.lead + (float(fit.coefficients[links]) if len(fit.coefficients) > links else 0.0)
     effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
-    return ExtendedModel(corrected, effects, noise, spreads, lead, earlier.beyond)
+    lead, sticking = earlier.lead + fit.coefficients[links], fit.coefficients[links + 2 :][: robot.width]
+    if earlier.sticking:
+        sticking = sticking + earlier.sticking
+    return ExtendedModel(
+        corrected, effects, noise, spreads, float(lead), earlier.beyond, tuple(sticking.tolist())
+    )
 
 
 def _earlier(examination: Examination) -> ExtendedModel:

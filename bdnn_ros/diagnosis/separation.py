@@ -16,7 +16,8 @@ import numpy as np
 from bdnn_ros.diagnosis.building import relative_inertials
 from bdnn_ros.diagnosis.motions import Piece
 from bdnn_ros.diagnosis.rivals import Case, Suspect
-from bdnn_ros.effects.base import Effect, Motion
+from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals

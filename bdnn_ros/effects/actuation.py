@@ -11,7 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
+from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 
 GAUTIER = (

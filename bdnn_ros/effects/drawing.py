@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Motion
+from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS, Installed, completed, variants
 from bdnn_ros.errors import DataError
 from bdnn_ros.robot import Robot

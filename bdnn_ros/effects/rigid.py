@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Motion, Parameter, Values
+from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import PER_LINK

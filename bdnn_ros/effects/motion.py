@@ -1,0 +1,172 @@
+"""A motion as effects see it: its signals, the robot, and the load its joints carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline
+
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion as effects see it: signals, the robot they belong to, and the load its joints carry.
+
+    Attributes:
+        signals: low-passed motion, N working samples.
+        robot: the simulation's robot (or the current estimate of it).
+        load: effort that really acts at each joint, noise-free estimate (from a model), (N, n) [N·m].
+        drive: the part of it that drives take before the gear (effects with `in_drive`), (N, n), if known.
+    """
+
+    signals: Signals
+    robot: Robot
+    load: np.ndarray
+    drive: np.ndarray | None = None
+
+    @property
+    def time(self) -> np.ndarray:
+        """Stamps [s], (N,)."""
+        return self.signals.time
+
+    @property
+    def position(self) -> np.ndarray:
+        """[rad], (N, n)."""
+        return self.signals.position
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """[rad/s], (N, n)."""
+        return self.signals.velocity
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """[rad/s²], (N, n)."""
+        return self.signals.acceleration
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Direction of each joint, averaged over the sample period, (N, n)."""
+        return self.signals.direction
+
+    @cached_property
+    def load_rate(self) -> np.ndarray:
+        """Time derivative of the load, (N, n) [N·m/s]."""
+        return self.derivative(self.load)
+
+    @cached_property
+    def link_load(self) -> np.ndarray:
+        """Effort of the bodies alone, drive friction and rotor left out, (N, n) [N·m]."""
+        return self.robot.rigid_effort(self.position, self.velocity, self.acceleration)
+
+    @cached_property
+    def gear_load(self) -> np.ndarray:
+        """As `link_load`, from the measured effort less what the drives take, (N, n) [N·m].
+
+        The jumps of a loose motor are in the measured position, and so in `link_load`, but not in the effort.
+        """
+        effort = self.signals.effort
+        if effort is None:
+            return self.link_load
+        return effort if self.drive is None else effort - self.drive
+
+    @cached_property
+    def own_inertia(self) -> np.ndarray:
+        """Diagonal of the mass matrix, (N, n) [kg·m²]."""
+        return np.diagonal(self.robot.mass_matrix(self.position), axis1=1, axis2=2)
+
+    def joint_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
+        """Columns (N,) that act on one joint only, as (N, n, k)."""
+        result = np.zeros((*self.position.shape, len(columns)))
+        for k, column in enumerate(columns):
+            result[:, target, k] = column
+        return result
+
+    def sharp_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
+        """As `joint_column` for columns with steps or ripples: low-passed as the effort was."""
+        return self.joint_column(target, *(self.signals.soften(column) for column in columns))
+
+    @cached_property
+    def regressor(self) -> np.ndarray:
+        """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
+        return self.robot.regressor(self.position, self.velocity, self.acceleration)
+
+    def jacobian(self, link: str) -> np.ndarray:
+        """Jacobian of a link along the motion, as `Robot.link_jacobian`, (N, 6, n)."""
+        if link not in self._jacobians:
+            self._jacobians[link] = self.robot.link_jacobian(self.position, link)
+        return self._jacobians[link]
+
+    @cached_property
+    def _jacobians(self) -> dict[str, np.ndarray]:
+        return {}
+
+    def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
+        """Values (N, n) as they will be `lead` seconds later, along each segment; held at its end."""
+        result = np.empty_like(values)
+        for rows in self.signals.segments:
+            time = self.time[rows]
+            later = np.minimum(time + lead, time[-1])
+            result[rows] = CubicSpline(time, values[rows])(later) if len(time) > 3 else values[rows]
+        return result
+
+    def late_mean(self, values: np.ndarray, span: float) -> np.ndarray:
+        """Mean of values (N,) over the `span` seconds before each sample, along each gap-free segment."""
+        result = np.empty(len(values))
+        for rows in self.signals.segments:
+            time = self.time[rows]
+            total = cumulative_trapezoid(values[rows], time, initial=0.0)
+            before = np.interp(time - span, time, total, left=np.nan)
+            mean = (total - before) / span
+            result[rows] = np.where(np.isnan(mean), values[rows], mean)
+        return result
+
+    def derivative(self, values: np.ndarray) -> np.ndarray:
+        """Time derivative along each gap-free segment, same shape."""
+        result = np.empty_like(values)
+        for rows in self.signals.segments:
+            result[rows] = np.gradient(values[rows], 1.0 / self.signals.rate, axis=0)
+        return result
+
+    def shifted(self, position_change: np.ndarray, step: float = 1e-4) -> np.ndarray:
+        """Change of the rigid effort per unit of a change of the motion, (N, n) [N·m].
+
+        Args:
+            position_change: direction of the change of position, (N, n); velocity and acceleration follow as
+                its time derivatives.
+        """
+        ahead, back = self.moved(step * position_change), self.moved(-step * position_change)
+        return (ahead - back) / (2.0 * step)
+
+    def moved(self, position_change: np.ndarray) -> np.ndarray:
+        """Rigid effort of the motion with another position (N, n), rates and all, (N, n) [N·m]."""
+        rate = self.derivative(position_change)
+        return self.robot.rigid_effort(
+            self.position + position_change, self.velocity + rate, self.acceleration + self.derivative(rate)
+        )
+
+    def changed(self, position_change: np.ndarray) -> np.ndarray:
+        """Change of the rigid effort when every position is changed by constants (n,) [rad], (N, n) [N·m]."""
+        changed = self.robot.rigid_effort(self.position + position_change, self.velocity, self.acceleration)
+        return changed - self.link_load
+
+    def with_robot(self, robot: Robot) -> Motion:
+        """The same motion with another estimate of the robot's bodies."""
+        other = replace(self, robot=robot)
+        for kept in ("regressor", "_jacobians"):  # they do not depend on the bodies
+            if kept in self.__dict__:
+                other.__dict__[kept] = self.__dict__[kept]
+        return other
+
+    def with_load(self, load: np.ndarray, drive: np.ndarray | None = None) -> Motion:
+        """The same motion with another estimate of the load, and of the drives' share of it (None keeps)."""
+        other = replace(self, load=load, drive=self.drive if drive is None else drive)
+        for kept in ("link_load", "regressor", "_jacobians"):  # they do not depend on the load
+            if kept in self.__dict__:
+                other.__dict__[kept] = self.__dict__[kept]
+        return other

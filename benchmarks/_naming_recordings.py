@@ -1,0 +1,101 @@
+"""Causes in real recordings: whether each half of a recording names the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from _physical_recordings import RECORDINGS, load
+
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+PARTS = ("whole", "first half", "second half")
+AGREE = 0.25
+"""Halves agree on a cause where its first parameter differs by less than this share, or by three standard deviations."""
+
+Json = dict[str, Any]
+
+
+def recorded(data: Path) -> dict[str, dict[str, Json]]:
+    """The report of each recording and of each of its halves."""
+    return {name: parts_of(*load(data, name)) for name in RECORDINGS}
+
+
+def parts_of(robot: Robot, recording: Recording) -> dict[str, Json]:
+    """Reports of a recording and of its halves, what is needed of them."""
+    pieces = (recording, *recording.split(0.5))
+    return {
+        part: _short(diagnose([piece], robot).as_json()) for part, piece in zip(PARTS, pieces, strict=True)
+    }
+
+
+def _short(report: Json) -> Json:
+    findings = [
+        {key: one[key] for key in ("effect", "joint", "link", "parameters", "share", "probability")}
+        for one in report["findings"]
+    ]
+    return {
+        "findings": findings,
+        "gain": report["gain"],
+        "unexplained": report["unexplained"],
+        "verdict": report["verdict"],
+    }
+
+
+def tables(results: Mapping[str, Mapping[str, Json]]) -> list[tuple[str, list[list[str]]]]:
+    """For each recording a title and a table: what each part names, with its first parameter."""
+    found = []
+    for name, parts in results.items():
+        rows = [["cause", *PARTS, "halves"]]
+        named = {part: {_place(one): one for one in parts[part]["findings"]} for part in PARTS}
+        for place in dict.fromkeys(place for part in PARTS for place in named[part]):
+            row = [f"{place[0]}, {place[1]}"]
+            row += [_value(named[part].get(place)) for part in PARTS]
+            rows.append([*row, _agreement([named[part].get(place) for part in PARTS[1:]])])
+        gains = ", ".join(f"{part} {100 * parts[part]['gain']['value']:.0f} %" for part in PARTS)
+        left = 100 * parts["whole"]["unexplained"]["share"]
+        found.append(
+            (f"{name}: held-out gain {gains}; {left:.1f} % of the squared error is not explained", rows)
+        )
+    return found
+
+
+def in_words(results: Mapping[str, Mapping[str, Json]]) -> str:
+    """How many causes that the whole of some recording names each of its halves names, too."""
+    every = both = agree = 0
+    for parts in results.values():
+        halves = [{_place(one): one for one in parts[part]["findings"]} for part in PARTS[1:]]
+        for one in parts[PARTS[0]]["findings"]:
+            pair = [half.get(_place(one)) for half in halves]
+            every += 1
+            both += all(pair)
+            agree += _agreement(pair) == "agree"
+    return f"Of {every} causes that a whole recording names, both halves name {both}, {agree} of them in the same size."
+
+
+def _place(finding: Json) -> tuple[str, str]:
+    return finding["effect"], finding["joint"] or finding["link"] or "base"
+
+
+def _first(finding: Json) -> tuple[float, float, str]:
+    quantity = next(iter(finding["parameters"].values()))
+    return float(quantity["value"]), float(quantity["std"]), str(quantity["unit"])
+
+
+def _value(finding: Json | None) -> str:
+    if finding is None:
+        return "-"
+    value, std, unit = _first(finding)
+    return f"{value:.3g} ± {1.96 * std:.2g} {unit}".rstrip(" -")
+
+
+def _agreement(pair: Sequence[Json | None]) -> str:
+    first, second = pair
+    if first is None or second is None:
+        return "one" if first or second else "none"
+    (a, da, _), (b, db, _) = _first(first), _first(second)
+    close = abs(a - b) <= max(AGREE * max(abs(a), abs(b)), 3.0 * (da**2 + db**2) ** 0.5)
+    return "agree" if close else "differ"
