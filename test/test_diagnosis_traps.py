@@ -1,0 +1,143 @@
+"""What once stood in for a cause, or hid one: noise, the low-pass, sticking, a stretch that was left out."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.building import build
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.diagnosis.equations import Equations, Noise
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.identifiability import Judgement, likelier
+from bdnn_ros.diagnosis.odds import COST
+from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.simulation.perturbation import wrong_robot
+from bdnn_ros.simulation.sensors import Noise as SensorNoise
+from bdnn_ros.simulation.simulate import Simulated, simulate
+
+QUIET = SensorNoise.of(0.0)
+LOW = 5.0
+"""A low-pass that diagnoses use [Hz]."""
+
+
+def seen(simulated: Simulated, robot: Robot) -> Equations:
+    """The regression of a simulated recording."""
+    return build(flattened(prepare(simulated.recording), LOW), robot)
+
+
+def elastic_gain(equations: Equations, robot: Robot, joint: int) -> float:
+    """Evidence for an elastic joint beside the commonest causes, at the noise that these leave."""
+    candidates = Candidates.of(robot)
+    common = candidates.common()
+    white = Noise(np.zeros((robot.width, 3)), 0.01 * equations.effort_scale)
+    pool = Pool(equations, white, common, 0.05)
+    every = range(len(common))
+    noise = equations.noise_of(pool.residual(pool.fit(every)), 1e-6 * equations.effort_scale)
+    (term,) = (t for t in candidates.terms if (t.effect.name, t.target) == ("joint_elasticity", joint))
+    pool = Pool(equations, noise, [*common, term], 0.05)
+    return float(pool.gains(pool.fit(every), [len(common)])[0])
+
+
+def test_noise_of_the_effort_is_not_taken_for_an_elastic_joint(monkeypatch):
+    robot = Robot.bundled("arm2")
+    noisy = SensorNoise(position=0.0, velocity=0.0, effort=0.01)
+    equations = seen(simulate(robot, seed=2, duration=20.0, noise=noisy), robot)
+    assert max(elastic_gain(equations, robot, joint) for joint in range(2)) < 3.0
+    monkeypatch.setattr(Equations, "echo", lambda self, term, width: np.zeros((self.blocks, width)))
+    assert max(elastic_gain(equations, robot, joint) for joint in range(2)) > COST, "the trap is not there"
+
+
+@pytest.mark.parametrize(
+    ("spec", "within"),
+    [
+        ("backlash@arm6_joint6:gap=0.0015", 0.1),
+        ("joint_elasticity@arm7_joint2:stiffness=900", 0.03),
+        ("cogging@arm7_joint3:amplitude=1.0,periods_per_rev=20,phase=0.3", 0.03),
+    ],
+)
+def test_columns_are_as_large_as_the_effect_behind_the_low_pass_of_a_diagnosis(spec, within):
+    """Steps and ripples pass the same filters as the motion they are compared with."""
+    robot = Robot.bundled(spec.split("@")[1][:4])
+    one = parse_spec(spec, robot)
+    equations = seen(simulate(robot, [one], seed=1, duration=15.0, noise=QUIET), robot)
+    true, shape = one.effect.coefficients(one.values)
+    lead = equations.nuisances[:, one.target, 0]
+    rows = equations.usable[:, one.target]
+    target = equations.target[rows, one.target]
+    tried = [{"transit": t} for t in (0.005, 0.01, 0.015, 0.02, 0.03)] if "transit" in shape else [shape]
+    best = []
+    for one_shape in tried:
+        columns = one.effect.columns(equations.motion, one.target, one_shape, one.link)
+        column = equations.reduced(columns @ true[:, None])[:, one.target, 0]
+        tall = np.stack([column, lead], axis=1)[rows]
+        found = np.linalg.lstsq(tall, target, rcond=None)[0]
+        best.append((float(np.sum((target - tall @ found) ** 2)), float(found[0])))
+    assert min(best)[1] == pytest.approx(1.0, abs=within)
+
+
+def test_friction_of_a_joint_that_sticks_is_not_a_delay_of_its_effort():
+    """Dry friction turns before the low-passed velocity of a joint that sticks does."""
+    robot = Robot.bundled("arm6")
+    worn = robot.with_joint_parameters(
+        armature=np.full(6, 0.05), viscous=np.full(6, 0.3), coulomb=np.array([1.5, 1.5, 1.0, 0.3, 0.3, 0.2])
+    )
+    simulated = simulate(robot, seed=4, duration=20.0, noise=QUIET, reality=worn)
+    equations = seen(simulated, worn)
+    lead, sticking = equations.nuisances[:, 5, 0], equations.nuisances[:, 5, 2 + 5]
+    rows, target = equations.usable[:, 5], equations.target[:, 5]
+    alone = np.linalg.lstsq(lead[rows, None], target[rows], rcond=None)[0]
+    both = np.linalg.lstsq(np.stack([lead, sticking], axis=1)[rows], target[rows], rcond=None)[0]
+    held = 0.5 / simulated.recording.rate
+    assert alone[0] > 1.5 * held, "the trap is not there"
+    assert both[0] == pytest.approx(held, rel=0.3) and both[1] > 0.0
+
+
+def test_a_long_push_does_not_pass_for_slow_noise():
+    robot = Robot.bundled("arm2")
+    push = parse_spec("external_wrench@arm2_joint1:start=11.9,end=21.6,torque=-0.9", robot)
+    reality = wrong_robot(robot, 0.05, np.random.default_rng(8))
+    noise = SensorNoise.of(0.005, coloured=True)
+    recording = simulate(robot, [push], seed=8, duration=30.0, noise=noise, reality=reality).recording
+    (finding,) = diagnose([recording], robot).findings
+    assert finding.effect == "external_wrench"
+    values = {name: quantity.value for name, quantity in finding.parameters.items()}
+    torque = values.get("torque", values.get("torque_y"))
+    assert torque == pytest.approx(-0.9, rel=0.1)
+    assert (values["start"], values["end"]) == pytest.approx((11.9, 21.6), abs=0.1)
+
+
+def test_a_push_that_begins_where_the_search_does_not_look_is_timed_rightly():
+    """From 4 to 6 s is kept out of the search: its edge is found in all rows."""
+    robot = Robot.bundled("arm2")
+    push = parse_spec("external_wrench@arm2_joint2:start=5.2,end=12.3,torque=0.05", robot)
+    (finding,) = diagnose([simulate(robot, [push], seed=5, duration=30.0).recording], robot).findings
+    values = {name: quantity.value for name, quantity in finding.parameters.items()}
+    assert values["start"] == pytest.approx(5.2, abs=0.05)
+
+
+def test_a_stribeck_velocity_that_the_motion_rushes_through_is_not_tried():
+    robot, stribeck = Robot.bundled("arm2"), get("stribeck_friction")
+    signals = prepare(simulate(robot, seed=1, duration=10.0, noise=QUIET).recording)
+    motion = Motion(signals, robot, signals.effort)
+    usual = float(np.sqrt(np.mean(signals.acceleration[:, 0] ** 2))) * signals.kernel_std
+    assert stribeck.resolved(motion, 0, {"velocity": usual})
+    assert not stribeck.resolved(motion, 0, {"velocity": 0.1 * usual})
+    assert all(stribeck.resolved(motion, 0, shape) for shape in stribeck.shapes(motion, 0)[:-1])
+
+
+def test_a_finding_gives_way_to_a_rival_that_is_far_likelier():
+    terms = ("one", "other", "third")
+    pool = SimpleNamespace(terms=list(terms), fit=lambda chosen: tuple(chosen))
+    selection = SimpleNamespace(pool=pool, chosen=(0, 2))
+    sure = Judgement(0.98, 0.0, ())
+    better = likelier(selection, [Judgement(0.01, 0.0, (("other", 0.97),)), sure])
+    assert better is not None and better.chosen == (1, 2) and better.fit == (1, 2)
+    assert likelier(selection, [Judgement(0.3, 0.0, (("other", 0.6),)), sure]) is None
+    assert likelier(selection, [Judgement(0.01, 0.9, ()), sure]) is None
