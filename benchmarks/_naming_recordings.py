@@ -13,6 +13,8 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
 PARTS = ("whole", "first half", "second half")
+LEAST = 24.0
+"""A shorter recording has no halves that a diagnosis takes [s]."""
 AGREE = 0.25
 """Halves agree on a cause where its first parameter differs by less than this share, or by three standard deviations."""
 
@@ -49,13 +51,14 @@ def tables(results: Mapping[str, Mapping[str, Json]]) -> list[tuple[str, list[li
     """For each recording a title and a table: what each part names, with its first parameter."""
     found = []
     for name, parts in results.items():
-        rows = [["cause", *PARTS, "halves"]]
-        named = {part: {_place(one): one for one in parts[part]["findings"]} for part in PARTS}
-        for place in dict.fromkeys(place for part in PARTS for place in named[part]):
+        rows = [["cause", *parts, *(["halves"] if len(parts) > 1 else [])]]
+        named = {part: {_place(one): one for one in parts[part]["findings"]} for part in parts}
+        for place in dict.fromkeys(place for part in parts for place in named[part]):
             row = [f"{place[0]}, {place[1]}"]
-            row += [_value(named[part].get(place)) for part in PARTS]
-            rows.append([*row, _agreement([named[part].get(place) for part in PARTS[1:]])])
-        gains = ", ".join(f"{part} {100 * parts[part]['gain']['value']:.0f} %" for part in PARTS)
+            row += [_value(named[part].get(place)) for part in parts]
+            pair = [named[part].get(place) for part in parts if part != PARTS[0]]
+            rows.append([*row, *([_agreement(pair)] if pair else [])])
+        gains = ", ".join(f"{part} {100 * parts[part]['gain']['value']:.0f} %" for part in parts)
         left = 100 * parts["whole"]["unexplained"]["share"]
         found.append(
             (f"{name}: held-out gain {gains}; {left:.1f} % of the squared error is not explained", rows)
@@ -66,7 +69,7 @@ def tables(results: Mapping[str, Mapping[str, Json]]) -> list[tuple[str, list[li
 def in_words(results: Mapping[str, Mapping[str, Json]]) -> str:
     """How many causes that the whole of some recording names each of its halves names, too."""
     every = both = agree = 0
-    for parts in results.values():
+    for parts in (one for one in results.values() if len(one) > 1):
         halves = [{_place(one): one for one in parts[part]["findings"]} for part in PARTS[1:]]
         for one in parts[PARTS[0]]["findings"]:
             pair = [half.get(_place(one)) for half in halves]

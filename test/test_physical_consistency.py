@@ -49,3 +49,17 @@ def test_it_is_the_nearest_in_the_beliefs_own_distance(belief):
     assert 0.0 < right[robot.width * PER_LINK] < 1e-4
     others = np.delete(np.arange(len(mean)), [robot.width * PER_LINK, *positive(robot.width)])
     np.testing.assert_allclose(right[others], mean[others], atol=0.02)
+
+
+def test_a_belief_far_outside_does_not_end_at_the_edge_it_first_meets(belief):
+    """The surer a belief, the nearer the answer to its nearest possible parameters; never farther."""
+    robot, mean, information = belief
+    generator = np.random.default_rng(1)
+    for _ in range(3):
+        wrong = mean + generator.normal(size=len(mean)) / np.sqrt(np.diagonal(information))
+        costs = []
+        for surer in (1.0, 1e2, 1e4):
+            right = consistent(wrong, surer * information, robot.width, positive(robot.width))
+            assert feasible(right[: robot.width * PER_LINK].reshape(-1, PER_LINK))
+            costs.append(0.5 * (right - wrong) @ information @ (right - wrong))
+        assert (np.diff(costs) < 1e-3 * costs[0]).all(), costs

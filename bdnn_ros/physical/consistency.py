@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from bdnn_ros.physical.parameters import (
     feasible_pseudo_inertia,
@@ -13,8 +15,10 @@ from bdnn_ros.physical.parameters import (
 )
 from bdnn_ros.robot import PER_LINK
 
-BARRIERS = (1.0, 0.1, 0.01)
-"""Weights of the barrier, in nats: the last one costs a hundredth of a nat a body."""
+FIRST_BARRIER, LAST_BARRIER, SHRINKING = 1.0, 0.01, 0.1
+"""Weights of the barrier, in nats, each that share of the one before; the last one costs a hundredth of a nat a body."""
+MARGIN_COST = 1e-5
+"""The last weight as a share of what the start costs, where that is more."""
 NEWTON_STEPS = 40
 SMALLEST_MARGIN = 1e-9
 """Smallest eigenvalue of a pseudo-inertia, relative to its largest, that counts as positive-definite."""
@@ -54,13 +58,31 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
         point[body * PER_LINK : (body + 1) * PER_LINK] = inertial_parameters(pseudo)
     deviation = 1.0 / np.sqrt(np.diagonal(information))
     point[positive] = np.maximum(point[positive], 1e-3 * deviation[positive] + 1e-12)
-    for barrier in BARRIERS:
+    best = point
+    for barrier in _barriers(0.5 * float((point - mean) @ information @ (point - mean)), bodies):
         for _ in range(NEWTON_STEPS):
-            step, decrement = _newton(point, mean, information, bodies, positive, barrier)
+            try:
+                step, decrement = _newton(point, mean, information, bodies, positive, barrier)
+            except LinAlgError:  # so near the edge that rounding puts it beyond
+                return best
             point = point + _largest(point, step, bodies, positive) * step
+            if feasible(point[: bodies * PER_LINK].reshape(bodies, PER_LINK)):
+                best = point
             if decrement < 1e-3 * barrier:
                 break
-    return point
+    return best
+
+
+def _barriers(cost: float, bodies: int) -> Iterator[float]:
+    """Weights of the barrier for a start that costs so much [nats].
+
+    The first is as strong as what pulls out, so that no step ends at the edge it first meets; the last leaves a margin there.
+    """
+    barrier, last = max(FIRST_BARRIER, cost / bodies), max(LAST_BARRIER, MARGIN_COST * cost)
+    while barrier > last / SHRINKING**0.5:
+        yield barrier
+        barrier *= SHRINKING
+    yield last
 
 
 def _newton(
