@@ -28,10 +28,10 @@ def recorded(data: Path) -> dict[str, dict[str, Json]]:
 
 def parts_of(robot: Robot, recording: Recording) -> dict[str, Json]:
     """Reports of a recording and of its halves, what is needed of them."""
-    pieces = (recording, *recording.split(0.5))
-    return {
-        part: _short(diagnose([piece], robot).as_json()) for part, piece in zip(PARTS, pieces, strict=True)
-    }
+    pieces = dict(zip(PARTS, (recording, *recording.split(0.5)), strict=True))
+    if recording.duration < LEAST:
+        pieces = {PARTS[0]: recording}
+    return {part: _short(diagnose([piece], robot).as_json()) for part, piece in pieces.items()}
 
 
 def _short(report: Json) -> Json:
