@@ -115,7 +115,7 @@ def test_an_error_ends_the_node_as_the_executor_would(offered, capfd):
 
 
 def test_the_executor_sleeps_while_messages_come(offered):
-    """What the lane has, the executor does not wake for."""
+    """What the lane has, the executor does not wake for: it would look at its entities twice a message."""
     from std_msgs.msg import String
 
     offered.lane.listen(offered.subscription, offered.hear)
@@ -136,4 +136,4 @@ def test_the_executor_sleeps_while_messages_come(offered):
             speaker.publish(String(data=str(k)))
             time.sleep(0.005)
         wait_until(lambda: len(offered.heard) == 200)
-    assert woken < 40
+    assert woken < 100  # of 400; events are looked at twice a second

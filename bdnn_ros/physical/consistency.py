@@ -17,7 +17,7 @@ from bdnn_ros.robot import PER_LINK
 
 FIRST_BARRIER, LAST_BARRIER, SHRINKING = 1.0, 0.01, 0.1
 """Weights of the barrier, in nats, each that share of the one before; the last one costs a hundredth of a nat a body."""
-MARGIN_COST = 1e-5
+MARGIN_COST = 1e-7
 """The last weight as a share of what the start costs, where that is more."""
 NEWTON_STEPS = 40
 SMALLEST_MARGIN = 1e-9
@@ -58,31 +58,45 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
         point[body * PER_LINK : (body + 1) * PER_LINK] = inertial_parameters(pseudo)
     deviation = 1.0 / np.sqrt(np.diagonal(information))
     point[positive] = np.maximum(point[positive], 1e-3 * deviation[positive] + 1e-12)
-    best = point
-    for barrier in _barriers(0.5 * float((point - mean) @ information @ (point - mean)), bodies):
-        for _ in range(NEWTON_STEPS):
-            try:
-                step, decrement = _newton(point, mean, information, bodies, positive, barrier)
-            except LinAlgError:  # so near the edge that rounding puts it beyond
-                return best
-            point = point + _largest(point, step, bodies, positive) * step
-            if feasible(point[: bodies * PER_LINK].reshape(bodies, PER_LINK)):
-                best = point
-            if decrement < 1e-3 * barrier:
-                break
-    return best
+    cost = 0.5 * float((point - mean) @ information @ (point - mean))
+    for first in (max(FIRST_BARRIER, cost / bodies), FIRST_BARRIER):
+        found = _descended(point, mean, information, bodies, positive, _barriers(first, cost))
+        if found is not None:
+            return found
+    return point
 
 
-def _barriers(cost: float, bodies: int) -> Iterator[float]:
-    """Weights of the barrier for a start that costs so much [nats].
+def _barriers(first: float, cost: float) -> Iterator[float]:
+    """Weights of the barrier from a first one on, for a start that costs so much [nats].
 
-    The first is as strong as what pulls out, so that no step ends at the edge it first meets; the last leaves a margin there.
+    One as strong as what pulls out lets no step end at the edge it first meets; the last leaves a margin there.
     """
-    barrier, last = max(FIRST_BARRIER, cost / bodies), max(LAST_BARRIER, MARGIN_COST * cost)
+    barrier, last = first, max(LAST_BARRIER, MARGIN_COST * cost)
     while barrier > last / SHRINKING**0.5:
         yield barrier
         barrier *= SHRINKING
     yield last
+
+
+def _descended(
+    point: np.ndarray,
+    mean: np.ndarray,
+    information: np.ndarray,
+    bodies: int,
+    positive: np.ndarray,
+    barriers: Iterator[float],
+) -> np.ndarray | None:
+    """The end of Newton's steps behind one barrier after another, (P,); None where rounding took it over the edge."""
+    for barrier in barriers:
+        for _ in range(NEWTON_STEPS):
+            try:
+                step, decrement = _newton(point, mean, information, bodies, positive, barrier)
+            except LinAlgError:
+                return None
+            point = point + _largest(point, step, bodies, positive) * step
+            if decrement < 1e-3 * barrier:
+                break
+    return point if feasible(point[: bodies * PER_LINK].reshape(bodies, PER_LINK)) else None
 
 
 def _newton(
