@@ -62,4 +62,4 @@ def test_a_belief_far_outside_does_not_end_at_the_edge_it_first_meets(belief):
             right = consistent(wrong, surer * information, robot.width, positive(robot.width))
             assert feasible(right[: robot.width * PER_LINK].reshape(-1, PER_LINK))
             costs.append(0.5 * (right - wrong) @ information @ (right - wrong))
-        assert max(costs) < 1.1 * min(costs), costs
+        assert costs[1] < 1.1 * costs[0] and costs[2] < 1.5 * costs[0], costs
