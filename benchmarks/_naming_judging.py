@@ -132,12 +132,14 @@ def _explained_by(
             return one
     for one in truths:
         partners = {r["effect"] for r in finding["rivals"] if _target(r, robot) == one.target}
-        if one.name in partners and _same_physics(finding, found, one, target, robot):
+        if one.name in partners and _same_physics(finding, found, one, truths, target, robot):
             return one
     return None
 
 
-def _same_physics(finding: Json, found: Sequence[Json], one: Truth, target: int, robot: Robot) -> bool:
+def _same_physics(
+    finding: Json, found: Sequence[Json], one: Truth, truths: Sequence[Truth], target: int, robot: Robot
+) -> bool:
     """Whether a finding says in other words what is true."""
     if {finding["effect"], one.name} == {"base_tilt", "position_offset"}:
         return max(target, one.target) == 0 and _turns_gravity(robot)
@@ -146,8 +148,11 @@ def _same_physics(finding: Json, found: Sequence[Json], one: Truth, target: int,
     if {finding["effect"], one.name} == {"payload", "link_inertia"}:
         return True
     halves = {"coulomb_friction", "effort_offset"}
-    there = {f["effect"] for f in found if _target(f, robot) == target}
-    return one.name == "asymmetric_friction" and finding["effect"] in halves and halves <= there
+    if one.name == "asymmetric_friction":
+        there = {f["effect"] for f in found if _target(f, robot) == target}
+        return finding["effect"] in halves and halves <= there
+    true = {t.name for t in truths if t.target == target}
+    return finding["effect"] == "asymmetric_friction" and one.name in halves and halves <= true
 
 
 def _turns_gravity(robot: Robot) -> bool:

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_cases import CUTOFF, coloured, equations_of, signals_of, term, white
+from scipy.linalg import toeplitz
 
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build, nominal_effort, relative_inertials
-from bdnn_ros.diagnosis.equations import Equations, Noise
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
+from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
@@ -75,20 +77,20 @@ def test_whitening_gives_back_what_the_noise_was_made_of(plain):
     for k in range(len(noise)):
         past = [AR[i] * noise[k - 1 - i] for i in range(3) if k > i]
         noise[k] = std * innovations[k] + np.sum(past, axis=0)
-    counted = plain.counted()
+    full = plain.full()
     whitened = plain.whiten(noise, Noise(np.tile(AR, (2, 1)), std))
-    np.testing.assert_allclose(whitened[counted], innovations[counted], atol=1e-9)
-    assert not whitened[~counted].any()
+    np.testing.assert_allclose(whitened[full], innovations[full], atol=1e-9)
+    assert not whitened[~plain.usable].any()
 
 
 def test_the_noise_model_is_found_and_makes_the_residual_white():
     equations = equations_of(duration=40.0)
     residual = coloured(equations, AR, 0.2)
     noise = equations.noise_of(residual, np.full(2, 1e-6))
-    rows = equations.counted().sum(axis=0).min()
+    rows = equations.full().sum(axis=0).min()
     np.testing.assert_allclose(noise.coefficients, np.tile(AR, (2, 1)), atol=4.0 / np.sqrt(rows))
     np.testing.assert_allclose(noise.std, 0.2, rtol=4.0 / np.sqrt(2.0 * rows))
-    good = equations.counted().all(axis=1)
+    good = equations.full().all(axis=1)
     whitened = equations.whiten(residual, noise)[good]
     correlation = [np.mean(whitened[lag:] * whitened[:-lag], axis=0) for lag in range(1, 7)]
     assert np.abs(correlation).max() < 4.0 / np.sqrt(rows)
@@ -108,15 +110,43 @@ def test_noise_never_falls_below_its_floor(plain):
     np.testing.assert_allclose(noise.std, [0.1, 0.2])
 
 
-def test_rows_count_only_with_their_whole_history(plain):
-    equations = replace(plain, usable=plain.usable.copy())
-    equations.usable[:] = True
+def test_rows_know_how_much_of_their_noise_was_seen(plain):
+    equations = replace(plain, usable=np.ones_like(plain.usable))
     row = 40
     equations.usable[row, 1] = False
-    counted = equations.counted(3)
-    assert not counted[row : row + 4, 1].any()
-    assert counted[row : row + 4, 0].all() and counted[row + 4, 1] and counted[row - 1, 1]
-    assert not counted[:3].any()
+    history = equations.history(3)
+    np.testing.assert_array_equal(history[row : row + 5, 1], [-1, 0, 1, 2, 3])
+    assert (history[row - 1 : row + 5, 0] == 3).all()
+    for run in equations.runs:
+        np.testing.assert_array_equal(history[run.start : run.start + 3, 0], [0, 1, 2])
+
+
+def test_squares_and_scales_are_the_gaussian_likelihood_across_gaps(plain):
+    """Whitening row by row gives what the whole covariance matrix of what is left of the noise gives."""
+    equations = replace(plain, usable=np.ones_like(plain.usable))
+    equations.usable[[30, 32, 33, 50], 0] = False
+    std = 0.4
+    noise = Noise(np.tile(AR, (2, 1)), np.full(2, std))
+    residual = np.random.default_rng(5).standard_normal(plain.target.shape)
+    history = equations.history(3)
+    scales = noise.of(np.zeros_like(equations.usable), np.maximum(history, 0))
+    squares = np.sum(equations.whiten(residual, noise)[:, 0] ** 2)
+    logs = np.sum(np.log(scales[equations.usable[:, 0], 0]))
+    response = [1.0]
+    for k in range(1, 400):
+        response.append(sum(AR[i] * response[k - 1 - i] for i in range(3) if k > i))
+    lags = [std**2 * np.dot(response[: 400 - k], response[k:]) for k in range(400)]
+    wanted_squares = wanted_logs = 0.0
+    broken = np.flatnonzero(~equations.usable[:, 0])
+    for run in equations.runs:
+        inside = broken[(broken >= run.start) & (broken < run.stop)]
+        for piece in np.split(np.arange(run.start, run.stop), inside - run.start):
+            piece = piece[equations.usable[piece, 0]]
+            covariance = toeplitz(lags[: len(piece)])
+            wanted_squares += residual[piece, 0] @ np.linalg.solve(covariance, residual[piece, 0])
+            wanted_logs += 0.5 * np.linalg.slogdet(covariance)[1]
+    np.testing.assert_allclose(squares, wanted_squares, rtol=1e-6)
+    np.testing.assert_allclose(logs, wanted_logs, rtol=1e-6)
 
 
 def test_a_straight_line_in_each_block_is_taken_out(plain):

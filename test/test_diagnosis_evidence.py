@@ -89,7 +89,8 @@ def test_a_fit_is_bayesian_linear_regression(pool, chosen):
     sign, volume = np.linalg.slogdet(marginal)
     assert sign > 0.0
     equations = pool.equations
-    stds = pool.noise.of(equations.unsteady(1))[equations.counted(1)]
+    history = equations.history(1)
+    stds = pool.noise.of(equations.unsteady(1), np.maximum(history, 0))[history >= 0]
     expected = -0.5 * (target @ np.linalg.solve(marginal, target) + volume)
     # a constant of the data and the noise model: the same whatever is chosen
     constant = fit.evidence - expected

@@ -9,8 +9,8 @@ import pytest
 from diagnosis_cases import coloured, equations_of, term
 
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.equations import Noise
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.posterior import IDEALISED, Estimate, estimates
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot

@@ -10,9 +10,10 @@ import pytest
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.equations import Equations, Noise
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.identifiability import Judgement, likelier
+from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
@@ -141,3 +142,37 @@ def test_a_finding_gives_way_to_a_rival_that_is_far_likelier():
     assert better is not None and better.chosen == (1, 2) and better.fit == (1, 2)
     assert likelier(selection, [Judgement(0.3, 0.0, (("other", 0.6),)), sure]) is None
     assert likelier(selection, [Judgement(0.01, 0.9, ()), sure]) is None
+
+
+def test_a_payload_is_weighed_though_its_link_turns_about_its_origin():
+    """Its mass is in the second moment alone; a mass that carries them at a fixed centre gives way to that centre."""
+    robot = Robot.bundled("arm6")
+    one = parse_spec("payload@arm6_link2:mass=4,com_x=0.03,com_y=-0.05,com_z=0.12", robot)
+    equations = seen(simulate(robot, [one], seed=1, duration=20.0, noise=QUIET), robot)
+    candidates = Candidates.of(robot)
+    (term,) = (t for t in candidates.terms if (t.effect.name, t.link) == ("payload", "arm6_link2"))
+    noise = Noise(np.zeros((robot.width, 3)), 1e-3 * equations.effort_scale)
+    pool = Pool(equations, noise, [term.shaped({f"com_{axis}": 0.0 for axis in "xyz"})], 1e-3)
+    for _ in range(3):
+        pool = pool.replacing(0, candidates.refined(equations, pool, pool.fit([0]), 0))
+    found = pool.terms[0].effect.values(pool.coefficients(pool.fit([0]), 0), dict(pool.terms[0].shape))
+    for key, value in one.values.items():
+        assert found[key] == pytest.approx(value, rel=0.1), key
+
+
+def test_what_is_pressed_against_the_end_of_the_possible_is_something_else():
+    scale = get("effort_scale")
+    (low, high) = scale.coefficient_bounds[0]
+    assert not scale.believable(np.array([low])) and not scale.believable(np.array([high]))
+    assert scale.believable(np.array([0.5 * low])) and scale.believable(np.array([0.0]))
+    assert get("coulomb_friction").believable(np.array([0.0]))
+
+
+def test_a_payload_is_within_reach_or_not_known_to_be_beyond_it():
+    payload = get("payload")
+    at = np.array([0.1, 0.0, 0.0, 0.2])
+    assert not payload.believable(at)
+    assert not payload.believable(at, np.array([0.1, 0.0, 0.0, 0.0]))
+    assert payload.believable(at, np.array([0.2, 0.0, 0.0, 0.0]))
+    values = payload.values(at, {})
+    assert values["com_z"] == pytest.approx(0.5) and values["mass"] == pytest.approx(0.4)

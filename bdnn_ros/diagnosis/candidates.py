@@ -87,7 +87,7 @@ class Candidates:
             term = pool.terms[chosen]
             if term.effect.at_sensor:
                 continue
-            coefficients, _ = pool.part(fit, chosen)
+            coefficients = pool.coefficients(fit, chosen)
             part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
             base = base + part
             if term.effect.in_drive:
@@ -105,7 +105,7 @@ class Candidates:
         for chosen in fit.terms:
             term = pool.terms[chosen]
             if term.effect.name in ON_BODIES:
-                coefficients, _ = pool.part(fit, chosen)
+                coefficients = pool.coefficients(fit, chosen)
                 values = term.effect.values(coefficients, dict(term.shape))
                 term.effect.install(plant, term.target, values, term.link)
         return plant.robot

@@ -249,7 +249,7 @@ def _removed(equations: Equations, fitted: Pool, extended: np.ndarray, held: np.
     after = _rms(extended, held) ** 2
     removed = []
     for chosen in fit.terms:
-        coefficients, _ = fitted.part(fit, chosen)
+        coefficients = fitted.coefficients(fit, chosen)
         without = extended + equations.columns(fitted.terms[chosen]) @ coefficients
         removed.append(_rms(without, held) ** 2 - after)
     return removed

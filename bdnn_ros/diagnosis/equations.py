@@ -12,12 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
+from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting, rms, stable
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
 
-NOISE_ORDER = 3
-"""Order of the autoregressive noise model."""
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
 
@@ -44,25 +43,6 @@ class Term:
     def shaped(self, shape: dict[str, float]) -> Term:
         """The same effect with another shape."""
         return Term(self.effect, self.target, self.link, tuple(sorted(shape.items())))
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Autoregressive noise of each joint: e[k] = sum_i a[j, i] e[k-i] + std[j] · white.
-
-    Attributes:
-        coefficients: a, (n, order).
-        std: where the joint moves on, (n,) [N·m].
-        turning: the same where it turns round, (n,) [N·m]: what sticks there no motion tells. None is as elsewhere.
-    """
-
-    coefficients: np.ndarray
-    std: np.ndarray
-    turning: np.ndarray | None = None
-
-    def of(self, turning: np.ndarray) -> np.ndarray:
-        """Standard deviation of rows that turn round or not (R, n) bool, (R, n)."""
-        return np.where(turning, self.std if self.turning is None else self.turning, self.std)
 
 
 @dataclass
@@ -178,7 +158,7 @@ class Equations:
         )
         strongest = power.max(axis=0)
         strongest = np.maximum(strongest, HARDLY_SEEN * strongest.max())
-        return np.minimum(TYPICAL_SHARE / np.maximum(strongest, 1e-9), term.effect.coefficient_spread)
+        return term.effect.spread(TYPICAL_SHARE / np.maximum(strongest, 1e-9), self.motion.robot)
 
     def echo(self, term: Term, width: int) -> np.ndarray:
         """Correlation of a term's whitened columns with the effort's noise, by block, (B, k): what noise alone explains.
@@ -189,8 +169,8 @@ class Equations:
         result = np.zeros((self.blocks, width))
         share = term.effect.echo(self.motion, term.target)
         if share is not None:
-            counted = self.counted()[:, term.target]
-            weight = np.where(counted, self.noise_curvature * share[self.rows], 0.0)
+            full = self.full()[:, term.target]
+            weight = np.where(full, self.noise_curvature * share[self.rows], 0.0)
             result[:, 0] = np.bincount(self.block, weight, self.blocks)
         return result
 
@@ -201,9 +181,8 @@ class Equations:
         noise = np.random.default_rng(0).standard_normal((len(signals), 1))
         low = signals.smooth(signals.soften(noise))
         pair = np.concatenate([low, self.motion.derivative(self.motion.derivative(low))], axis=1)[self.rows]
-        white = pair[NOISE_ORDER:] - sum(
-            a * pair[NOISE_ORDER - lag : len(pair) - lag]
-            for lag, a in enumerate(_predicting(pair[:, 0]), start=1)
+        white = pair[ORDER:] - sum(
+            a * pair[ORDER - lag : len(pair) - lag] for lag, a in enumerate(predicting(pair[:, 0]), start=1)
         )
         return float(white[:, 1] @ white[:, 0] / (white[:, 0] @ white[:, 0]))
 
@@ -221,33 +200,29 @@ class Equations:
     def whiten(self, values: np.ndarray, noise: Noise) -> np.ndarray:
         """Rows (R, n, ...) in units of their noise; unusable ones are zero."""
         order = noise.coefficients.shape[1]
-        result = np.zeros_like(values, dtype=float)
-        shape = (1, self.width) + (1,) * (values.ndim - 2)
-        for run in self.runs:
-            piece = values[run]
-            if len(piece) <= order:
-                continue
-            white = piece[order:].astype(float).copy()
-            for lag in range(1, order + 1):
-                white -= noise.coefficients[:, lag - 1].reshape(shape) * piece[order - lag : len(piece) - lag]
-            result[run.start + order : run.stop] = white
-        keep = self.counted(order) / noise.of(self.unsteady(order))
-        return result * keep.reshape(keep.shape + (1,) * (values.ndim - 2))
+        history = self.history(order)
+        seen = np.maximum(history, 0)
+        shape = (-1, self.width) + (1,) * (values.ndim - 2)
+        white, weights = values.astype(float), noise.weights(seen)
+        for lag in range(1, order + 1):
+            white[lag:] -= weights[lag:, :, lag - 1].reshape(shape) * values[:-lag]
+        keep = (history >= 0) / noise.of(self.unsteady(order), seen)
+        return white * keep.reshape(shape)
 
-    def counted(self, order: int = NOISE_ORDER) -> np.ndarray:
+    def history(self, order: int = ORDER) -> np.ndarray:
+        """How many usable rows come just before each, at most the order, (R, n); -1 for what is not usable itself."""
+        row = np.arange(len(self.usable))[:, None]
+        begun = np.where(self.usable, 0, row + 1)
+        starts = [run.start for run in self.runs]
+        begun[starts] = np.maximum(begun[starts], row[starts])
+        length = row - np.maximum.accumulate(begun, axis=0)
+        return np.where(self.usable, np.minimum(length, order), -1)
+
+    def full(self) -> np.ndarray:
         """Rows whose whole noise history is usable, (R, n) bool."""
-        counted = np.zeros_like(self.usable)
-        for run in self.runs:
-            good = self.usable[run]
-            if len(good) <= order:
-                continue
-            history = np.ones((len(good) - order, self.width), bool)
-            for lag in range(order + 1):
-                history &= good[order - lag : len(good) - lag]
-            counted[run.start + order : run.stop] = history
-        return counted
+        return self.history() == ORDER
 
-    def unsteady(self, order: int = NOISE_ORDER) -> np.ndarray:
+    def unsteady(self, order: int = ORDER) -> np.ndarray:
         """Rows with turning ones in their noise history, (R, n) bool."""
         unsteady = self.turning.copy()
         for run in self.runs:
@@ -259,50 +234,27 @@ class Equations:
 
     def white_noise_of(self, residual: np.ndarray, floor: np.ndarray) -> Noise:
         """Noise of a residual (R, n) as if its rows were independent."""
-        counted = self.counted()
-        std = np.array([_rms(residual[counted[:, j], j]) for j in range(self.width)])
-        return Noise(np.zeros((self.width, NOISE_ORDER)), np.maximum(std, floor))
+        std = np.array([rms(residual[self.usable[:, j], j]) for j in range(self.width)])
+        return Noise(np.zeros((self.width, ORDER)), np.maximum(std, floor))
 
     def noise_of(self, residual: np.ndarray, floor: np.ndarray, steady: bool = False) -> Noise:
         """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
         if steady:
             residual = self.without_trends(residual)
-        coefficients = np.zeros((self.width, NOISE_ORDER))
+        coefficients = np.zeros((self.width, ORDER))
         std, turning = np.empty(self.width), np.empty(self.width)
-        counted, unsteady = self.counted(), self.unsteady()
+        full, unsteady = self.full(), self.unsteady()
         for j in range(self.width):
-            rows = np.flatnonzero(counted[:, j])
+            rows = np.flatnonzero(full[:, j])
             now, steady_rows = residual[rows, j], ~unsteady[rows, j]
-            past = np.stack([residual[rows - lag, j] for lag in range(1, NOISE_ORDER + 1)], axis=1)
-            if steady_rows.sum() < 10 * NOISE_ORDER:
+            past = np.stack([residual[rows - lag, j] for lag in range(1, ORDER + 1)], axis=1)
+            if steady_rows.sum() < 10 * ORDER:
                 steady_rows[:] = True
             y, x = now[steady_rows], past[steady_rows]
-            if len(y) >= 10 * NOISE_ORDER:
+            if len(y) >= 10 * ORDER:
                 ridge = 1e-3 * float(np.sum(y**2)) + 1e-18
-                coefficients[j] = _stable(np.linalg.solve(x.T @ x + ridge * np.eye(NOISE_ORDER), x.T @ y))
+                coefficients[j] = stable(np.linalg.solve(x.T @ x + ridge * np.eye(ORDER), x.T @ y))
             white = now - past @ coefficients[j]
-            std[j] = max(_rms(white[steady_rows]), floor[j])
-            turning[j] = max(_rms(white[~steady_rows]), std[j])
+            std[j] = max(rms(white[steady_rows]), floor[j])
+            turning[j] = max(rms(white[~steady_rows]), std[j])
         return Noise(coefficients, std, turning)
-
-
-def _predicting(values: np.ndarray) -> np.ndarray:
-    """Autoregressive coefficients (NOISE_ORDER,) of values (R,)."""
-    past = np.stack(
-        [values[NOISE_ORDER - lag : len(values) - lag] for lag in range(1, NOISE_ORDER + 1)], axis=1
-    )
-    return np.asarray(np.linalg.lstsq(past, values[NOISE_ORDER:], rcond=None)[0])
-
-
-def _stable(a: np.ndarray) -> np.ndarray:
-    """Autoregressive coefficients with every pole drawn inside radius 0.98."""
-    poles = np.roots(np.concatenate([[1.0], -a]))
-    radius = np.abs(poles)
-    if (radius <= 0.98).all():
-        return a
-    poles = np.where(radius > 0.98, poles * 0.98 / np.maximum(radius, 1e-12), poles)
-    return np.asarray(-np.real(np.poly(poles))[1:])
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import lsq_linear
 
-from bdnn_ros.diagnosis.equations import Equations, Noise, Term
+from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.noise import Noise
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,9 @@ class Pool:
             self.moment[:, slot] -= equations.echo(term, len(slot))
         self._fits: dict[tuple[tuple[int, ...], int | None], Fit] = {}
         order = noise.coefficients.shape[1]
-        stds = noise.of(equations.unsteady(order))
-        self._scale = float(np.sum(equations.counted(order) * np.log(stds)))
+        history = equations.history(order)
+        stds = noise.of(equations.unsteady(order), np.maximum(history, 0))
+        self._scale = float(np.sum((history >= 0) * np.log(stds)))
 
     def believing(self, link_error: float) -> Pool:
         """The same pool with another prior spread of the links' errors."""
@@ -221,14 +223,17 @@ class Pool:
 
     def part(self, fit: Fit, chosen: int) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients (k,) and their covariance (k, k) of one term of a fit."""
-        at = self.base
-        for other in fit.terms:
-            size = len(self.slots[other])
-            if other == chosen:
-                rows = slice(at, at + size)
-                return fit.coefficients[rows], fit.covariance[rows, rows]
-            at += size
-        raise KeyError(chosen)
+        rows = self._rows(fit, chosen)
+        return fit.coefficients[rows], fit.covariance[rows, rows]
+
+    def coefficients(self, fit: Fit, chosen: int) -> np.ndarray:
+        """Coefficients (k,) of one term of a fit."""
+        return fit.coefficients[self._rows(fit, chosen)]
+
+    def _rows(self, fit: Fit, chosen: int) -> slice:
+        before = fit.terms[: fit.terms.index(chosen)]
+        at = self.base + sum(len(self.slots[other]) for other in before)
+        return slice(at, at + len(self.slots[chosen]))
 
 
 def _by_block(
@@ -247,10 +252,12 @@ def _by_block(
 
 
 def _held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor."""
+    """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor; its columns are brought to one size first."""
     target = solve_triangular(factor, moment, lower=True)
-    solution = lsq_linear(np.tril(factor).T, target, (low, high), method="bvls")
-    return np.asarray(np.clip(solution.x, low, high))
+    root = np.tril(factor).T
+    size = np.linalg.norm(root, axis=0)
+    solution = lsq_linear(root / size, target, (low * size, high * size), method="bvls")
+    return np.asarray(np.clip(solution.x / size, low, high))
 
 
 def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

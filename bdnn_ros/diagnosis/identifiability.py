@@ -20,8 +20,12 @@ HARDLY = 0.05
 """A finding less probable than this is given up where a rival is more probable than not."""
 TIE = 0.1
 """A rival at least this probable makes the finding a tie, and earns advice."""
-SAME_PHYSICS = (frozenset({"payload", "link_inertia"}),)
-"""Kinds that are one physical change seen in two ways: always listed beside each other."""
+SAME_PHYSICS = {
+    "payload": "link_inertia",
+    "link_inertia": "payload",
+    "asymmetric_friction": "effort_offset",
+}
+"""What is another kind in other words, and always listed beside it: uneven friction is Coulomb friction and an offset."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
             if score > own - CLOSE:  # gains let the other terms leave their bounds
                 score = search.score(pool, [*base, c])
             scores[c] = max(scores.get(c, -np.inf), score)
-    nothing = max(search.score(pool, base) for base in _bases(search, selection, term, rest))
+    nothing = search.score(pool, rest)
     keys = list(scores)
     logs = np.array([own, nothing, *(scores[k] for k in keys)]) / TEMPERATURE
     weights = np.exp(logs - logs.max())
@@ -89,9 +93,9 @@ def _bases(search: Search, selection: Selection, term: Term, rest: list[int]) ->
     return bases
 
 
-def _same_physics(a: Term, b: Term) -> bool:
-    pair = frozenset({a.effect.name, b.effect.name})
-    return pair in SAME_PHYSICS and a.target == b.target
+def _same_physics(term: Term, rival: Term) -> bool:
+    """Whether a rival says in other words what a term does."""
+    return SAME_PHYSICS.get(term.effect.name) == rival.effect.name and term.target == rival.target
 
 
 def advice(terms: Sequence[Term], judgements: Sequence[Judgement], where: Sequence[str]) -> list[str]:

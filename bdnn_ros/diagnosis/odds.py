@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from bdnn_ros.diagnosis.candidates import COMMON
 from bdnn_ros.diagnosis.equations import Term
-from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.evidence import Fit, Pool
 
 COST = 8.0
 """Log prior odds against one effect at one place: about 150 candidates, and a false name is worse than none."""
@@ -43,6 +45,9 @@ def log_odds(term: Term, having: dict[str, set[int]], width: int) -> float:
 
 
 def contains(larger: Term, smaller: Term) -> bool:
+    """Whether a term says all that another says: a richer law at its place, or the same on all joints."""
+    if larger.effect is smaller.effect:
+        return larger.target == -1 != smaller.target
     return smaller.effect.name in larger.effect.contains and smaller.target == larger.target
 
 
@@ -54,3 +59,13 @@ def having_each(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
         for name in (term.effect.name, *term.effect.contains):
             having.setdefault(name, set()).add(term.target)
     return having
+
+
+def unbelievable(pool: Pool, fit: Fit) -> int:
+    """How many terms have coefficients that no such effect can have together, nor any within their uncertainty."""
+    count = 0
+    for c in fit.terms:
+        effect, at = pool.terms[c].effect, pool.coefficients(fit, c)
+        if not effect.believable(at):
+            count += not effect.believable(at, np.sqrt(np.diag(pool.part(fit, c)[1])))
+    return count

@@ -40,8 +40,9 @@ class Estimate:
         """Parameters with standard deviations, by linear propagation: the larger by both covariances."""
         names = [name for name, _ in self.term.shape]
         shape = np.array([value for _, value in self.term.shape])
-        point = np.concatenate([self.coefficients, shape])
-        count = len(self.coefficients)
+        possible, _ = self.term.effect.coefficients(self.values)
+        point = np.concatenate([possible, shape])
+        count = len(possible)
 
         def values(x: np.ndarray) -> np.ndarray:
             found = self.term.effect.values(x[:count], dict(zip(names, x[count:].tolist(), strict=True)))
@@ -77,7 +78,7 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     at = pool.base + sum(len(pool.slots[c]) for c in fit.terms)
     for chosen in fit.terms:
         term = pool.terms[chosen]
-        coefficients, _ = pool.part(fit, chosen)
+        coefficients = pool.coefficients(fit, chosen)
         columns = [_tangent(pool, term, coefficients, name) for name, _ in term.shape]
         parts.append((term, chosen, coefficients))
         tangents += columns

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.equations import Equations, Noise, Term
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near
+from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near, unbelievable
 from bdnn_ros.diagnosis.settling import at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
@@ -89,7 +90,7 @@ class Search:
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
             previous = {t.place for t in selection.terms}
-            settled = self._at_own_noise(selection.pool, selection.chosen)
+            settled = self._at_own_noise(selection.pool, selection.chosen, self.candidates.common())
             selection = self._select(settled.noise, settled.terms)
             if {t.place for t in selection.terms} == previous:
                 break
@@ -122,10 +123,10 @@ class Search:
             self.equations.take(motion)
         return None
 
-    def _at_own_noise(self, pool: Pool, chosen: Sequence[int]) -> Pool:
+    def _at_own_noise(self, pool: Pool, chosen: Sequence[int], beside: Sequence[Term] = ()) -> Pool:
         terms = [pool.terms[c] for c in chosen]
         alone = Pool(self.equations, pool.noise, terms, pool.link_error)
-        return at_own_noise(self.candidates, self.equations, alone, self.floor)
+        return at_own_noise(self.candidates, self.equations, alone, self.floor, beside)
 
     def _start(self) -> Noise:
         """Noise of what the commonest causes on every joint would leave, trends left out; a first estimate of the load.
@@ -265,7 +266,7 @@ class Search:
     def score(self, pool: Pool, chosen: Sequence[int]) -> float:
         """Log evidence of a set less the log prior odds against it."""
         having, fit = having_each(pool, chosen), pool.fit(chosen)
-        against = ABSURD * _unbelievable(pool, fit)
+        against = ABSURD * unbelievable(pool, fit)
         return (
             fit.evidence
             - against
@@ -298,7 +299,7 @@ class Search:
 
         Links that bend beyond belief to stand in for it predict held-out blocks as well, so belief is weighed, too.
         """
-        if _unbelievable(pool, pool.fit(grown)):
+        if unbelievable(pool, pool.fit(grown)):
             return False
         without = [c for c in grown if c != candidate]
         if self._left(pool, grown) > WORSE * self._left(pool, without):
@@ -313,8 +314,3 @@ class Search:
         """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""
         residual = pool.residual(pool.fit(chosen)) / self.equations.effort_scale
         return float(np.sum(np.where(self.equations.usable, residual, 0.0) ** 2))
-
-
-def _unbelievable(pool: Pool, fit: Fit) -> int:
-    """How many terms have coefficients that no such effect can have together."""
-    return sum(not pool.terms[c].effect.believable(pool.part(fit, c)[0]) for c in fit.terms)

@@ -10,9 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.diagnosis.candidates import ON_BODIES, Candidates
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.odds import contains
 
 NOISE_ROUNDS = 3
 LAST_ROUNDS = 2
@@ -33,15 +35,29 @@ def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
     equations.relieve(*candidates.load(*found), candidates.bodies(*found))
 
 
-def at_own_noise(candidates: Candidates, equations: Equations, pool: Pool, floor: np.ndarray) -> Pool:
-    """The pool with noise, load, bodies and shapes as its own fit has them, each found again with the others."""
+def at_own_noise(
+    candidates: Candidates, equations: Equations, pool: Pool, floor: np.ndarray, beside: Sequence[Term] = ()
+) -> Pool:
+    """The pool with noise, load, bodies and shapes as its own fit has them, each found again with the others.
+
+    Args:
+        floor: smallest noise, (n,) [N·m].
+        beside: terms that the noise must not stand for, though the pool has not got them.
+    """
     every = range(len(pool.terms))
     for _ in range(NOISE_ROUNDS):
-        noise = equations.noise_of(pool.residual(pool.fit(every)), floor)
+        noise = _noise(equations, pool, floor, beside)
         relieve(candidates, equations, pool)
         pool = refined(candidates, equations, Pool(equations, noise, pool.terms, pool.link_error), every)
-    noise = equations.noise_of(pool.residual(pool.fit(every)), floor)
-    return Pool(equations, noise, pool.terms, pool.link_error)
+    return Pool(equations, _noise(equations, pool, floor, beside), pool.terms, pool.link_error)
+
+
+def _noise(equations: Equations, pool: Pool, floor: np.ndarray, beside: Sequence[Term]) -> Noise:
+    """Noise of what the pool's terms leave, those beside them fitted as well."""
+    more = [t for t in beside if not any(t.place == one.place or contains(one, t) for one in pool.terms)]
+    if more:
+        pool = Pool(equations, pool.noise, [*pool.terms, *more], pool.link_error)
+    return equations.noise_of(pool.residual(pool.fit(range(len(pool.terms)))), floor)
 
 
 def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
@@ -50,9 +66,8 @@ def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
         fit = pool.fit(range(len(pool.terms)))
         terms = list(pool.terms)
         for chosen in fit.terms:
-            term, (coefficients, _) = terms[chosen], pool.part(fit, chosen)
-            if term.effect.name not in ON_BODIES:  # a payload's centre would drift: its mass gives way to it
-                terms[chosen] = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
+            term, coefficients = terms[chosen], pool.coefficients(fit, chosen)
+            terms[chosen] = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
         relieve(candidates, equations, pool)
         pool = Pool(equations, pool.noise, terms, pool.link_error)
     return pool

@@ -61,6 +61,7 @@ class EffortScale(Effect):
     source = GAUTIER
     at_sensor = True
     coefficient_bounds = ((1.0 / 5.0 - 1.0, 1.0 / 0.2 - 1.0),)
+    coefficient_spread = 0.3
     of_load = True
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:

@@ -66,9 +66,9 @@ class Effect(ABC):
     """The motion that brings it out."""
     source: ClassVar[str]
     coefficient_bounds: ClassVar[tuple[tuple[float, float], ...]]
+    """Lower and upper bound of each linear coefficient."""
     coefficient_spread: ClassVar[float] = math.inf
     """Coefficients are rarely larger, whatever the effort; most scale with it."""
-    """Lower and upper bound of each linear coefficient."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
     of_load: ClassVar[bool] = False
@@ -135,9 +135,28 @@ class Effect(ABC):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         """Linear coefficients (k,) and shape from the contract's parameters: the inverse of `values`."""
 
-    def believable(self, coefficients: np.ndarray) -> bool:
-        """Whether fitted coefficients, each inside its bounds, can be such an effect together."""
-        return True
+    def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
+        """Whether fitted coefficients (k,), each inside its bounds, can be such an effect together.
+
+        What is pressed against the end of what is possible is something else; an effect of nothing is at an end, too.
+
+        Args:
+            std: of the coefficients, where they need not be taken at their word, (k,).
+        """
+        return not any(
+            value in (low, high) and value
+            for value, (low, high) in zip(coefficients, self.coefficient_bounds, strict=True)
+        )
+
+    def spread(self, typical: np.ndarray, robot: Robot) -> np.ndarray:
+        """Prior standard deviations of the coefficients (k,): what the effect's nature tells of them.
+
+        Args:
+            typical: such that each makes a typical share of the effort, (k,).
+        """
+        return (
+            typical if math.isinf(self.coefficient_spread) else np.full(len(typical), self.coefficient_spread)
+        )
 
     def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
         """Whether a motion behind its low-pass shows the effect with this shape at all."""

@@ -22,6 +22,8 @@ EFFORT_SHARE = 0.95
 """Largest effort per limit with the effect."""
 TELLING = 0.05
 """What an effect adds to a simpler one that it contains, per spread of the effort: less makes little difference."""
+CARRIED = ("payload", "link_inertia")
+"""Bodies count at the joint that carries most of them."""
 LEAST_SCALED = 0.2
 """A link off by less is one of many that are."""
 
@@ -40,7 +42,7 @@ def draw(
         motion: what the robot will do; see `planned`.
         names: effects to choose from; empty for all.
         least, most: its contribution (root mean square) per spread of the effort, at the joint where it is
-            largest.
+            largest; of a body at the joint that carries most of it.
         beside: effects that are there already; the same effect is not drawn at the same place again.
 
     Raises:
@@ -136,7 +138,9 @@ def _sized(
     coefficients, shape = effect.coefficients(values)
     added = effect.columns(motion, target, shape, link) @ coefficients
     spread = np.maximum(np.std(motion.load, axis=0), 1e-9)
-    reached = float((np.sqrt(np.mean(added**2, axis=0)) / spread).max())
+    size = np.sqrt(np.mean(added**2, axis=0))
+    # a gram at the last joint is much for that joint's effort, and nothing to the arm that carries it
+    reached = float((size / spread)[np.argmax(size if effect.name in CARRIED else size / spread)])
     if reached < 1e-6:
         return None
     scaled = effect.values(coefficients * (share / reached), shape)

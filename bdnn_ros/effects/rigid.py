@@ -14,11 +14,13 @@ from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
-from bdnn_ros.robot import PER_LINK
+from bdnn_ros.robot import PER_LINK, Robot
 
 AXES = ("x", "y", "z")
 REACH = 0.5
 """Nothing is carried further than this from its link's origin [m]."""
+CERTAIN = 2.0
+"""So many standard deviations of its mass a payload must lie beyond reach to be none."""
 
 
 class Armature(Effect):
@@ -53,8 +55,8 @@ class Armature(Effect):
 class Payload(Effect):
     """A mass fixed to a link, a point at its centre; its own rotational inertia is left out.
 
-    Linear in mass and first moments; the second moments m·c·cᵀ are carried by the mass at the centre of mass
-    that the shape names, so the columns are exact there.
+    Linear in mass and first moments; the second moments m·c·cᵀ are those of the tangent at the centre of mass that
+    the shape names: exact there, and the next centre found with them is nearer (Newton).
     """
 
     name = "payload"
@@ -88,14 +90,20 @@ class Payload(Effect):
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         found = self.values(coefficients, shape)
-        return {f"com_{axis}": float(np.clip(found[f"com_{axis}"], -1.0, 1.0)) for axis in AXES}
+        return {f"com_{axis}": found[f"com_{axis}"] for axis in AXES}
 
-    def believable(self, coefficients: np.ndarray) -> bool:
-        return bool(np.linalg.norm(coefficients[1:]) <= REACH * coefficients[0])
+    def spread(self, typical: np.ndarray, robot: Robot) -> np.ndarray:
+        mass = float(robot.inertials[:, 0].sum())  # nobody hangs more on an arm than it weighs
+        return np.minimum(typical, mass * np.array([1.0, REACH, REACH, REACH]))
+
+    def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
+        mass = coefficients[0] + (0.0 if std is None else CERTAIN * std[0])
+        return bool(np.linalg.norm(coefficients[1:]) <= REACH * mass)
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        mass = float(coefficients[0])
-        centre = np.asarray(coefficients[1:]) / mass if mass > 1e-9 else np.zeros(3)
+        moments = np.asarray(coefficients[1:])
+        mass = max(float(coefficients[0]), float(np.linalg.norm(moments)) / REACH)
+        centre = moments / mass if mass > 1e-9 else np.zeros(3)
         return {"mass": mass, **{f"com_{axis}": float(c) for axis, c in zip(AXES, centre, strict=True)}}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
@@ -124,6 +132,7 @@ class LinkInertia(Effect):
         "links, IJRR 5(3), 1986"
     )
     coefficient_bounds = ((-0.95, 9.0),)
+    coefficient_spread = 0.5
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         body, parameters = plant.robot.link_inertial(needed_link(link))
@@ -174,7 +183,7 @@ class BaseTilt(Effect):
     source = "Craig, Introduction to Robotics, ch. 6: gravity as an acceleration of the base"
     of_bodies = True
     coefficient_bounds = ((-math.pi / 2, math.pi / 2), (-math.pi / 2, math.pi / 2))
-    coefficient_spread = 0.2
+    coefficient_spread = 0.1
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.robot = plant.robot.tilted(math.radians(values["roll_deg"]), math.radians(values["pitch_deg"]))
@@ -209,12 +218,17 @@ class BaseTilt(Effect):
 def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values) -> tuple[int, np.ndarray]:
     """Body and its inertial parameters per unit of (m, m·cx, m·cy, m·cz) in the link frame, (PER_LINK, 4)."""
     body, rotation, translation = place
-    x, y, z = rotation @ np.array([shape[f"com_{axis}"] for axis in AXES]) + translation
+    at = rotation @ np.array([shape[f"com_{axis}"] for axis in AXES]) + translation
+    moments = np.column_stack([translation, rotation])
     parameters = np.zeros((PER_LINK, 4))
     parameters[0, 0] = 1.0
-    parameters[1:4, 0] = translation
-    parameters[1:4, 1:] = rotation
-    parameters[4:, 0] = (y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y)
+    parameters[1:4] = moments
+    for column, moment in enumerate(moments.T):
+        second = np.outer(moment, at) + np.outer(at, moment)
+        if column == 0:
+            second -= np.outer(at, at)
+        inertia = np.trace(second) * np.eye(3) - second
+        parameters[4:, column] = inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
     return body, parameters
 
 

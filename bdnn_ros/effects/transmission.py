@@ -41,9 +41,6 @@ class JointElasticity(Effect):
     def echo(self, motion: Motion, target: int) -> np.ndarray:
         return -motion.own_inertia[:, target]
 
-    def believable(self, coefficients: np.ndarray) -> bool:
-        return bool(coefficients[0] < 1.0)  # at its bound it stands for something else
-
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
 

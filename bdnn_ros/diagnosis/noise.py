@@ -1,0 +1,76 @@
+"""Coloured noise of joints: autoregressive, of what a model leaves of their effort."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+ORDER = 3
+"""Order of the autoregressive noise model."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Autoregressive noise of each joint: e[k] = sum_i a[j, i] e[k-i] + std[j] · white.
+
+    Attributes:
+        coefficients: a, (n, order).
+        std: where the joint moves on, (n,) [N·m].
+        turning: the same where it turns round, (n,) [N·m]: what sticks there no motion tells. None is as elsewhere.
+    """
+
+    coefficients: np.ndarray
+    std: np.ndarray
+    turning: np.ndarray | None = None
+
+    def of(self, turning: np.ndarray, history: np.ndarray) -> np.ndarray:
+        """Standard deviation of rows, given as many rows before each as its history has, (R, n).
+
+        Args:
+            turning: rows that turn round, (R, n) bool.
+            history: usable rows just before each, up to the order, (R, n).
+        """
+        std = np.where(turning, self.std if self.turning is None else self.turning, self.std)
+        return np.asarray(std * self._shorter[1][history, np.arange(len(self.std))])
+
+    def weights(self, history: np.ndarray) -> np.ndarray:
+        """Weights of the rows before each that predict it best, zero beyond its history, (R, n, order)."""
+        return np.asarray(self._shorter[0][history, np.arange(len(self.std))])
+
+    @cached_property
+    def _shorter(self) -> tuple[np.ndarray, np.ndarray]:
+        """Predictors from 0, 1 ... order rows, (order + 1, n, order), and their errors per std, (order + 1, n).
+
+        The Levinson recursion downwards: the noise is the same, less of its past is seen.
+        """
+        joints, order = self.coefficients.shape
+        weights, errors = np.zeros((order + 1, joints, order)), np.ones((order + 1, joints))
+        weights[order] = self.coefficients
+        for p in range(order, 0, -1):
+            known, last = weights[p, :, : p - 1], weights[p, :, p - 1 : p]
+            left = 1.0 - last**2
+            weights[p - 1, :, : p - 1] = (known + last * known[:, ::-1]) / left
+            errors[p - 1] = errors[p] / np.sqrt(left[:, 0])
+        return weights, errors
+
+
+def predicting(values: np.ndarray) -> np.ndarray:
+    """Autoregressive coefficients (ORDER,) of gap-free values (R,), by least squares."""
+    past = np.stack([values[ORDER - lag : len(values) - lag] for lag in range(1, ORDER + 1)], axis=1)
+    return np.asarray(np.linalg.lstsq(past, values[ORDER:], rcond=None)[0])
+
+
+def stable(a: np.ndarray) -> np.ndarray:
+    """Autoregressive coefficients with every pole drawn inside radius 0.98."""
+    poles = np.roots(np.concatenate([[1.0], -a]))
+    radius = np.abs(poles)
+    if (radius <= 0.98).all():
+        return a
+    poles = np.where(radius > 0.98, poles * 0.98 / np.maximum(radius, 1e-12), poles)
+    return np.asarray(-np.real(np.poly(poles))[1:])
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
