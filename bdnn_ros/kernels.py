@@ -34,9 +34,17 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
     return weights, first, second
 
 
-def velocity_noise(position_noise: np.ndarray, std: float, rate: float) -> np.ndarray:
-    """Standard deviation of the low-passed velocity under white position noise, (n,) [rad/s]."""
-    return np.asarray(position_noise / np.sqrt(4.0 * np.sqrt(np.pi) * std**3 * rate))
+def passed_noise(noise: np.ndarray, std: float, rate: float, order: int = 0) -> np.ndarray:
+    """Standard deviation of low-passed white noise or of one of its derivatives, the shape of `noise` [its unit/s^order].
+
+    Args:
+        noise: standard deviation of samples before the low-pass.
+        std: of the Gaussian kernel [s].
+        rate: samples a second [Hz].
+        order: 0 for the noise itself, 1 or 2 for its derivative.
+    """
+    moment = (1.0, 1.0 / 2.0, 3.0 / 4.0)[order]
+    return np.asarray(noise * np.sqrt(moment / (2.0 * np.sqrt(np.pi) * std ** (2 * order + 1) * rate)))
 
 
 def even_grid(rate: float, least: float) -> tuple[float, int]:

@@ -163,6 +163,17 @@ class Robot:
         result = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
         return result.reshape(len(q), self.width)[:, order].reshape(np.shape(position))
 
+    def drive_effort(
+        self, velocity: np.ndarray, acceleration: np.ndarray, direction: np.ndarray
+    ) -> np.ndarray:
+        """What the drives take for rotors and friction before the gear, (..., n) [N·m].
+
+        Args:
+            direction: of each joint, -1 to 1; between them while it turns round.
+        """
+        turning = self.armature * acceleration + self.viscous * velocity
+        return np.asarray(turning + self.coulomb * direction)
+
     def inverse_dynamics(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> np.ndarray:

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.kernels import even_grid, gaussian_kernel, gaussian_std, velocity_noise
+from bdnn_ros.kernels import even_grid, gaussian_kernel, gaussian_std, passed_noise
 from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.repeats import without_repeats
 
@@ -86,6 +86,17 @@ class Signals:
         """Low-pass of values (N, ...) along time, segment by segment."""
         return self._smoothed(values, self.kernel_std)
 
+    def smooth_at(self, values: np.ndarray, samples: np.ndarray) -> np.ndarray:
+        """What `smooth` gives at some samples, in order, (R, ...): no more is computed."""
+        weights = gaussian_kernel(self.kernel_std, self.rate)[0]
+        reach = np.arange(len(weights)) - len(weights) // 2
+        parts = []
+        for rows in self.segments:
+            inside = samples[(samples >= rows.start) & (samples < rows.stop)]
+            near = np.clip(inside[:, None] + reach, rows.start, rows.stop - 1)
+            parts.append(np.einsum("rt...,t->r...", np.asarray(values, float)[near], weights))
+        return np.concatenate(parts)
+
     def _smoothed(self, values: np.ndarray, std: float) -> np.ndarray:
         weights = gaussian_kernel(std, self.rate)[0]
         result = np.empty_like(values, dtype=float)
@@ -124,7 +135,7 @@ class Signals:
     def rest_velocity(self) -> np.ndarray:
         """Speed under which a joint counts as at rest, (n,) [rad/s]."""
         return np.maximum(
-            REST_WIDTHS * velocity_noise(self.position_noise, self.kernel_std, self.raw_rate), 1e-5
+            REST_WIDTHS * passed_noise(self.position_noise, self.kernel_std, self.raw_rate, order=1), 1e-5
         )
 
     @cached_property

@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.identifiability import Judgement, likelier
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST
+from bdnn_ros.diagnosis.settling import at_own_noise
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.robot import Robot
@@ -176,3 +177,19 @@ def test_a_payload_is_within_reach_or_not_known_to_be_beyond_it():
     assert payload.believable(at, np.array([0.2, 0.0, 0.0, 0.0]))
     values = payload.values(at, {})
     assert values["com_z"] == pytest.approx(0.5) and values["mass"] == pytest.approx(0.4)
+
+
+def test_noise_does_not_stand_for_common_causes_that_are_still_to_be_found():
+    robot = Robot.bundled("arm2")
+    specs = ("viscous_friction@arm2_joint2:viscous=0.1", "coulomb_friction@arm2_joint2:coulomb=0.2")
+    noisy = SensorNoise(position=0.0, velocity=0.0, effort=0.01)
+    true = [parse_spec(spec, robot) for spec in specs]
+    equations = seen(simulate(robot, true, seed=4, duration=20.0, noise=noisy), robot)
+    candidates, floor = Candidates.of(robot), 1e-6 * equations.effort_scale
+    white = Noise(np.zeros((2, 3)), 0.1 * equations.effort_scale)
+    stds = [
+        at_own_noise(candidates, equations, Pool(equations, white, terms, 0.02), floor, beside).noise.std[1]
+        for terms, beside in (([], []), ([], candidates.common()), (candidates.common(), []))
+    ]
+    assert stds[0] > 3.0 * stds[2]
+    assert stds[1] == pytest.approx(stds[2], rel=0.1)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.kernels import passed_noise
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import (
     DEFAULT_CUTOFF,
@@ -16,7 +17,6 @@ from bdnn_ros.signals import (
     gaussian_kernel,
     gaussian_std,
     prepare,
-    velocity_noise,
 )
 
 JOINTS = ("a", "b")
@@ -226,13 +226,25 @@ def test_a_joint_at_rest_is_seen() -> None:
     assert signals.at_rest[:, 1].mean() < 0.05
 
 
-def test_the_noise_of_the_velocity_is_as_predicted() -> None:
+def test_noise_behind_the_low_pass_is_as_predicted() -> None:
     rng = np.random.default_rng(2)
     noise = rng.normal(0.0, 1e-4, (20000, 2))
     signals = prepare(recording(np.arange(20000) / 500.0, noise))
-    expected = velocity_noise(np.full(2, 1e-4), signals.kernel_std, 500.0)
-    np.testing.assert_allclose(signals.velocity.std(axis=0), expected, rtol=0.1)
+    for order, passed in enumerate((signals.position, signals.velocity, signals.acceleration)):
+        expected = passed_noise(np.full(2, 1e-4), signals.kernel_std, 500.0, order)
+        np.testing.assert_allclose(passed.std(axis=0), expected, rtol=0.1)
     np.testing.assert_allclose(signals.position_noise, 1e-4, rtol=0.1)
+
+
+def test_smoothing_at_some_samples_gives_what_smoothing_gives_there() -> None:
+    time = np.arange(1500) / 500.0
+    time[700:] += 2.0
+    signals = prepare(recording(time, np.sin(time)))
+    values = np.random.default_rng(3).standard_normal((len(signals), 2, 3))
+    samples = np.array([0, 1, 40, 340, 345, 352, 360, len(signals) - 1])
+    np.testing.assert_allclose(
+        signals.smooth_at(values, samples), signals.smooth(values)[samples], atol=1e-12
+    )
 
 
 def test_rows_keep_the_pieces_apart() -> None:

@@ -62,7 +62,7 @@ def build(
 
     if simulated is None:
         simulated = nominal_effort(robot, signals)
-    drive = drive_effort(robot, signals)
+    drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     motion = Motion(signals, robot, simulated, drive)
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
@@ -125,13 +125,7 @@ def turns(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
 def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:
     """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m]."""
     rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-    return np.asarray(rigid + drive_effort(robot, signals))
-
-
-def drive_effort(robot: Robot, signals: Signals) -> np.ndarray:
-    """What a robot's drives take before the gear: for rotors and friction, (N, n) [N·m]."""
-    moving = robot.armature * signals.acceleration + robot.viscous * signals.velocity
-    return np.asarray(moving + robot.coulomb * signals.sign)
+    return np.asarray(rigid + robot.drive_effort(signals.velocity, signals.acceleration, signals.sign))
 
 
 def relative_inertials(robot: Robot) -> np.ndarray:

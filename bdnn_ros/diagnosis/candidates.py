@@ -87,7 +87,7 @@ class Candidates:
             term = pool.terms[chosen]
             if term.effect.at_sensor:
                 continue
-            coefficients = pool.coefficients(fit, chosen)
+            coefficients = pool.acting(fit, chosen) * pool.coefficients(fit, chosen)
             part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
             base = base + part
             if term.effect.in_drive:

@@ -222,7 +222,7 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         )
         for rival, probability in judgement.rivals
     )
-    values = estimate.term.effect.values(estimate.coefficients, dict(estimate.term.shape))
+    values = estimate.values
     where = link or joint or ("The base" if estimate.term.effect.on == "base" else "every joint")
     return Finding(
         effect=estimate.term.effect.name,

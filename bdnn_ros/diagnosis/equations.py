@@ -93,11 +93,14 @@ class Equations:
 
     def reduced(self, values: np.ndarray) -> np.ndarray:
         """Values at the working rate (N, ...) as rows: low-passed and thinned, (R, ...)."""
-        smooth, result = self.motion.signals.smooth, np.zeros((len(self.rows), *values.shape[1:]))
+        signals, result = self.motion.signals, np.zeros((len(self.rows), *values.shape[1:]))
         for j in range(values.shape[1]):
             if values[:, j].any():
-                column = smooth(values[:, j])
-                result[:, j] = (self.motion.advanced(column, self.lead) if self.lead else column)[self.rows]
+                result[:, j] = (
+                    self.motion.advanced(signals.smooth(values[:, j]), self.lead)[self.rows]
+                    if self.lead
+                    else signals.smooth_at(values[:, j], self.rows)
+                )
         return result
 
     def columns(self, term: Term) -> np.ndarray:

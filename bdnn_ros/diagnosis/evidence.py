@@ -230,6 +230,18 @@ class Pool:
         """Coefficients (k,) of one term of a fit."""
         return fit.coefficients[self._rows(fit, chosen)]
 
+    def acting(self, fit: Fit, chosen: int) -> float:
+        """What a term's coefficients act with, of what they are measured with.
+
+        What a drive takes is measured in its sensor's units: where the fit has a wrong effort scale there, it takes that
+        much more or less.
+        """
+        term = self.terms[chosen]
+        for other in fit.terms if term.effect.in_drive else ():
+            if self.terms[other].effect.name == "effort_scale" and self.terms[other].target == term.target:
+                return float(self.terms[other].effect.values(self.coefficients(fit, other), {})["scale"])
+        return 1.0
+
     def _rows(self, fit: Fit, chosen: int) -> slice:
         before = fit.terms[: fit.terms.index(chosen)]
         at = self.base + sum(len(self.slots[other]) for other in before)

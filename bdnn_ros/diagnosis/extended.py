@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from bdnn_ros.diagnosis.building import nominal_effort
 from bdnn_ros.diagnosis.effects_file import entry, from_entry
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
@@ -192,13 +193,10 @@ class ExtendedModel:
         rigid = robot.rigid_effort(
             signals.position - plant.position_offset, signals.velocity, signals.acceleration
         )
-        drive = robot.armature * signals.acceleration + robot.viscous * signals.velocity
-        drive = drive + robot.coulomb * signals.sign
+        drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
         if self.beyond is not None:
             known = self.beyond.robot
-            plain = known.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-            plain = plain + known.armature * signals.acceleration + known.viscous * signals.velocity
-            plain = plain + known.coulomb * signals.sign + self.beyond.offset
+            plain = nominal_effort(known, signals) + self.beyond.offset
             drive = drive + self.beyond.predict(signals) - plain
         own = replace(signals, effort=None)
         motion = Motion(own, robot, rigid + drive)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.equations import Term
-from bdnn_ros.diagnosis.odds import contains, near
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.search import Search, Selection
 
 TEMPERATURE = 2.0
@@ -59,11 +60,32 @@ def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection
 
 
 def _judge(search: Search, selection: Selection, one: int) -> Judgement:
-    pool, term = selection.pool, selection.pool.terms[one]
-    rest = [c for c in selection.chosen if c != one]
+    """Weighed at two beliefs: what one link's error explains, all links' larger errors may explain as well."""
+    term = selection.pool.terms[one]
+    own, nothing, scores = -np.inf, -np.inf, dict[int, float]()
+    for pool in search.beliefs_of(selection.pool):
+        weighed = _weighed(search, pool, selection.chosen, one)
+        own, nothing = max(own, weighed[0]), max(nothing, weighed[1])
+        for rival, score in weighed[2].items():
+            scores[rival] = max(scores.get(rival, -np.inf), score)
+    keys = list(scores)
+    logs = np.array([own, nothing, *(scores[k] for k in keys)]) / TEMPERATURE
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    rivals_found = [(selection.pool.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
+    listed = [(rival, p) for rival, p in rivals_found if p >= LISTED or _same_physics(term, rival)]
+    listed.sort(key=lambda pair: -pair[1])
+    return Judgement(float(weights[0]), float(weights[1]), tuple(listed[:6]))
+
+
+def _weighed(
+    search: Search, pool: Pool, chosen: Sequence[int], one: int
+) -> tuple[float, float, dict[int, float]]:
+    """Scores with a term, without it, and with each rival in its place."""
+    term, rest = pool.terms[one], [c for c in chosen if c != one]
     own = search.score(pool, [*rest, one])
     scores: dict[int, float] = {}
-    for base in _bases(search, selection, term, rest):
+    for base in _bases(pool, term, rest):
         fit = pool.fit(base)
         costs = search.costs(pool, base)
         start = search.score(pool, base)
@@ -73,20 +95,12 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
             if score > own - CLOSE:  # gains let the other terms leave their bounds
                 score = search.score(pool, [*base, c])
             scores[c] = max(scores.get(c, -np.inf), score)
-    nothing = search.score(pool, rest)
-    keys = list(scores)
-    logs = np.array([own, nothing, *(scores[k] for k in keys)]) / TEMPERATURE
-    weights = np.exp(logs - logs.max())
-    weights /= weights.sum()
-    rivals_found = [(pool.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
-    listed = [(rival, p) for rival, p in rivals_found if p >= LISTED or _same_physics(term, rival)]
-    listed.sort(key=lambda pair: -pair[1])
-    return Judgement(float(weights[0]), float(weights[1]), tuple(listed[:6]))
+    cost = doubt(pool)
+    return own - cost, search.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
 
 
-def _bases(search: Search, selection: Selection, term: Term, rest: list[int]) -> list[list[int]]:
+def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
     """What may stand beside a rival: the other terms, and with them what the term itself contains."""
-    pool = selection.pool
     bases = [rest]
     parts = [c for c in range(len(pool.terms)) if contains(term, pool.terms[c]) and c not in rest]
     bases += [[*rest, part] for part in parts]

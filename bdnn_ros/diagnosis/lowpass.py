@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.kernels import gaussian_std
+from bdnn_ros.kernels import gaussian_std, passed_noise
 from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import usual_cutoff
@@ -38,10 +38,8 @@ def _noise_ratio(recording: Recording, robot: Robot, cutoff: float) -> float:
     std = gaussian_std(cutoff)
     some = recording.position[:: max(len(recording) // 50, 1)]
     mass = np.sqrt(np.mean(robot.mass_matrix(some) ** 2, axis=0))
-    acceleration = position_noise(recording) * np.sqrt(3.0 / (8.0 * np.sqrt(np.pi) * std**5 * recording.rate))
-    effort = white_noise(recording.require_effort()) * np.sqrt(
-        1.0 / (2.0 * np.sqrt(np.pi) * std * recording.rate)
-    )
+    acceleration = passed_noise(position_noise(recording), std, recording.rate, order=2)
+    effort = passed_noise(white_noise(recording.require_effort()), std, recording.rate)
     from_position = np.sqrt(mass**2 @ acceleration**2)
     return float(
         np.max(from_position / np.maximum(effort, 1e-4 * np.std(recording.require_effort(), axis=0)))

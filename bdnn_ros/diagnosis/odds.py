@@ -19,6 +19,8 @@ INNER_COST = 2.0
 """What a payload costs that does not hang from the last joint."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
+LINK_ERROR_COST = 400.0
+"""Log prior against a spread s of all links' errors is this times s²: a description is rarely off by 20 % everywhere."""
 ELSEWHERE = ("effort_scale", "position_offset")
 """Kinds that another joint's may stand for: a joint that pulls less looks like all others that pull more."""
 
@@ -59,6 +61,11 @@ def having_each(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
         for name in (term.effect.name, *term.effect.contains):
             having.setdefault(name, set()).add(term.target)
     return having
+
+
+def doubt(pool: Pool) -> float:
+    """Log prior odds against the spread of the links' errors that a pool believes in."""
+    return LINK_ERROR_COST * pool.link_error**2
 
 
 def unbelievable(pool: Pool, fit: Fit) -> int:

@@ -24,17 +24,19 @@ class Estimate:
     Attributes:
         covariance: by the noise model.
         robust: by how much blocks of time disagree (sandwich, clustered by block; White, Econometrica 48(4), 1980).
+        acting: what acts per coefficient; see `Pool.acting`.
     """
 
     term: Term
     coefficients: np.ndarray
     covariance: np.ndarray
     robust: np.ndarray
+    acting: float = 1.0
 
     @property
     def values(self) -> dict[str, float]:
         """Parameters of the contract."""
-        return self.term.effect.values(self.coefficients, dict(self.term.shape))
+        return self.term.effect.values(self.acting * self.coefficients, dict(self.term.shape))
 
     def quantities(self) -> dict[str, Quantity]:
         """Parameters with standard deviations, by linear propagation: the larger by both covariances."""
@@ -55,9 +57,11 @@ class Estimate:
             moved = point.copy()
             moved[i] += step
             jacobian[:, i] = (values(moved) - centre) / step
-        ideal = np.diag((IDEALISED * np.where(np.arange(len(point)) < count, point, 0.0)) ** 2)
+        linear = np.arange(len(point)) < count
+        ideal = np.diag((IDEALISED * np.where(linear, point, 0.0)) ** 2)
+        acting = np.where(linear, self.acting, 1.0)
         variances = [
-            np.einsum("ij,jk,ik->i", jacobian, one + ideal, jacobian)
+            np.einsum("ij,jk,ik->i", jacobian, np.outer(acting, acting) * one + ideal, jacobian)
             for one in (self.covariance, self.robust)
         ]
         std = np.sqrt(np.maximum(np.max(variances, axis=0), 0.0))
@@ -99,7 +103,8 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     for (term, chosen, coefficients), span in zip(parts, spans, strict=True):
         rows = np.concatenate([np.arange(start, start + len(pool.slots[chosen])), span]).astype(int)
         square = np.ix_(rows, rows)
-        result.append(Estimate(term, coefficients, covariance[square], robust[square]))
+        acting = pool.acting(fit, chosen)
+        result.append(Estimate(term, coefficients, covariance[square], robust[square], acting))
         start += len(pool.slots[chosen])
     return result
 

@@ -49,7 +49,11 @@ class EffortOffset(Effect):
 
 
 class EffortScale(Effect):
-    """A wrong torque constant: `scale` times the measured effort acts."""
+    """A wrong torque constant: `scale` times the measured effort acts.
+
+    Its column leaves out what the drive was found to take beyond the robot's own friction and rotor: those are measured
+    in the same wrong unit, and a load that holds them would explain them once more.
+    """
 
     name = "effort_scale"
     title = "a wrong effort scale"
@@ -68,7 +72,7 @@ class EffortScale(Effect):
         plant.scale[target] *= values["scale"]
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return motion.joint_column(target, motion.load[:, target])
+        return motion.joint_column(target, motion.known_load[:, target])
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"scale": 1.0 / (1.0 + float(coefficients[0]))}

@@ -143,9 +143,9 @@ class Effect(ABC):
         Args:
             std: of the coefficients, where they need not be taken at their word, (k,).
         """
+        pairs = zip(coefficients, self.coefficient_bounds, strict=True)
         return not any(
-            value in (low, high) and value
-            for value, (low, high) in zip(coefficients, self.coefficient_bounds, strict=True)
+            end and math.isclose(value, end, rel_tol=1e-3) for value, ends in pairs for end in ends
         )
 
     def spread(self, typical: np.ndarray, robot: Robot) -> np.ndarray:

@@ -116,8 +116,8 @@ class StribeckFriction(Effect):
 
     def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
         """Whether the joint takes a good part of the low-pass's width to pass the velocity."""
-        usual = float(np.sqrt(np.mean(motion.acceleration[:, target] ** 2)))
-        return shape["velocity"] >= RESOLVED * usual * motion.signals.kernel_std
+        usual = motion.usual_acceleration[target]
+        return bool(shape["velocity"] >= RESOLVED * usual * motion.signals.kernel_std)
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         coulomb, extra = (float(c) for c in coefficients)

@@ -76,6 +76,19 @@ class Motion:
         return effort if self.drive is None else effort - self.drive
 
     @cached_property
+    def usual_acceleration(self) -> np.ndarray:
+        """Root mean square acceleration of each joint, (n,) [rad/s²]."""
+        return np.asarray(np.sqrt(np.mean(self.acceleration**2, axis=0)))
+
+    @cached_property
+    def known_load(self) -> np.ndarray:
+        """The load less what its drives were found to take beyond the robot's own friction and rotors, (N, n) [N·m]."""
+        if self.drive is None:
+            return self.load
+        own = self.robot.drive_effort(self.velocity, self.acceleration, self.signals.sign)
+        return np.asarray(self.load - (self.drive - own))
+
+    @cached_property
     def own_inertia(self) -> np.ndarray:
         """Diagonal of the mass matrix, (N, n) [kg·m²]."""
         return np.diagonal(self.robot.mass_matrix(self.position), axis1=1, axis2=2)
@@ -96,14 +109,15 @@ class Motion:
         """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
         return self.robot.regressor(self.position, self.velocity, self.acceleration)
 
-    def jacobian(self, link: str) -> np.ndarray:
-        """Jacobian of a link along the motion, as `Robot.link_jacobian`, (N, 6, n)."""
-        if link not in self._jacobians:
-            self._jacobians[link] = self.robot.link_jacobian(self.position, link)
-        return self._jacobians[link]
+    def soft_pull(self, link: str) -> np.ndarray:
+        """Effort per wrench at a link, its Jacobian transposed, low-passed as the effort was, (N, n, 6)."""
+        if link not in self._pulls:
+            jacobian = self.robot.link_jacobian(self.position, link)
+            self._pulls[link] = self.signals.soften(np.swapaxes(jacobian, 1, 2))
+        return self._pulls[link]
 
     @cached_property
-    def _jacobians(self) -> dict[str, np.ndarray]:
+    def _pulls(self) -> dict[str, np.ndarray]:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
@@ -158,7 +172,7 @@ class Motion:
     def with_robot(self, robot: Robot) -> Motion:
         """The same motion with another estimate of the robot's bodies."""
         other = replace(self, robot=robot)
-        for kept in ("regressor", "_jacobians"):  # they do not depend on the bodies
+        for kept in ("regressor", "_pulls"):  # they do not depend on the bodies
             if kept in self.__dict__:
                 other.__dict__[kept] = self.__dict__[kept]
         return other
@@ -166,7 +180,7 @@ class Motion:
     def with_load(self, load: np.ndarray, drive: np.ndarray | None = None) -> Motion:
         """The same motion with another estimate of the load, and of the drives' share of it (None keeps)."""
         other = replace(self, load=load, drive=self.drive if drive is None else drive)
-        for kept in ("link_load", "regressor", "_jacobians"):  # they do not depend on the load
+        for kept in ("link_load", "regressor", "_pulls"):  # they do not depend on the load
             if kept in self.__dict__:
                 other.__dict__[kept] = self.__dict__[kept]
         return other

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.kernels import passed_noise
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
@@ -38,11 +39,10 @@ class SensorNoise:
         """Of the chosen rows of a motion that was low-passed twice, as `columns.low_passed` does."""
         assert signals.effort_noise is not None
         width, rate = np.sqrt(2.0) * signals.kernel_std, signals.raw_rate
-        raw = signals.effort_noise**2 * len(rows)
         spacing = (rows[-1] - rows[0]) / (signals.rate * (len(rows) - 1)) if len(rows) > 1 else width
         repeated = max(2.0 * np.sqrt(np.pi) * width / spacing, 1.0)
-        effort = raw / (2.0 * np.sqrt(np.pi) * width * rate)
-        acceleration = 3.0 * signals.position_noise**2 / (8.0 * np.sqrt(np.pi) * width**5 * rate)
+        effort = passed_noise(signals.effort_noise, width, rate) ** 2 * len(rows)
+        acceleration = passed_noise(signals.position_noise, width, rate, order=2) ** 2
         chosen = rows[:: max(len(rows) // POSES, 1)]
         change = _by_acceleration(robot, signals.position[chosen])
         weights = acceleration * ~signals.at_rest[chosen]

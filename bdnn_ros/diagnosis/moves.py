@@ -1,0 +1,182 @@
+"""The moves of a search, add, replace and drop, and what it takes for a set of effects to be the better one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near, unbelievable
+
+ABSURD = 1e9
+"""Log odds against an effect that cannot be."""
+MOST_ROUNDS = 4
+RIVALS_TRIED = 6
+UNSURE = 30.0
+"""A rival's gain is found with the others' bounds left as they are: by so much it may be too low."""
+BETTER = 0.5
+"""A rival must score so much better to take a term's place."""
+WORSE = 1.01
+"""What raises the plain error by this factor does not pay, however white it makes the rest."""
+WINS = 0.6
+"""Share of held-out blocks (of those that change) that must gain."""
+
+
+class Moves:
+    """How a search over the candidates of one regression goes on."""
+
+    def __init__(self, equations: Equations, candidates: Candidates) -> None:
+        self.equations, self.candidates = equations, candidates
+
+    def descend(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
+        """Add, replace and drop terms until nothing changes; once only where weak terms have to wait.
+
+        A wrong term gives way first: what is added to mend it would keep it.
+        """
+        chosen = self._replace(pool, chosen)
+        for _ in range(1 if least else MOST_ROUNDS):
+            before = {pool.terms[c].place for c in chosen}
+            pool, chosen = self._add(pool, chosen, least)
+            chosen = self._replace(pool, chosen)
+            pool, chosen = self._regrow(pool, chosen, least)
+            chosen = self._drop(pool, chosen)
+            if {pool.terms[c].place for c in chosen} == before:
+                break
+        return pool, chosen
+
+    # -- moves --------------------------------------------------------------------------------------------------
+
+    def _add(
+        self, pool: Pool, chosen: list[int], least: float, barred: Sequence[int] = ()
+    ) -> tuple[Pool, list[int]]:
+        refused, largest = set(barred), 0.0
+        while True:
+            fit = pool.fit(chosen)
+            open_ = [c for c in self.open_to(pool, chosen) if c not in refused]
+            if not open_:
+                return pool, chosen
+            gains = pool.gains(fit, open_) - self.costs(pool, chosen)[open_]
+            best = int(np.argmax(gains))
+            largest = max(largest, float(gains[best]))
+            if gains[best] <= least * largest:
+                return pool, chosen
+            candidate = open_[best]
+            grown = [c for c in chosen if not contains(pool.terms[candidate], pool.terms[c])] + [candidate]
+            trial = self._refined_one(pool, grown, candidate)
+            if self.pays(trial, grown, candidate):
+                pool, chosen = trial, grown
+            else:
+                refused.add(candidate)
+
+    def _refined_one(self, pool: Pool, chosen: Sequence[int], one: int) -> Pool:
+        term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
+        return pool if term == pool.terms[one] else pool.replacing(one, term)
+
+    def _replace(self, pool: Pool, chosen: list[int]) -> list[int]:
+        """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better."""
+        groups: list[tuple[int, ...]] = [(c,) for c in chosen]
+        groups += [
+            (a, b)
+            for i, a in enumerate(chosen)
+            for b in chosen[i + 1 :]
+            if pool.terms[a].target == pool.terms[b].target
+        ]
+        for group in groups:
+            if not set(group) <= set(chosen):
+                continue
+            rest = [c for c in chosen if c not in group]
+            fit = pool.fit(rest)
+            costs = self.costs(pool, rest)
+            where = near(pool.terms[group[0]])
+            rivals = [c for c in self.open_to(pool, rest, where) if c not in group]
+            if not rivals:
+                continue
+            scores = pool.gains(fit, rivals) - costs[rivals]
+            now = self.score(pool, chosen)
+            kept = now - self.score(pool, rest)
+            for best in np.argsort(-scores)[:RIVALS_TRIED]:
+                if scores[best] <= kept - UNSURE:
+                    break
+                rival = rivals[best]
+                grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
+                if self.score(pool, grown) > now + BETTER and self.pays(pool, grown, rival):
+                    chosen = grown
+                    break
+        return chosen
+
+    def _regrow(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
+        """Give the place of what acts on several joints to as many terms as it takes: one body may pass for many rotors."""
+        for wide in [c for c in chosen if pool.terms[c].link or pool.terms[c].target < 0]:
+            rest = [c for c in chosen if c != wide]
+            other, grown = self._add(pool, rest, least, barred=[wide])
+            if self.score(other, grown) > self.score(pool, chosen) + BETTER:
+                pool, chosen = other, grown
+        return pool, chosen
+
+    def _drop(self, pool: Pool, chosen: list[int]) -> list[int]:
+        while chosen:
+            score = self.score(pool, chosen)
+            losses = [score - self.score(pool, [c for c in chosen if c != out]) for out in chosen]
+            weakest = int(np.argmin(losses))
+            without = [c for c in chosen if c != chosen[weakest]]
+            if losses[weakest] > 0.0 and self.pays(pool, chosen, chosen[weakest]):
+                return chosen
+            chosen = without
+        return chosen
+
+    # -- judgements ---------------------------------------------------------------------------------------------
+
+    def score(self, pool: Pool, chosen: Sequence[int]) -> float:
+        """Log evidence of a set less the log prior odds against it."""
+        having, fit = having_each(pool, chosen), pool.fit(chosen)
+        against = ABSURD * unbelievable(pool, fit)
+        return (
+            fit.evidence
+            - against
+            - sum(log_odds(pool.terms[one], having, self.equations.width) for one in chosen)
+        )
+
+    def costs(self, pool: Pool, company: Sequence[int]) -> np.ndarray:
+        """Log prior odds against each pool term beside some company."""
+        having = having_each(pool, company)
+        return np.array([log_odds(term, having, self.equations.width) for term in pool.terms])
+
+    def open_to(self, pool: Pool, chosen: Sequence[int], where: int = -1) -> list[int]:
+        """Candidates that the chosen do not say already: not at the same place, nor contained in one of them.
+
+        Args:
+            where: only those that can stand for an effect at this joint; -1 for all.
+        """
+        taken = {pool.terms[c].place for c in chosen}
+        inside = {(name, pool.terms[c].target) for c in chosen for name in pool.terms[c].effect.contains}
+        return [
+            c
+            for c, term in enumerate(pool.terms)
+            if (where < 0 or term.target in (where, -1) or term.link)
+            and term.place not in taken
+            and (term.effect.name, term.target) not in inside
+        ]
+
+    def pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:
+        """Whether a term pays on blocks it was not fitted to.
+
+        Links that bend beyond belief to stand in for it predict held-out blocks as well, so belief is weighed, too.
+        """
+        if unbelievable(pool, pool.fit(grown)):
+            return False
+        without = [c for c in grown if c != candidate]
+        if self._left(pool, grown) > WORSE * self._left(pool, without):
+            return False
+        gained = pool.held_out(without) - pool.held_out(grown)
+        gained += (pool.disbelief(without) - pool.disbelief(grown)) / len(gained)
+        if gained.sum() <= 0.0:
+            return False
+        return bool(gained.sum() > 1.645 * gained.std() * np.sqrt(len(gained)) or (gained > 0).mean() >= WINS)
+
+    def _left(self, pool: Pool, chosen: Sequence[int]) -> float:
+        """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""
+        residual = pool.residual(pool.fit(chosen)) / self.equations.effort_scale
+        return float(np.sum(np.where(self.equations.usable, residual, 0.0) ** 2))
