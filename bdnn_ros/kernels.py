@@ -34,6 +34,17 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
     return weights, first, second
 
 
+def convolved_at(values: np.ndarray, weights: np.ndarray, samples: np.ndarray, within: slice) -> np.ndarray:
+    """Convolution of values (N, ...) with a symmetric kernel at those samples that lie within a segment, (R, ...).
+
+    The segment's first and last value go on beyond its ends.
+    """
+    inside = samples[(samples >= within.start) & (samples < within.stop)]
+    reach = np.arange(len(weights)) - len(weights) // 2
+    near = np.clip(inside[:, None] + reach, within.start, within.stop - 1)
+    return np.asarray(np.einsum("rt...,t->r...", np.asarray(values, float)[near], weights))
+
+
 def passed_noise(noise: np.ndarray, std: float, rate: float, order: int = 0) -> np.ndarray:
     """Standard deviation of low-passed white noise or of one of its derivatives, the shape of `noise` [its unit/s^order].
 

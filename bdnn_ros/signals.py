@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.kernels import even_grid, gaussian_kernel, gaussian_std, passed_noise
+from bdnn_ros.kernels import convolved_at, even_grid, gaussian_kernel, gaussian_std, passed_noise
 from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.repeats import without_repeats
 
@@ -89,13 +89,7 @@ class Signals:
     def smooth_at(self, values: np.ndarray, samples: np.ndarray) -> np.ndarray:
         """What `smooth` gives at some samples, in order, (R, ...): no more is computed."""
         weights = gaussian_kernel(self.kernel_std, self.rate)[0]
-        reach = np.arange(len(weights)) - len(weights) // 2
-        parts = []
-        for rows in self.segments:
-            inside = samples[(samples >= rows.start) & (samples < rows.stop)]
-            near = np.clip(inside[:, None] + reach, rows.start, rows.stop - 1)
-            parts.append(np.einsum("rt...,t->r...", np.asarray(values, float)[near], weights))
-        return np.concatenate(parts)
+        return np.concatenate([convolved_at(values, weights, samples, rows) for rows in self.segments])
 
     def _smoothed(self, values: np.ndarray, std: float) -> np.ndarray:
         weights = gaussian_kernel(std, self.rate)[0]

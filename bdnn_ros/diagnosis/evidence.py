@@ -243,6 +243,8 @@ class Pool:
         return 1.0
 
     def _rows(self, fit: Fit, chosen: int) -> slice:
+        if chosen not in fit.terms:
+            raise KeyError(chosen)
         before = fit.terms[: fit.terms.index(chosen)]
         at = self.base + sum(len(self.slots[other]) for other in before)
         return slice(at, at + len(self.slots[chosen]))
