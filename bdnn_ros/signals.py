@@ -1,10 +1,9 @@
 """Clean signals from a recording: even sampling, zero-phase low-pass, derivatives.
 
-Every signal passes the same Gaussian kernel, and derivatives are that kernel's own derivatives, so position,
-velocity, acceleration and effort are filtered exactly alike. What is computed from them (a regressor, a
-model's effort) is then filtered by `Signals.smooth` once more, and so is the effort it is compared with:
-filtering both sides alike leaves the parameters unbiased. A Gaussian never overshoots, which matters beside
-the steps of dry friction.
+Every signal passes the same Gaussian kernel, and derivatives are that kernel's own derivatives, so position, velocity,
+acceleration and effort are filtered exactly alike. What is computed from them (a regressor, a model's effort) is then
+filtered by `Signals.smooth` once more, and so is the effort it is compared with: filtering both sides alike leaves the
+parameters unbiased. A Gaussian never overshoots, which matters beside the steps of dry friction.
 """
 
 from __future__ import annotations
@@ -93,10 +92,8 @@ class Signals:
 
     def _smoothed(self, values: np.ndarray, std: float) -> np.ndarray:
         weights = gaussian_kernel(std, self.rate)[0]
-        result = np.empty_like(values, dtype=float)
-        for rows in self.segments:
-            result[rows] = convolve1d(np.asarray(values[rows], float), weights, axis=0, mode="nearest")
-        return result
+        parts = [np.asarray(values[rows], float) for rows in self.segments]
+        return np.concatenate([convolve1d(part, weights, axis=0, mode="nearest") for part in parts])
 
     def soften(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""

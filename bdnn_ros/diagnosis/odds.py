@@ -12,7 +12,14 @@ from bdnn_ros.diagnosis.evidence import Fit, Pool
 
 COST = 8.0
 """Log prior odds against one effect at one place: about 150 candidates, and a false name is worse than none."""
-RARE = ("drift", "external_wrench", "hysteresis", "asymmetric_friction")
+RARE = (
+    "drift",
+    "external_wrench",
+    "hysteresis",
+    "asymmetric_friction",
+    "stribeck_friction",
+    "load_dependent_friction",
+)
 RARE_COST = 2.0
 """Log prior odds against kinds that a simpler one may stand for."""
 INNER_COST = 2.0
