@@ -22,6 +22,8 @@ TYPICAL_SHARE = 0.3
 
 STICKING_LEAD = 0.003
 """How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
+LEAST_ROWS = 10 * ORDER
+"""So many rows tell how noise goes on."""
 HARDLY_SEEN = 1e-4
 """What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
 
@@ -244,20 +246,22 @@ class Equations:
         """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
         if steady:
             residual = self.without_trends(residual)
-        coefficients = np.zeros((self.width, ORDER))
-        std, turning = np.empty(self.width), np.empty(self.width)
-        full, unsteady = self.full(), self.unsteady()
+        coefficients, full, unsteady = np.zeros((self.width, ORDER)), self.full(), self.unsteady()
         for j in range(self.width):
-            rows = np.flatnonzero(full[:, j])
-            now, steady_rows = residual[rows, j], ~unsteady[rows, j]
-            past = np.stack([residual[rows - lag, j] for lag in range(1, ORDER + 1)], axis=1)
-            if steady_rows.sum() < 10 * ORDER:
-                steady_rows[:] = True
-            y, x = now[steady_rows], past[steady_rows]
-            if len(y) >= 10 * ORDER:
+            rows = np.flatnonzero(full[:, j] & ~unsteady[:, j])
+            if len(rows) < LEAST_ROWS:
+                rows = np.flatnonzero(full[:, j])
+            if len(rows) >= LEAST_ROWS:
+                y = residual[rows, j]
+                x = np.stack([residual[rows - lag, j] for lag in range(1, ORDER + 1)], axis=1)
                 ridge = 1e-3 * float(np.sum(y**2)) + 1e-18
                 coefficients[j] = stable(np.linalg.solve(x.T @ x + ridge * np.eye(ORDER), x.T @ y))
-            white = now - past @ coefficients[j]
-            std[j] = max(rms(white[steady_rows]), floor[j])
-            turning[j] = max(rms(white[~steady_rows]), std[j])
+        white = self.whiten(residual, Noise(coefficients, np.ones(self.width)))
+        std, turning = np.empty(self.width), np.empty(self.width)
+        for j in range(self.width):
+            usable, steady = self.usable[:, j], self.usable[:, j] & ~unsteady[:, j]
+            if np.count_nonzero(steady) < LEAST_ROWS:
+                steady = usable
+            std[j] = max(rms(white[steady, j]), floor[j])
+            turning[j] = max(rms(white[usable & ~steady, j]), std[j])
         return Noise(coefficients, std, turning)
