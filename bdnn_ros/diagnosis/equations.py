@@ -259,8 +259,8 @@ class Equations:
         white = self.whiten(residual, Noise(coefficients, np.ones(self.width)))
         std, turning = np.empty(self.width), np.empty(self.width)
         for j in range(self.width):
-            usable: np.ndarray = self.usable[:, j]
-            steady = usable & ~unsteady[:, j]
+            usable = self.usable[:, j]
+            steady: np.ndarray = usable & ~unsteady[:, j]
             if np.count_nonzero(steady) < LEAST_ROWS:
                 steady = usable
             std[j] = max(rms(white[steady, j]), floor[j])
