@@ -258,11 +258,9 @@ class Equations:
                 coefficients[j] = stable(np.linalg.solve(x.T @ x + ridge * np.eye(ORDER), x.T @ y))
         white = self.whiten(residual, Noise(coefficients, np.ones(self.width)))
         std, turning = np.empty(self.width), np.empty(self.width)
+        moving = self.usable & ~unsteady
+        moving = np.where(moving.sum(axis=0) < LEAST_ROWS, self.usable, moving)
         for j in range(self.width):
-            usable = self.usable[:, j]
-            steady: np.ndarray = usable & ~unsteady[:, j]
-            if np.count_nonzero(steady) < LEAST_ROWS:
-                steady = usable
-            std[j] = max(rms(white[steady, j]), floor[j])
-            turning[j] = max(rms(white[usable & ~steady, j]), std[j])
+            std[j] = max(rms(white[moving[:, j], j]), floor[j])
+            turning[j] = max(rms(white[self.usable[:, j] & ~moving[:, j], j]), std[j])
         return Noise(coefficients, std, turning)
