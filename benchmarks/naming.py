@@ -44,9 +44,11 @@ A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort),
 motion and duration from its seed, writes a bag without the truth, diagnoses the bag, and only then compares.
 What contains a simpler effect (Stribeck and asymmetric friction, a drift) adds at least 5 % to what the simpler one
 says; a link is off by 20 % or more, beside others that are off by 5 or 10 %; a payload hangs from the second link on.
+The share of a payload or a link is that of the joint that carries most of it: a gram is 5 % of what a last joint
+does, and less than any description knows.
 
 - *Named*: the effect and its joint or link are among the findings. What is physically the same (payload and
-  scaled link; asymmetric friction, and Coulomb friction with an offset; the base's tilt, and the zero of a
+  scaled link; asymmetric friction, and Coulomb friction with an offset, either way; the base's tilt, and the zero of a
   first joint that is not vertical) counts where it is listed as a rival.
 - *First*: no finding but wear stands before it. *Silent*: not named, and nothing false named either.
 - On worn robots Coulomb, viscous friction and rotor inertia are true on every joint. A link's inertia

@@ -1,0 +1,72 @@
+"""The moves of a search: what one term gives way to, and what it is not taken for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_cases import equations_of
+
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Term
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.moves import Moves
+from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.odds import contains
+from bdnn_ros.effects.registry import get
+from bdnn_ros.robot import Robot
+
+ROTORS = ("armature@arm6_joint1:armature=0.15", "armature@arm6_joint2:armature=0.15")
+
+
+def test_one_body_gives_way_to_the_rotors_of_two_joints(monkeypatch):
+    """No single rotor explains as much as a payload far out on the second link does."""
+    robot, equations = Robot.bundled("arm6"), equations_of(ROTORS, robot="arm6")
+    candidates = Candidates.of(robot)
+    terms = [t for t in candidates.terms if t.effect.name == "armature"]
+    terms += [
+        t.shaped({"com_x": 0.4, "com_y": -0.2, "com_z": 0.2})
+        for t in candidates.terms
+        if (t.effect.name, t.link) == ("payload", "arm6_link2")
+    ]
+    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.05 * equations.effort_scale), terms, 0.02)
+    start, moves = [len(terms) - 1], Moves(equations, candidates)
+
+    def ended() -> set[str]:
+        other, chosen = moves.descend(pool, list(start), 0.0)
+        return {f"{other.terms[c].effect.name}@{other.terms[c].target}" for c in chosen}
+
+    assert ended() == {"armature@0", "armature@1"}
+    monkeypatch.setattr(Moves, "_regrow", lambda self, pool, chosen, least: (pool, chosen))
+    assert "payload@1" in ended(), "the trap is not there"
+
+
+def test_a_delay_of_all_joints_says_what_a_delay_of_one_does():
+    delay = get("effort_delay")
+    assert contains(Term(delay, -1), Term(delay, 2))
+    assert not contains(Term(delay, 2), Term(delay, -1)) and not contains(Term(delay, -1), Term(delay, -1))
+    assert not contains(Term(delay, 1), Term(delay, 2))
+    assert contains(Term(get("stribeck_friction"), 1), Term(get("coulomb_friction"), 1))
+    assert not contains(Term(get("stribeck_friction"), 1), Term(get("coulomb_friction"), 0))
+
+
+def test_friction_that_was_found_is_not_in_what_an_effort_scale_scales():
+    """Where a joint does little but rub, a load that held its friction would explain it once more."""
+    equations = equations_of()
+    motion, robot = equations.motion, equations.motion.robot
+    friction = 0.3 * motion.signals.sign
+    own = robot.drive_effort(motion.velocity, motion.acceleration, motion.signals.sign)
+    found = motion.with_load(motion.load + friction, own + friction)
+    scale = get("effort_scale")
+    np.testing.assert_allclose(scale.columns(found, 1, {}), scale.columns(motion, 1, {}), atol=1e-12)
+    assert np.abs(found.load - motion.load).max() > 0.2
+
+
+def test_friction_beside_a_wrong_effort_scale_is_told_as_it_acts():
+    """It is measured in the sensor's wrong unit."""
+    specs = ("effort_scale@arm2_joint2:scale=0.8", "viscous_friction@arm2_joint2:viscous=0.2")
+    equations = equations_of(specs)
+    terms = [Term(get(spec.split("@")[0]), 1) for spec in specs]
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale), terms, 1e-4)
+    fit = pool.fit([0, 1])
+    assert pool.acting(fit, 1) == pytest.approx(0.8, rel=1e-3)
+    assert pool.acting(fit, 0) == 1.0
