@@ -10,7 +10,7 @@ import pytest
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.identifiability import Judgement, likelier
 from bdnn_ros.diagnosis.noise import Noise
@@ -135,14 +135,23 @@ def test_a_stribeck_velocity_that_the_motion_rushes_through_is_not_tried():
 
 
 def test_a_finding_gives_way_to_a_rival_that_is_far_likelier():
-    terms = ("one", "other", "third")
-    pool = SimpleNamespace(terms=list(terms), fit=lambda chosen: tuple(chosen))
+    one, other, third = Term(get("hysteresis"), 0), Term(get("cogging"), 0), Term(get("armature"), 1)
+    pool = SimpleNamespace(terms=[one, other, third], fit=lambda chosen: tuple(chosen))
     selection = SimpleNamespace(pool=pool, chosen=(0, 2))
     sure = Judgement(0.98, 0.0, ())
-    better = likelier(selection, [Judgement(0.01, 0.0, (("other", 0.97),)), sure])
+    better = likelier(selection, [Judgement(0.01, 0.0, ((other, 0.97),)), sure])
     assert better is not None and better.chosen == (1, 2) and better.fit == (1, 2)
-    assert likelier(selection, [Judgement(0.3, 0.0, (("other", 0.6),)), sure]) is None
+    assert likelier(selection, [Judgement(0.3, 0.0, ((other, 0.6),)), sure]) is None
     assert likelier(selection, [Judgement(0.01, 0.9, ()), sure]) is None
+
+
+def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it():
+    rich, simple = Term(get("stribeck_friction"), 0), Term(get("coulomb_friction"), 0)
+    pool = SimpleNamespace(terms=[rich, simple], fit=lambda chosen: tuple(chosen))
+    better = likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.6, 0.0, ((simple, 0.4),))])
+    assert better is not None and better.chosen == (1,)
+    assert likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.9, 0.0, ((simple, 0.1),))]) is None
+    assert likelier(SimpleNamespace(pool=pool, chosen=(1,)), [Judgement(0.4, 0.0, ((rich, 0.6),))]) is None
 
 
 def test_a_payload_is_weighed_though_its_link_turns_about_its_origin():

@@ -132,8 +132,11 @@ def test_the_executor_sleeps_while_messages_come(offered):
         time.sleep(0.5)
         offered.executor.can_execute = counted
         offered.executor.wake()
+        for _ in range(200):
+            time.sleep(0.005)
+        silent, woken = woken, 0
         for k in range(200):
             speaker.publish(String(data=str(k)))
             time.sleep(0.005)
         wait_until(lambda: len(offered.heard) == 200)
-    assert woken < 100  # of 400; events are looked at twice a second
+    assert woken < silent + 100  # of 400 more; on a loaded machine either second is longer

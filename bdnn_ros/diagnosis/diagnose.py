@@ -27,7 +27,7 @@ from bdnn_ros.signals import Signals, concatenated, flattened, prepare
 
 EVERY_TEST_BLOCK = 5
 """One block in so many is kept out of the search and of the fit that the gain is measured with."""
-SWAPS = 3
+SWAPS = 5
 """So many findings may give way to a rival that proves likelier."""
 RESAMPLES = 1000
 MINIMUM_SHARE = 0.02

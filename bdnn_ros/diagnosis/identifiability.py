@@ -19,6 +19,8 @@ LISTED = 0.02
 CLOSE = 12.0
 HARDLY = 0.05
 """A finding less probable than this is given up where a rival is more probable than not."""
+PLAINLY = 4.0
+"""What contains a simpler law must be so many times as probable, or the simpler one is named."""
 TIE = 0.1
 """A rival at least this probable makes the finding a tie, and earns advice."""
 SAME_PHYSICS = {
@@ -50,12 +52,19 @@ def judge(search: Search, selection: Selection) -> list[Judgement]:
 
 
 def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
-    """The selection with a finding that hardly can be given up for its likeliest rival; None where there is none."""
+    """The selection with one finding given up for a rival; None where there is none to give up.
+
+    One that hardly can be gives way to its likeliest rival, and one that is hardly more likely than a part of it to that part.
+    """
+    pool = selection.pool
     for one, judgement in zip(selection.chosen, judgements, strict=True):
-        if judgement.rivals and judgement.probability < HARDLY < 0.5 < judgement.rivals[0][1]:
-            rival = selection.pool.terms.index(judgement.rivals[0][0])
-            chosen = tuple(rival if c == one else c for c in selection.chosen)
-            return Selection(selection.pool, chosen, selection.pool.fit(chosen))
+        for rival, probability in judgement.rivals:
+            hardly = judgement.probability < HARDLY < 0.5 < probability
+            simpler = contains(pool.terms[one], rival) and judgement.probability < PLAINLY * probability
+            if hardly or simpler:
+                instead = pool.terms.index(rival)
+                chosen = tuple(instead if c == one else c for c in selection.chosen)
+                return Selection(pool, chosen, pool.fit(chosen))
     return None
 
 
