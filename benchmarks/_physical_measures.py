@@ -55,6 +55,15 @@ def mechanics_errors(model: PhysicalModel, one: Real) -> tuple[float, float]:
     return errors[0], errors[1]
 
 
+def gravity_std(model: PhysicalModel, one: Real) -> float:
+    """How far off g is by the model's own covariance, as `mechanics_errors` measures it: what the motion can tell of it."""
+    q = poses(one.nominal, 500)
+    regressor = one.robot.regressor(q, 0.0 * q, 0.0 * q)
+    links = slice(regressor.shape[2])
+    variance = np.einsum("tja,ab,tjb->", regressor, model.covariance[links, links], regressor, optimize=True)
+    return float(np.sqrt(variance) / np.linalg.norm(one.robot.gravity(q)))
+
+
 def rollout(model: PhysicalModel, signals: Signals) -> float:
     """Root mean square error of the positions after `HORIZON`, over joints and starts [rad]."""
     return float(np.sqrt(np.mean(rollout_error(model, signals, HORIZON).position ** 2)))
