@@ -45,7 +45,9 @@ def convolved_at(values: np.ndarray, weights: np.ndarray, samples: np.ndarray, w
     return np.asarray(np.einsum("rt...,t->r...", np.asarray(values, float)[near], weights))
 
 
-def passed_noise(noise: np.ndarray, std: float, rate: float, order: int = 0) -> np.ndarray:
+def passed_noise(
+    noise: np.ndarray, std: float, rate: float, order: int = 0, twiced: bool = False
+) -> np.ndarray:
     """Standard deviation of low-passed white noise or of one of its derivatives, the shape of `noise` [its unit/s^order].
 
     Args:
@@ -53,8 +55,11 @@ def passed_noise(noise: np.ndarray, std: float, rate: float, order: int = 0) -> 
         std: of the Gaussian kernel [s].
         rate: samples a second [Hz].
         order: 0 for the noise itself, 1 or 2 for its derivative.
+        twiced: behind 2 K - K² instead of the kernel K.
     """
     moment = (1.0, 1.0 / 2.0, 3.0 / 4.0)[order]
+    if twiced:
+        moment *= 4.0 - 4.0 / 1.5 ** (order + 0.5) + 1.0 / 2.0 ** (order + 0.5)
     return np.asarray(noise * np.sqrt(moment / (2.0 * np.sqrt(np.pi) * std ** (2 * order + 1) * rate)))
 
 

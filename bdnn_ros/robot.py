@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -19,34 +18,6 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 BUNDLED = ("arm2", "arm6", "arm7")
 PER_LINK = 10
 """Inertial parameters of a link: m, m·c (3), then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin."""
-
-
-class Dynamics(Protocol):
-    """What every model of a robot answers; arrays are (..., n) in the order of `joints`, SI units."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """n joint names."""
-
-    def inverse_dynamics(
-        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
-    ) -> np.ndarray:
-        """Effort [N·m], (..., n)."""
-
-    def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s²], (..., n)."""
-
-    def mass_matrix(self, position: np.ndarray) -> np.ndarray:
-        """M(q) [kg·m²], (..., n, n), symmetric positive-definite."""
-
-    def coriolis(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """C(q, q̇) q̇ [N·m], (..., n)."""
-
-    def gravity(self, position: np.ndarray) -> np.ndarray:
-        """g(q) [N·m], (..., n)."""
-
-    def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """What in the effort is neither inertial, Coriolis nor gravity, at zero acceleration (..., n)."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +150,7 @@ class Robot:
     ) -> np.ndarray:
         """Effort of bodies, armature and friction, (..., n) [N·m]."""
         rigid = self.rigid_effort(position, velocity, acceleration)
-        return rigid + self.armature * acceleration + self.friction(position, velocity)
+        return rigid + self.drive_effort(velocity, acceleration, np.sign(velocity))
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Acceleration under an effort, (..., n) [rad/s²]."""
@@ -220,6 +191,21 @@ class Robot:
             result[k] = pin.computeJointTorqueRegressor(model, data, *row)
         blocks = result.reshape(len(q), self.width, self.width, PER_LINK)
         return blocks[:, self._order][:, :, self._bodies].reshape(result.shape)
+
+    def effort_derivatives(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of `rigid_effort` by position, velocity and acceleration, (N, n, n) each, for (N, n) arrays."""
+        model, data = self._model, self._data
+        q, v, a = self._columns(position), self._columns(velocity), self._columns(acceleration)
+        result = np.empty((3, len(q), self.width, self.width))
+        for k, row in enumerate(zip(q, v, a, strict=True)):
+            pin.computeRNEADerivatives(model, data, *row)
+            result[:, k] = data.dtau_dq, data.dtau_dv, data.M
+        upper = np.triu(result[2])
+        result[2] = upper + np.swapaxes(np.triu(upper, 1), 1, 2)
+        by_position, by_velocity, by_acceleration = result[:, :, self._order][..., self._order]
+        return by_position, by_velocity, by_acceleration
 
     @cached_property
     def _bodies(self) -> np.ndarray:

@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.robot import Dynamics
 from bdnn_ros.signals import Signals
 
 DIVERGED = 1e3

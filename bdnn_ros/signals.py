@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -28,8 +27,6 @@ SAMPLES_PER_CUTOFF = 20.0
 """Working rate per cut-off frequency: 200 Hz for 10 Hz."""
 MINIMUM_SAMPLES = 20
 """A segment shorter than this many working samples is left out."""
-SAME_RATE = 0.02
-"""Signals whose working rates differ by more than this share are not joined."""
 REST_WIDTHS = 5.0
 """A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
 
@@ -122,18 +119,23 @@ class Signals:
         """Direction low-passed as the effort was, (N, n): steps of dry friction are as soft in both."""
         return self.soften(self.direction)
 
+    @property
+    def motion_std(self) -> float:
+        """Standard deviation of the Gaussian that position and velocity have passed [s]; `smooth` has its own."""
+        return self.kernel_std if self.flat is None else gaussian_std(self.flat)
+
     @cached_property
     def rest_velocity(self) -> np.ndarray:
         """Speed under which a joint counts as at rest, (n,) [rad/s]."""
-        return np.maximum(
-            REST_WIDTHS * passed_noise(self.position_noise, self.kernel_std, self.raw_rate, order=1), 1e-5
-        )
+        twiced = self.flat is not None
+        noise = passed_noise(self.position_noise, self.motion_std, self.raw_rate, order=1, twiced=twiced)
+        return np.maximum(REST_WIDTHS * noise, 1e-5)
 
     @cached_property
     def at_rest(self) -> np.ndarray:
         """Where a joint stands still, so that dry friction has no direction, (N, n) bool."""
         slow = np.abs(self.velocity) < self.rest_velocity
-        return slow & (np.abs(self.acceleration) * self.kernel_std < 2.0 * self.rest_velocity)
+        return slow & (np.abs(self.acceleration) * self.motion_std < 2.0 * self.rest_velocity)
 
     def between(self, start: float, end: float) -> Signals:
         """The samples with start <= time < end [s]."""
@@ -224,43 +226,6 @@ def flattened(signals: Signals, cutoff: float) -> Signals:
         reported_velocity=None if signals.reported_velocity is None else flat(signals.reported_velocity),
         cutoff=cutoff,
         flat=signals.cutoff,
-    )
-
-
-def concatenated(parts: list[Signals]) -> Signals:
-    """Several signals of the same joints as one; stamps are shifted so that they follow one another.
-
-    Raises:
-        UsageError: their joints, cut-offs or working rates differ, so that one kernel does not fit all.
-    """
-    if len(parts) == 1:
-        return parts[0]
-    for part in parts[1:]:
-        if part.joints != parts[0].joints:
-            raise UsageError(
-                f"The recordings hold different joints: {part.joints}.", "Choose them with --joints."
-            )
-        if part.cutoff != parts[0].cutoff or abs(part.rate / parts[0].rate - 1.0) > SAME_RATE:
-            raise UsageError(
-                f"Recordings of {parts[0].raw_rate:.4g} Hz and {part.raw_rate:.4g} Hz do not go together.",
-                "Use bags of one rate, or give a --cutoff that suits the slowest.",
-            )
-    rows = np.cumsum([0, *map(len, parts[:-1])]).tolist()
-    shifts = np.cumsum([0.0, *(part.time[-1] - part.time[0] + 1.0 for part in parts[:-1])])
-
-    def joined(key: str) -> Any:
-        values = [getattr(part, key) for part in parts]
-        return None if any(v is None for v in values) else np.concatenate(values)
-
-    keys = ("position", "velocity", "acceleration", "effort", "reported_velocity")
-    return replace(
-        parts[0],
-        time=np.concatenate([p.time - p.time[0] + shift for p, shift in zip(parts, shifts, strict=True)]),
-        segments=tuple(
-            slice(s.start + k, s.stop + k) for p, k in zip(parts, rows, strict=True) for s in p.segments
-        ),
-        position_noise=np.max([p.position_noise for p in parts], axis=0),
-        **{key: joined(key) for key in keys},
     )
 
 

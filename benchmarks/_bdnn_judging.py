@@ -9,7 +9,7 @@ import numpy as np
 from _motion import Data
 
 from bdnn_ros.bdnn import mechanics
-from bdnn_ros.robot import Dynamics
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.scores import rollout_error, score_model
 from bdnn_ros.signals import Signals
 

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from bdnn_ros.robot import Dynamics
+from bdnn_ros.dynamics import Dynamics
 
 SHOWN = ("chain", "networks")
 SECONDS = 6.0

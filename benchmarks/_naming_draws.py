@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from _naming_judging import judge
+from _naming_odds import evidence
 
 from bdnn_ros import bags
 from bdnn_ros.diagnosis.building import nominal_effort
@@ -119,8 +120,12 @@ def done(draw: Draw) -> dict[str, Any]:
             return {**record, "status": "crashed", "why": traceback.format_exc(), "truth": truth["effects"]}
     seconds = time.process_time() - start
     report, robot = examination.diagnosis.as_json(), robot_of(draw.robot)
+    outcome = judge(truth, report["findings"], robot)
     after = np.array(report["effort_rmse"]["extended"])
     ratio = after / np.maximum(noise_floor(simulated, examination), 1e-12)
+    telling = evidence(truth, simulated.effects, examination)
+    for one in outcome["hidden"]:
+        one["evidence"] = telling.get((one["effect"], one["target"]))
     return {
         **record,
         "status": "diagnosed",
@@ -131,7 +136,7 @@ def done(draw: Draw) -> dict[str, Any]:
         "over_floor": float(np.sqrt(np.mean(ratio**2))),
         "over_floor_worst": float(ratio.max()),
         "cpu_seconds": round(seconds, 2),
-        "outcome": judge(truth, report["findings"], robot),
+        "outcome": outcome,
     }
 
 

@@ -19,6 +19,7 @@ from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 
 WORN = {"coulomb_friction": "coulomb", "viscous_friction": "viscous", "armature": "armature"}
+HALVES = {"coulomb_friction", "effort_offset"}
 GIVEN = {"link_inertia": ("nominal_mass",), "drift": ("start", "end"), "backlash": ("transit",)}
 """Parameters that are inputs, not results."""
 SMALLEST = {"com": 0.05, "phase": 1.0, "rest": 1.0, "roll": 1.0, "pitch": 1.0}
@@ -49,7 +50,7 @@ def judge(truth: Json, found: Sequence[Json], robot: Robot) -> dict[str, Any]:
     """The outcome of one draw.
 
     Returns:
-        `hidden`: for each hidden effect its name, whether it was `named`, `first` (before everything but
+        `hidden`: for each hidden effect its name and joint, whether it was `named`, `first` (before everything but
         wear), `abstained` (not named, and nothing false either), what was named in its place (`as`), and its
         `parameters` with error and coverage. `false`: names of the false findings. `true`: of the others.
     """
@@ -66,6 +67,7 @@ def judge(truth: Json, found: Sequence[Json], robot: Robot) -> dict[str, Any]:
         hidden.append(
             {
                 "effect": one.name,
+                "target": one.target,
                 "named": bool(hits),
                 "first": bool(hits) and not before,
                 "abstained": not hits and not false,
@@ -131,10 +133,18 @@ def _explained_by(
         if (finding["effect"], target) == (one.name, one.target):
             return one
     for one in truths:
-        partners = {r["effect"] for r in finding["rivals"] if _target(r, robot) == one.target}
+        said = _together(finding, found, robot)
+        partners = {r["effect"] for f in said for r in f["rivals"] if _target(r, robot) == one.target}
         if one.name in partners and _same_physics(finding, found, one, truths, target, robot):
             return one
     return None
+
+
+def _together(finding: Json, found: Sequence[Json], robot: Robot) -> list[Json]:
+    """What says one thing: Coulomb friction and an offset of one joint are uneven friction only both together."""
+    if finding["effect"] not in HALVES:
+        return [finding]
+    return [f for f in found if f["effect"] in HALVES and _target(f, robot) == _target(finding, robot)]
 
 
 def _same_physics(
@@ -147,12 +157,11 @@ def _same_physics(
         return False
     if {finding["effect"], one.name} == {"payload", "link_inertia"}:
         return True
-    halves = {"coulomb_friction", "effort_offset"}
     if one.name == "asymmetric_friction":
         there = {f["effect"] for f in found if _target(f, robot) == target}
-        return finding["effect"] in halves and halves <= there
+        return finding["effect"] in HALVES and there >= HALVES
     true = {t.name for t in truths if t.target == target}
-    return finding["effect"] == "asymmetric_friction" and one.name in halves and halves <= true
+    return finding["effect"] == "asymmetric_friction" and one.name in HALVES and true >= HALVES
 
 
 def _turns_gravity(robot: Robot) -> bool:

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from _naming_text import Rows, percent, share
 
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.robot import BUNDLED
 
 Record = Mapping[str, Any]
-Rows = list[list[str]]
 WITHIN, FLOOR = 0.1, 1.2
 """A parameter is good within this share; a model is within this factor of the noise floor."""
+TELLING = float(np.log(150.0))
+"""Log evidence that outweighs so many effects at so many places."""
 WEAR = ("coulomb_friction", "viscous_friction", "armature")
 NOTHING, ELSEWHERE, REFUSED = "nothing", "elsewhere", "refused"
 
@@ -41,6 +43,11 @@ class Totals:
             else:
                 found += [_unnamed(effect["effect"]) for effect in record["truth"]]
         return found
+
+    @property
+    def tellable(self) -> list[Mapping[str, Any]]:
+        """Hidden effects that the data tell from all links' errors and from simpler effects, for one who looks for them."""
+        return [one for one in self.hidden if one["evidence"] is None or one["evidence"] > TELLING]
 
     @property
     def parameters(self) -> list[Mapping[str, Any]]:
@@ -106,6 +113,8 @@ def by_effect(records: Sequence[Record]) -> Rows:
             "effect",
             "hidden",
             "named",
+            "tellable",
+            "named of these",
             "first (alone)",
             "silent",
             "precision",
@@ -116,6 +125,7 @@ def by_effect(records: Sequence[Record]) -> Rows:
     ]
     for name in EFFECTS:
         own = [one for one in totals.hidden if one["effect"] == name]
+        told = [one for one in totals.tellable if one["effect"] == name]
         alone = [
             one
             for r in records
@@ -132,6 +142,8 @@ def by_effect(records: Sequence[Record]) -> Rows:
                 name,
                 str(len(own)),
                 percent(share([one["named"] for one in own])),
+                str(len(told)),
+                percent(share([one["named"] for one in told])),
                 percent(share([one["first"] for one in alone])),
                 percent(share([one["abstained"] for one in own])),
                 f"{true}/{true + false}" if true + false else "-",
@@ -219,12 +231,16 @@ def shows(records: Sequence[Record]) -> Rows:
     return [
         ["what", "wanted", "measured", "draws"],
         ["one effect, links 5 % off: named first", "≥ 95 %", *_of(single, single.named("first"))],
+        ["of those that the data can tell", "", *_of_tellable(single)],
         ["the effect least often named first", "≥ 80 %", *_of(single, *_weakest(single))],
         ["the same on robots not seen before", "5 less", *_of(unseen, unseen.named("first"))],
+        ["robots not seen before: draws with a false finding", "≤ 2 %", *_of(unseen, unseen.with_false())],
         ["one effect, links 10 % off: named first", "≥ 90 %", *_of(further, further.named("first"))],
+        ["of those that the data can tell", "", *_of_tellable(further)],
         ["two effects: both named", "≥ 85 %", *_of(two, two.all_named())],
         ["nothing hidden: draws with a false finding", "≤ 2 %", *_of(clean, clean.with_false())],
         ["worn, one hidden: named", "≥ 90 %", *_of(worn_one, worn_one.named())],
+        ["of those that the data can tell", "", *_of_tellable(worn_one, "named")],
         ["worn, one hidden: findings that are false", "≤ 3 %", *_of(worn_one, worn_one.false_findings())],
         ["worn, nothing hidden: draws with a false finding", "0 %", *_of(worn_none, worn_none.with_false())],
         ["parameters: median error", "≤ 3 %", *_of(every, every.error())],
@@ -254,36 +270,13 @@ def summary(records: Sequence[Record]) -> dict[str, Any]:
     }
 
 
-def text(rows: Rows) -> str:
-    """A table for a terminal."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        cells = [
-            c.ljust(w) if k == 0 else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
-
-
-def markdown(rows: Rows) -> str:
-    """A table for a document."""
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])
-
-
-def share(values: Sequence[bool]) -> float:
-    """Share of true ones; not a number where there are none."""
-    return float(np.mean(values)) if len(values) else np.nan
-
-
-def percent(value: float, digits: int = 0) -> str:
-    """A share for a table."""
-    return "-" if np.isnan(value) else f"{100.0 * value:.{digits}f} %"
-
-
 def _of(totals: Totals, value: float, word: str = "") -> tuple[str, str]:
     return f"{percent(value, 1)}{word}", str(len(totals.records))
+
+
+def _of_tellable(totals: Totals, key: str = "first") -> tuple[str, str]:
+    told = totals.tellable
+    return percent(share([one[key] for one in told]), 1), str(len(told))
 
 
 def _weakest(totals: Totals) -> tuple[float, str]:
@@ -307,4 +300,5 @@ def _unnamed(effect: str) -> dict[str, Any]:
         "abstained": False,
         "as": REFUSED,
         "parameters": {},
+        "evidence": None,
     }

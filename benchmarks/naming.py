@@ -26,7 +26,8 @@ from typing import Any
 
 from _naming_draws import EXAMPLES, Choices, Draw, done
 from _naming_recordings import in_words, recorded, tables
-from _naming_tables import by_condition, by_effect, confusion, markdown, shows, summary, text
+from _naming_tables import by_condition, by_effect, confusion, shows, summary
+from _naming_text import markdown, text
 
 from bdnn_ros.effects.registry import EFFECTS
 
@@ -50,6 +51,10 @@ does, and less than any description knows.
 - *Named*: the effect and its joint or link are among the findings. What is physically the same (payload and
   scaled link; asymmetric friction, and Coulomb friction with an offset, either way; the base's tilt, and the zero of a
   first joint that is not vertical) counts where it is listed as a rival.
+- *Tellable*: with all else that is true of the robot given, the recording holds more evidence for the hidden effect
+  than outweighs 150 others, against the errors of all links and against a simpler effect that it contains. This
+  knows what to look for; a diagnosis does not. A wrong link among links that are all a little wrong often is not
+  tellable.
 - *First*: no finding but wear stands before it. *Silent*: not named, and nothing false named either.
 - On worn robots Coulomb, viscous friction and rotor inertia are true on every joint. A link's inertia
   is true where the link really is off by about as much.

@@ -13,7 +13,7 @@ import pytest
 PACKAGE = "bdnn_ros"
 ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
-    {"errors", "kernels"},
+    {"dynamics", "errors", "kernels"},
     {"recording", "urdf"},
     {"repeats"},
     {"robot", "signals"},

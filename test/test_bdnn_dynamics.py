@@ -14,8 +14,9 @@ from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.networks import Network, vector_size
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError, UsageError
-from bdnn_ros.robot import Dynamics, Robot
+from bdnn_ros.robot import Robot
 
 
 class Opaque:

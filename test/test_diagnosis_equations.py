@@ -11,12 +11,13 @@ from scipy.linalg import toeplitz
 
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build, nominal_effort, relative_inertials
 from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.signals import concatenated, usual_cutoff
+from bdnn_ros.signals import usual_cutoff
 from bdnn_ros.simulation.simulate import simulate
 
 J1, J2 = "arm2_joint1", "arm2_joint2"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.gains import noticeable
 from bdnn_ros.diagnosis.identifiability import Judgement, likelier
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST
@@ -20,6 +22,7 @@ from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.simulation.excitation import fourier
 from bdnn_ros.simulation.perturbation import wrong_robot
 from bdnn_ros.simulation.sensors import Noise as SensorNoise
 from bdnn_ros.simulation.simulate import Simulated, simulate
@@ -124,6 +127,43 @@ def test_a_push_that_begins_where_the_search_does_not_look_is_timed_rightly():
     assert values["start"] == pytest.approx(5.2, abs=0.05)
 
 
+def test_a_push_that_lasts_while_the_search_does_not_look_is_named():
+    """From 4 to 6 s is kept out of the search at first: nothing else shows it, so other blocks are kept out."""
+    robot = Robot.bundled("arm2")
+    push = parse_spec("external_wrench@arm2_joint2:start=4.3,end=5.7,torque=0.2", robot)
+    (finding,) = diagnose([simulate(robot, [push], seed=5, duration=30.0).recording], robot).findings
+    assert (finding.effect, finding.joint or finding.link) in {
+        ("external_wrench", "arm2_joint2"),
+        ("external_wrench", "arm2_link2"),
+    }
+
+
+def test_a_joint_held_still_by_its_friction_tells_nothing():
+    """What holds it is any effort its friction allows: no cause is named for it."""
+    robot = Robot.bundled("arm6").with_joint_parameters(coulomb=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0]))
+    plan = fourier(robot, np.arange(15000) / 500.0, np.random.default_rng(3))
+    held = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
+    plan = replace(
+        plan,
+        position=plan.position * held,
+        velocity=plan.velocity * held,
+        acceleration=plan.acceleration * held,
+    )
+    reality = wrong_robot(robot, 0.05, np.random.default_rng(4))
+    simulated = simulate(robot, reality=reality, plan=plan, seed=6)
+    assert np.ptp(simulated.position[:, 5]) == 0.0 and np.ptp(simulated.effort[:, 5]) > 0.01
+    assert not seen(simulated, robot).usable[:, 5].any()
+    assert diagnose([simulated.recording], robot).findings == ()
+
+
+def test_a_finding_is_worth_a_name_where_it_takes_much_or_most_of_what_is_left():
+    scale = np.array([1.0, 10.0])
+    assert noticeable(np.array([0.03, 0.0]) ** 2, np.array([0.5, 0.5]), scale)
+    assert noticeable(np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
+    assert not noticeable(np.array([0.01, 0.01]) ** 2, np.array([0.02, 0.005]), scale)
+    assert not noticeable(np.array([-0.03, 0.0]), np.array([0.0, 0.0]), scale)
+
+
 def test_a_stribeck_velocity_that_the_motion_rushes_through_is_not_tried():
     robot, stribeck = Robot.bundled("arm2"), get("stribeck_friction")
     signals = prepare(simulate(robot, seed=1, duration=10.0, noise=QUIET).recording)
@@ -152,6 +192,9 @@ def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it():
     assert better is not None and better.chosen == (1,)
     assert likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.9, 0.0, ((simple, 0.1),))]) is None
     assert likelier(SimpleNamespace(pool=pool, chosen=(1,)), [Judgement(0.4, 0.0, ((rich, 0.6),))]) is None
+    pool.terms[0] = Term(get("hysteresis"), 0)
+    better = likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.6, 0.0, ((simple, 0.4),))])
+    assert better is not None and better.chosen == (1,)
 
 
 def test_a_payload_is_weighed_though_its_link_turns_about_its_origin():

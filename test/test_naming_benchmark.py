@@ -14,7 +14,8 @@ from bdnn_ros.robot import Robot
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from _naming_draws import Choices
 from _naming_judging import judge
-from _naming_tables import Totals, confusion, text
+from _naming_tables import Totals, confusion
+from _naming_text import text
 
 J1, J2 = "arm2_joint1", "arm2_joint2"
 

@@ -15,6 +15,7 @@ from bdnn_ros.bdnn.networks import Network
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.diagnosis.extended import ExtendedModel
 from bdnn_ros.diagnosis.extension import of_physical
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import DataError
 from bdnn_ros.physical.couplings import CoupledMotors, Coupling
@@ -22,7 +23,7 @@ from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS
 from bdnn_ros.physical.dictionary import Scales as FeatureScales
 from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.robot import Dynamics, Robot
+from bdnn_ros.robot import Robot
 
 pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")

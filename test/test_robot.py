@@ -126,6 +126,19 @@ def test_the_regressor_is_linear_in_the_inertials(robot: Robot) -> None:
     np.testing.assert_allclose(regressor @ other.inertials.ravel(), other.rigid_effort(q, v, a), atol=1e-9)
 
 
+def test_derivatives_of_the_effort_are_its_slopes(robot: Robot) -> None:
+    point, step = states(robot), 1e-6
+    for which, slope in enumerate(robot.effort_derivatives(*point)):
+        for joint in range(robot.width):
+            sides = []
+            for side in (step, -step):
+                moved = [values.copy() for values in point]
+                moved[which][:, joint] += side
+                sides.append(robot.rigid_effort(*moved))
+            expected = (sides[0] - sides[1]) / (2.0 * step)
+            np.testing.assert_allclose(slope[:, :, joint], expected, rtol=1e-6, atol=1e-6)
+
+
 def test_the_mass_matrix_is_symmetric_and_positive(robot: Robot) -> None:
     q, _, _ = states(robot, 50)
     mass = robot.mass_matrix(q)

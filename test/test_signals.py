@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.kernels import passed_noise
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import (
     DEFAULT_CUTOFF,
     Signals,
-    concatenated,
+    flattened,
     gaussian_kernel,
     gaussian_std,
     prepare,
@@ -234,6 +235,18 @@ def test_noise_behind_the_low_pass_is_as_predicted() -> None:
         expected = passed_noise(np.full(2, 1e-4), signals.kernel_std, 500.0, order)
         np.testing.assert_allclose(passed.std(axis=0), expected, rtol=0.1)
     np.testing.assert_allclose(signals.position_noise, 1e-4, rtol=0.1)
+
+
+def test_a_joint_held_still_rests_behind_the_flat_low_pass_too() -> None:
+    """Twicing lets more noise through: what is slower than that noise is at rest, whatever low-pass follows."""
+    rng = np.random.default_rng(4)
+    time = np.arange(20000) / 500.0
+    noisy = np.stack([0.0 * time, np.sin(time)], axis=1) + rng.normal(0.0, 5e-5, (20000, 2))
+    signals = flattened(prepare(recording(time, noisy)), 5.0)
+    expected = passed_noise(signals.position_noise, signals.motion_std, 500.0, order=1, twiced=True)
+    assert signals.velocity[:, 0].std() == pytest.approx(expected[0], rel=0.1)
+    assert signals.at_rest[:, 0].all()
+    assert signals.at_rest[:, 1].mean() < 0.05
 
 
 def test_smoothing_at_some_samples_gives_what_smoothing_gives_there() -> None:

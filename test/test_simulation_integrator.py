@@ -149,6 +149,15 @@ def test_viscous_friction_decays_exponentially():
     assert velocity[:, 0] == pytest.approx(3.0 * np.exp(-4.0 * time), abs=3e-6)
 
 
+def test_a_joint_in_thick_oil_reaches_its_speed_and_does_not_ring():
+    """Its speed settles a hundred times within a step: what is seen is the speed at which the friction takes the effort."""
+    plant = Plant(wheel(1e-4))
+    parse_spec("viscous_friction@axle:viscous=10", wheel()).install(plant)
+    position, velocity, _ = moved(plant, [0.0], 5.0, 0.5)
+    assert velocity[1:, 0] == pytest.approx(0.5, rel=1e-9)
+    assert np.diff(position[1:, 0]) == pytest.approx(0.5 * PERIOD, rel=1e-9)
+
+
 def test_a_bristle_holds_like_a_spring_before_it_slides():
     plant = Plant(wheel(0.5))
     parse_spec("hysteresis@axle:force=1,breakaway=0.05", wheel()).install(plant)

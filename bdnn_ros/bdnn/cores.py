@@ -15,7 +15,8 @@ import pinocchio as pin
 from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.networks import Network, spd_derivative, spd_factor, spd_matrix
-from bdnn_ros.robot import Dynamics, Robot
+from bdnn_ros.dynamics import Dynamics
+from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
 DIFFERENCE = 1e-5

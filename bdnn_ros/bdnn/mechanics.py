@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.bdnn.cores import prior_derivative
-from bdnn_ros.robot import Dynamics
+from bdnn_ros.dynamics import Dynamics
 
 POSES = 500
 PATH_STEPS = 20

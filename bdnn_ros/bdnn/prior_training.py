@@ -23,7 +23,8 @@ from bdnn_ros.bdnn.samples import (
     scales_of,
     shortened,
 )
-from bdnn_ros.robot import PER_LINK, Dynamics, Robot
+from bdnn_ros.dynamics import Dynamics
+from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
 WRONG_BY = 0.3

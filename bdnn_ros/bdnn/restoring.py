@@ -10,8 +10,9 @@ import numpy as np
 
 from bdnn_ros.bdnn.cores import PriorCore, get_network, put_network
 from bdnn_ros.bdnn.local import LocalNetworks
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
-from bdnn_ros.robot import Dynamics, Robot
+from bdnn_ros.robot import Robot
 
 Build = Callable[[str, dict[str, np.ndarray], dict[str, Any]], Dynamics]
 """Makes a prior of another kind from its kind, arrays and info."""

@@ -11,8 +11,8 @@ import numpy as np
 
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError, UsageError, listed
-from bdnn_ros.robot import Dynamics
 from bdnn_ros.signals import Signals
 
 Progress = Callable[[float, str], None]

@@ -17,10 +17,11 @@ from bdnn_ros.diagnosis.effects_file import entry
 from bdnn_ros.diagnosis.extended import ExtendedModel
 from bdnn_ros.diagnosis.extension import of_physical
 from bdnn_ros.diagnosis.files import write_bytes, write_model_files
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError, UsageError, listed
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.robot import Dynamics, Robot
+from bdnn_ros.robot import Robot
 
 HELP = "write a model as URDF, MuJoCo model, YAML and ONNX"
 FORMATS = ("urdf", "mjcf", "yaml", "onnx")

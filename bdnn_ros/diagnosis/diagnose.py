@@ -12,7 +12,9 @@ from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, gain_of, noticeable, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice, judge, likelier
+from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
@@ -23,15 +25,16 @@ from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.signals import Signals, concatenated, flattened, prepare
+from bdnn_ros.signals import Signals, flattened, prepare
 
 EVERY_TEST_BLOCK = 5
 """One block in so many is kept out of the search and of the fit that the gain is measured with."""
+TEST_PHASES = (2, 4)
+"""Which one of them; the second where the first held something out that shows nowhere else."""
+SURPRISING = 2.0
+"""Held-out error per error of the rest that says so."""
 SWAPS = 5
 """So many findings may give way to a rival that proves likelier."""
-RESAMPLES = 1000
-MINIMUM_SHARE = 0.02
-"""An effect that removes an error below this share of the effort's spread at every joint stays in the model without a name."""
 DOUBTFUL = 0.1
 """An effect that may as well not be there with this probability stays in the model without a name."""
 EXPLAINED = 1.3
@@ -45,6 +48,17 @@ class Predicts(Protocol):
 
     def predict(self, signals: Signals) -> np.ndarray:
         """(N, n) [N·m], not low-passed."""
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """What a search without the test rows found: its selection, and the fit to the rest with its error on all rows."""
+
+    test: np.ndarray
+    selection: Selection
+    judgements: list[Judgement]
+    fitted: Pool
+    extended: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -123,34 +137,20 @@ def examine(
             f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
             "Record at least 10 s of motion, better 30 s.",
         )
-    test = equations.block % EVERY_TEST_BLOCK == EVERY_TEST_BLOCK // 2
-    whole = equations.usable
-    equations.usable = whole & ~test[:, None]
-    say("first look")
-    search = Search(equations, Candidates.of(robot), say, LINK_ERRORS if known is None else DOUBTS)
-    selection = search.run()
-    say("weighing rivals")
-    judgements = judge(search, selection)
-    for _ in range(SWAPS):
-        better = likelier(selection, judgements)
-        if better is None:
+    whole, motion = equations.usable, equations.motion
+    for phase in TEST_PHASES:
+        equations.take(motion)
+        search = Search(equations, Candidates.of(robot), say, LINK_ERRORS if known is None else DOUBTS)
+        attempt = _attempted(search, whole, equations.block % EVERY_TEST_BLOCK == phase)
+        if not _surprised(attempt, equations):
             break
-        selection, judgements = better, judge(search, better)
-    equations.usable = whole
-    seen = Pool(equations, selection.pool.noise, selection.terms, selection.pool.link_error)
-    terms = timed(search.candidates, equations, seen).terms
-    equations.usable = whole & ~test[:, None]
-    fitted = Pool(equations, selection.pool.noise, terms, selection.pool.link_error)
-    fitted = settled(search.candidates, equations, fitted)
-    extended = fitted.residual(fitted.fit(range(len(selection.terms))), blur=False)
-    equations.usable = whole
+        say("what was held out is not like the rest: again with other blocks")
+    fitted = attempt.fitted
     pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
     fit = pool.fit(range(len(pool.terms)))
     found = estimates(pool, fit)
     remainder = describe(equations, pool.residual(fit, blur=False))
-    diagnosis = _diagnosis(
-        recordings, robot, equations, selection, judgements, found, fitted, extended, test, remainder
-    )
+    diagnosis = _diagnosis(recordings, robot, equations, attempt, found, remainder)
     return Examination(
         diagnosis,
         tuple(recordings),
@@ -159,40 +159,66 @@ def examine(
         pool,
         fit,
         tuple(found),
-        test,
-        extended,
+        attempt.test,
+        attempt.extended,
         remainder,
         model,
     )
+
+
+def _attempted(search: Search, whole: np.ndarray, test: np.ndarray) -> _Attempt:
+    """What a search finds without the test rows (R,); the windows of wrenches are then found in all `whole` rows (R, n)."""
+    equations = search.equations
+    equations.count(whole & ~test[:, None])
+    search.progress("first look")
+    selection = search.run()
+    search.progress("weighing rivals")
+    judgements = judge(search, selection)
+    for _ in range(SWAPS):
+        better = likelier(selection, judgements)
+        if better is None:
+            break
+        selection, judgements = better, judge(search, better)
+    noise, link_error = selection.pool.noise, selection.pool.link_error
+    equations.count(whole)
+    terms = timed(search.candidates, equations, Pool(equations, noise, selection.terms, link_error)).terms
+    equations.count(whole & ~test[:, None])
+    fitted = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
+    extended = fitted.residual(fitted.fit(range(len(terms))), blur=False)
+    equations.count(whole)
+    return _Attempt(test, selection, judgements, fitted, extended)
+
+
+def _surprised(attempt: _Attempt, equations: Equations) -> bool:
+    """Whether a joint's held-out error is so far above that of the rest that the search cannot have seen its cause."""
+    held = rms(attempt.extended, equations.usable & attempt.test[:, None])
+    rest = rms(attempt.extended, equations.usable & ~attempt.test[:, None])
+    return bool(((held > SURPRISING * rest) & (held > MINIMUM_SHARE * equations.effort_scale)).any())
 
 
 def _diagnosis(
     recordings: Sequence[Recording],
     robot: Robot,
     equations: Equations,
-    selection: Selection,
-    judgements: Sequence[Judgement],
+    attempt: _Attempt,
     found: Sequence[Estimate],
-    fitted: Pool,
-    extended: np.ndarray,
-    test: np.ndarray,
     remainder: Remainder,
 ) -> Diagnosis:
-    held = equations.usable & test[:, None]
-    removed = _removed(equations, fitted, extended, held)
-    before = float(np.sum(_rms(equations.target, held) ** 2))
+    extended, judgements = attempt.extended, attempt.judgements
+    held = equations.usable & attempt.test[:, None]
+    taken, overall = (removed(equations, attempt.fitted, extended, rows) for rows in (held, equations.usable))
+    left = rms(extended, equations.usable)
+    simulation, after = rms(equations.target, held), rms(extended, held)
+    before = float(np.sum(simulation**2))
     findings = [
         _finding(robot, estimate, judgement, float(np.sum(less)) / max(before, 1e-30))
-        for estimate, judgement, less in zip(found, judgements, removed, strict=True)
-        if judgement.nothing <= DOUBTFUL
-        and (np.sqrt(np.maximum(less, 0.0)) >= MINIMUM_SHARE * equations.effort_scale).any()
+        for estimate, judgement, less, size in zip(found, judgements, taken, overall, strict=True)
+        if judgement.nothing <= DOUBTFUL and noticeable(size, left, equations.effort_scale)
     ]
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
-    simulation = _rms(equations.target, held)
-    after = _rms(extended, held)
     floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
-    gain, interval = _gain(equations, extended, held)
+    gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
     verdict = _verdict(findings, simulation, after, floor, equations.effort_scale)
     where = [_place(robot, e)[0] or _place(robot, e)[1] or "the base" for e in found]
@@ -243,38 +269,6 @@ def _place(robot: Robot, estimate: Estimate) -> tuple[str | None, str | None]:
     return (robot.joints[term.target] if term.target >= 0 else None), None
 
 
-def _removed(equations: Equations, fitted: Pool, extended: np.ndarray, held: np.ndarray) -> list[np.ndarray]:
-    """Mean squared held-out error of each joint that each chosen term removes, (n,) each [(N·m)²]."""
-    fit = fitted.fit(range(len(fitted.terms)))
-    after = _rms(extended, held) ** 2
-    removed = []
-    for chosen in fit.terms:
-        coefficients = fitted.coefficients(fit, chosen)
-        without = extended + equations.columns(fitted.terms[chosen]) @ coefficients
-        removed.append(_rms(without, held) ** 2 - after)
-    return removed
-
-
-def _gain(equations: Equations, extended: np.ndarray, held: np.ndarray) -> tuple[float, tuple[float, float]]:
-    """1 - RMSE(extended) / RMSE(simulation) on held-out blocks, with a block-bootstrap 95 % interval."""
-    blocks = np.unique(equations.block[held.any(axis=1)])
-    pairs = np.array(
-        [
-            [
-                float(np.sum(np.where(held[rows], values[rows], 0.0) ** 2))
-                for values in (extended, equations.target)
-            ]
-            for rows in (equations.block == b for b in blocks)
-        ]
-    )
-    draws = np.random.default_rng(0).integers(0, len(pairs), (RESAMPLES, len(pairs)))
-    sums = pairs[draws].sum(axis=1)
-    gains = 1.0 - np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1e-30))
-    total = pairs.sum(axis=0)
-    low, high = np.quantile(gains, [0.025, 0.975])
-    return float(1.0 - np.sqrt(total[0] / max(total[1], 1e-30))), (float(low), float(high))
-
-
 def _verdict(
     findings: Sequence[Finding],
     simulation: np.ndarray,
@@ -310,9 +304,3 @@ def _source(recordings: Sequence[Recording], equations: Equations) -> dict[str, 
         "urdf": "",
         "joints": list(signals.joints),
     }
-
-
-def _rms(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Per joint, (n,)."""
-    count = np.maximum(rows.sum(axis=0), 1)
-    return np.asarray(np.sqrt(np.sum(np.where(rows, values, 0.0) ** 2, axis=0) / count))

@@ -82,6 +82,7 @@ class Equations:
     lead: float = 0.0
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
+    _pasts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
 
     @property
     def width(self) -> int:
@@ -156,6 +157,10 @@ class Equations:
         }
         self._nuisances = None
 
+    def count(self, rows: np.ndarray) -> None:
+        """Let these rows count from now on, (R, n) bool."""
+        self.usable, self._pasts = rows, {}
+
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
         power = np.sqrt(
@@ -216,26 +221,30 @@ class Equations:
 
     def history(self, order: int = ORDER) -> np.ndarray:
         """How many usable rows come just before each, at most the order, (R, n); -1 for what is not usable itself."""
-        row = np.arange(len(self.usable))[:, None]
-        begun = np.where(self.usable, 0, row + 1)
-        starts = [run.start for run in self.runs]
-        begun[starts] = np.maximum(begun[starts], row[starts])
-        length = row - np.maximum.accumulate(begun, axis=0)
-        return np.where(self.usable, np.minimum(length, order), -1)
+        return self._past(order)[0]
+
+    def unsteady(self, order: int = ORDER) -> np.ndarray:
+        """Rows with turning ones in their noise history, (R, n) bool."""
+        return self._past(order)[1]
 
     def full(self) -> np.ndarray:
         """Rows whose whole noise history is usable, (R, n) bool."""
         return self.history() == ORDER
 
-    def unsteady(self, order: int = ORDER) -> np.ndarray:
-        """Rows with turning ones in their noise history, (R, n) bool."""
-        unsteady = self.turning.copy()
-        for run in self.runs:
-            for lag in range(1, order + 1):
-                unsteady[run.start + lag : run.stop] |= self.turning[
-                    run.start : max(run.stop - lag, run.start)
-                ]
-        return unsteady
+    def _past(self, order: int) -> tuple[np.ndarray, np.ndarray]:
+        if order not in self._pasts:
+            row = np.arange(len(self.usable))[:, None]
+            begun = np.where(self.usable, 0, row + 1)
+            starts = [run.start for run in self.runs]
+            begun[starts] = np.maximum(begun[starts], row[starts])
+            length = np.minimum(row - np.maximum.accumulate(begun, axis=0), order)
+            unsteady = self.turning.copy()
+            for run in self.runs:
+                for lag in range(1, order + 1):
+                    before = self.turning[run.start : max(run.stop - lag, run.start)]
+                    unsteady[run.start + lag : run.stop] |= before
+            self._pasts[order] = np.where(self.usable, length, -1), unsteady
+        return self._pasts[order]
 
     def white_noise_of(self, residual: np.ndarray, floor: np.ndarray) -> Noise:
         """Noise of a residual (R, n) as if its rows were independent."""

@@ -266,12 +266,20 @@ def _by_block(
 
 
 def _held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor; its columns are brought to one size first."""
+    """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor.
+
+    What comes before the first bound is free, so that the factor's last rows hold the problem of the rest by itself; their
+    columns are brought to one size.
+    """
     target = solve_triangular(factor, moment, lower=True)
-    root = np.tril(factor).T
+    first = int(np.argmax(np.isfinite(low) | np.isfinite(high)))
+    root = np.tril(factor[first:, first:]).T
     size = np.linalg.norm(root, axis=0)
-    solution = lsq_linear(root / size, target, (low * size, high * size), method="bvls")
-    return np.asarray(np.clip(solution.x / size, low, high))
+    low, high = low[first:], high[first:]
+    solution = lsq_linear(root / size, target[first:], (low * size, high * size), method="bvls")
+    held = np.clip(solution.x / size, low, high)
+    free = target[:first] - factor[first:, :first].T @ held
+    return np.concatenate([solve_triangular(factor[:first, :first].T, free), held])
 
 
 def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

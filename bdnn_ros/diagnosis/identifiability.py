@@ -60,7 +60,8 @@ def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection
     for one, judgement in zip(selection.chosen, judgements, strict=True):
         for rival, probability in judgement.rivals:
             hardly = judgement.probability < HARDLY < 0.5 < probability
-            simpler = contains(pool.terms[one], rival) and judgement.probability < PLAINLY * probability
+            richer = contains(pool.terms[one], rival) or _settles_into(pool.terms[one], rival)
+            simpler = richer and judgement.probability < PLAINLY * probability
             if hardly or simpler:
                 instead = pool.terms.index(rival)
                 chosen = tuple(instead if c == one else c for c in selection.chosen)
@@ -114,6 +115,12 @@ def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
     parts = [c for c in range(len(pool.terms)) if contains(term, pool.terms[c]) and c not in rest]
     bases += [[*rest, part] for part in parts]
     return bases
+
+
+def _settles_into(term: Term, rival: Term) -> bool:
+    """Whether a term is a rival but for its first moments: hysteresis is dry friction once a joint has broken away."""
+    pair = (term.effect.name, rival.effect.name)
+    return pair == ("hysteresis", "coulomb_friction") and term.target == rival.target
 
 
 def _same_physics(term: Term, rival: Term) -> bool:

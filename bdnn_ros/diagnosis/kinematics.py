@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import lfilter
 
+from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.recording import Recording
-from bdnn_ros.signals import Signals, concatenated, prepare
+from bdnn_ros.signals import Signals, prepare
 
 SAMPLES_OF_LAG = 1.5
 """A lag of up to so many sample periods is what differentiating does; more is a filter."""

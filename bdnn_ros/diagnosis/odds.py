@@ -22,8 +22,10 @@ RARE = (
 )
 RARE_COST = 2.0
 """Log prior odds against kinds that a simpler one may stand for."""
-INNER_COST = 2.0
-"""What a payload costs that does not hang from the last joint."""
+LINK_COST = 5.0
+"""The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
+INNER_COST, FIRST_COST = 2.0, 6.0
+"""What a payload costs that does not hang from the last joint; on the first it is hardly more than a rotor or a spring."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
 LINK_ERROR_COST = 400.0
@@ -44,9 +46,10 @@ def log_odds(term: Term, having: dict[str, set[int]], width: int) -> float:
         having: joints that have each kind already.
         width: number of joints.
     """
-    cost = COST + (RARE_COST if term.effect.name in RARE else 0.0)
+    cost = LINK_COST if term.effect.name == "link_inertia" else COST
+    cost += RARE_COST if term.effect.name in RARE else 0.0
     if term.effect.name == "payload" and term.target < width - 1:
-        cost += INNER_COST
+        cost += INNER_COST if term.target > 0 else FIRST_COST
     if term.effect.name not in COMMON or width <= 2:
         return cost
     share = len(having.get(term.effect.name, set()) - {term.target}) / (width - 1)

@@ -135,7 +135,10 @@ class EffortDelay(Effect):
 
 
 class Cogging(Effect):
-    """A ripple over position: magnets and slots, or the teeth of a gear."""
+    """A ripple over position: magnets and slots, or the teeth of a gear.
+
+    It is looked for from two periods a revolution on: one is what gravity pulls on a mass.
+    """
 
     name = "cogging"
     title = "cogging"
@@ -154,7 +157,7 @@ class Cogging(Effect):
         "magnet motor drives, IEEE TIE 43(2), 1996"
     )
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
-    shape_bounds = MappingProxyType({"periods_per_rev": (1.0, 80.0)})
+    shape_bounds = MappingProxyType({"periods_per_rev": (2.0, 80.0)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         amplitude, periods, phase = values["amplitude"], values["periods_per_rev"], values["phase"]

@@ -147,22 +147,28 @@ class Motion:
             result[rows] = np.gradient(values[rows], 1.0 / self.signals.rate, axis=0)
         return result
 
-    def shifted(self, position_change: np.ndarray, step: float = 1e-4) -> np.ndarray:
-        """Change of the rigid effort per unit of a change of the motion, (N, n) [N·m].
+    def shifted(self, position_change: np.ndarray) -> np.ndarray:
+        """Change of the rigid effort per unit of a small change of the motion, (N, n) [N·m].
 
         Args:
             position_change: direction of the change of position, (N, n); velocity and acceleration follow as
                 its time derivatives.
         """
-        ahead, back = self.moved(step * position_change), self.moved(-step * position_change)
-        return (ahead - back) / (2.0 * step)
-
-    def moved(self, position_change: np.ndarray) -> np.ndarray:
-        """Rigid effort of the motion with another position (N, n), rates and all, (N, n) [N·m]."""
         rate = self.derivative(position_change)
-        return self.robot.rigid_effort(
-            self.position + position_change, self.velocity + rate, self.acceleration + self.derivative(rate)
+        changes = (position_change, rate, self.derivative(rate))
+        return np.asarray(
+            sum((by @ c[..., None])[..., 0] for by, c in zip(self._slopes, changes, strict=True))
         )
+
+    @cached_property
+    def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.robot.effort_derivatives(self.position, self.velocity, self.acceleration)
+
+    @cached_property
+    def gravity_pulls(self) -> np.ndarray:
+        """Effort per acceleration of gravity along x, y and z of the base, (N, n, 3) [N·s²]."""
+        axes = (replace(self.robot, gravity_vector=axis) for axis in np.eye(3))
+        return np.stack([robot.gravity(self.position) for robot in axes], axis=-1)
 
     def changed(self, position_change: np.ndarray) -> np.ndarray:
         """Change of the rigid effort when every position is changed by constants (n,) [rad], (N, n) [N·m]."""
@@ -180,7 +186,13 @@ class Motion:
     def with_load(self, load: np.ndarray, drive: np.ndarray | None = None) -> Motion:
         """The same motion with another estimate of the load, and of the drives' share of it (None keeps)."""
         other = replace(self, load=load, drive=self.drive if drive is None else drive)
-        for kept in ("link_load", "regressor", "_pulls"):  # they do not depend on the load
+        for kept in (
+            "link_load",
+            "regressor",
+            "_pulls",
+            "_slopes",
+            "gravity_pulls",
+        ):  # they do not depend on the load
             if kept in self.__dict__:
                 other.__dict__[kept] = self.__dict__[kept]
         return other

@@ -132,7 +132,7 @@ class LinkInertia(Effect):
         "links, IJRR 5(3), 1986"
     )
     coefficient_bounds = ((-0.95, 9.0),)
-    coefficient_spread = 0.5
+    coefficient_spread = 0.3
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         body, parameters = plant.robot.link_inertial(needed_link(link))
@@ -190,10 +190,9 @@ class BaseTilt(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         roll, pitch = (_secant(math.radians(shape[key])) for key in ("roll_deg", "pitch_deg"))
-        level = motion.robot.tilted(0.0, 0.0).gravity(motion.position)
-        rolled = motion.robot.tilted(roll, 0.0).gravity(motion.position)
-        tilted = motion.robot.tilted(roll, pitch).gravity(motion.position)
-        return np.stack([(rolled - level) / roll, (tilted - rolled) / pitch], axis=-1)
+        angles = ((0.0, 0.0), (roll, 0.0), (roll, pitch))
+        level, rolled, tilted = (motion.robot.tilted(*pair).gravity_vector for pair in angles)
+        return motion.gravity_pulls @ np.stack([(rolled - level) / roll, (tilted - rolled) / pitch], axis=-1)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"roll_deg": 0.0, "pitch_deg": 0.0}]

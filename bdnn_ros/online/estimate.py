@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.kernels import gaussian_kernel, gaussian_std
 from bdnn_ros.online.feed import Samples
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT
-from bdnn_ros.robot import Dynamics
 from bdnn_ros.signals import CUTOFF_PER_RATE, DEFAULT_CUTOFF, SAMPLES_PER_CUTOFF
 
 EVEN = 1e-3

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError, UpdateRejected
 from bdnn_ros.online.changes import Change, Monitor
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior, prior
-from bdnn_ros.robot import Dynamics, Robot
+from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
 PAUSE_SECONDS = 1.0

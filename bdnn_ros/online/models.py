@@ -9,8 +9,8 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from bdnn_ros.bdnn import modelfile
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError, listed
-from bdnn_ros.robot import Dynamics
 from bdnn_ros.signals import Signals
 
 

@@ -19,7 +19,7 @@ SOFTEST = 0.25
 
 
 class Controller:
-    """Computed torque: u = described inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate).
+    """Computed torque: u = described inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate), described friction.
 
     It knows the description, and of the real robot only its rotors and how fast each position loop may be.
 
@@ -38,6 +38,7 @@ class Controller:
         self.limit = nominal.limits.effort
         bandwidth = loop_bandwidth(nominal, plant, plan)
         self.stiffness, self.damping = bandwidth**2, 2.0 * DAMPING * bandwidth
+        self.friction = nominal.friction(plan.position, plan.velocity)
 
     def effort(self, sample: int, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Commanded effort at a sample, within the limits, (n,) [N·m]."""
@@ -45,6 +46,7 @@ class Controller:
         wanted = plan.acceleration[sample] + self.stiffness * (plan.position[sample] - position)
         wanted += self.damping * (plan.velocity[sample] - velocity)
         command = pin.rnea(self.model, self.data, position[back], velocity[back], wanted[back])[self.order]
+        command = command + self.friction[sample]
         return np.minimum(np.maximum(command, -self.limit), self.limit)
 
 

@@ -1,0 +1,51 @@
+"""Several recordings as one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.errors import UsageError
+from bdnn_ros.signals import Signals
+
+SAME_RATE = 0.02
+"""Signals whose working rates differ by more than this share are not joined."""
+
+
+def concatenated(parts: list[Signals]) -> Signals:
+    """Several signals of the same joints as one; stamps are shifted so that they follow one another.
+
+    Raises:
+        UsageError: their joints, cut-offs or working rates differ, so that one kernel does not fit all.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    for part in parts[1:]:
+        if part.joints != parts[0].joints:
+            raise UsageError(
+                f"The recordings hold different joints: {part.joints}.", "Choose them with --joints."
+            )
+        if part.cutoff != parts[0].cutoff or abs(part.rate / parts[0].rate - 1.0) > SAME_RATE:
+            raise UsageError(
+                f"Recordings of {parts[0].raw_rate:.4g} Hz and {part.raw_rate:.4g} Hz do not go together.",
+                "Use bags of one rate, or give a --cutoff that suits the slowest.",
+            )
+    rows = np.cumsum([0, *map(len, parts[:-1])]).tolist()
+    shifts = np.cumsum([0.0, *(part.time[-1] - part.time[0] + 1.0 for part in parts[:-1])])
+
+    def joined(key: str) -> Any:
+        values = [getattr(part, key) for part in parts]
+        return None if any(v is None for v in values) else np.concatenate(values)
+
+    keys = ("position", "velocity", "acceleration", "effort", "reported_velocity")
+    return replace(
+        parts[0],
+        time=np.concatenate([p.time - p.time[0] + shift for p, shift in zip(parts, shifts, strict=True)]),
+        segments=tuple(
+            slice(s.start + k, s.stop + k) for p, k in zip(parts, rows, strict=True) for s in p.segments
+        ),
+        position_noise=np.max([p.position_noise for p in parts], axis=0),
+        **{key: joined(key) for key in keys},
+    )
