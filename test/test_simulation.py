@@ -16,6 +16,7 @@ from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation import Scenario, simulate
+from bdnn_ros.simulation.control import BEHIND
 from bdnn_ros.simulation.excitation import fourier
 from bdnn_ros.simulation.perturbation import worn_robot, wrong_robot
 from bdnn_ros.simulation.sensors import Noise
@@ -55,7 +56,7 @@ def test_a_robot_follows_its_plan_against_the_friction_its_description_has():
     robot = plain.with_joint_parameters(coulomb=friction, viscous=0.1 * friction)
     time = np.arange(2500) / 500.0
     simulated = simulate(robot, plan=fourier(plain, time, np.random.default_rng(1)), noise=QUIET)
-    assert np.abs(simulated.position - simulated.plan.position).max() < 0.02
+    assert np.abs(simulated.position - simulated.plan.position).max() < BEHIND
 
 
 def test_a_command_stays_within_the_effort_limits():

@@ -206,14 +206,14 @@ def _diagnosis(
 ) -> Diagnosis:
     extended, judgements = attempt.extended, attempt.judgements
     held = equations.usable & attempt.test[:, None]
-    taken, overall = (removed(equations, attempt.fitted, extended, rows) for rows in (held, equations.usable))
-    left = rms(extended, equations.usable)
+    taken = removed(equations, attempt.fitted, extended, held)
+    worth = _worth_a_name(equations, attempt, held) | _worth_a_name(equations, attempt, equations.usable)
     simulation, after = rms(equations.target, held), rms(extended, held)
     before = float(np.sum(simulation**2))
     findings = [
         _finding(robot, estimate, judgement, float(np.sum(less)) / max(before, 1e-30))
-        for estimate, judgement, less, size in zip(found, judgements, taken, overall, strict=True)
-        if judgement.nothing <= DOUBTFUL and noticeable(size, left, equations.effort_scale)
+        for k, (estimate, judgement, less) in enumerate(zip(found, judgements, taken, strict=True))
+        if judgement.nothing <= DOUBTFUL and k in worth
     ]
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
@@ -235,6 +235,17 @@ def _diagnosis(
         advice=tuple(advice([e.term for e in found], judgements, where)),
         notes=tuple(note for recording in recordings for note in recording.notes),
     )
+
+
+def _worth_a_name(equations: Equations, attempt: _Attempt, rows: np.ndarray) -> set[int]:
+    """Which of the chosen terms remove enough at these rows (R, n); what lasts a moment may do so in no held-out row."""
+    left = rms(attempt.extended, rows)
+    taken = removed(equations, attempt.fitted, attempt.extended, rows)
+    return {
+        k
+        for k, (term, less) in enumerate(zip(attempt.fitted.terms, taken, strict=True))
+        if noticeable(term.effect, less, left, equations.effort_scale)
+    }
 
 
 def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:

@@ -6,12 +6,13 @@ import numpy as np
 
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.effects.base import Effect
 
 RESAMPLES = 1000
 MINIMUM_SHARE = 0.02
 """An effect that removes an error of this share of the effort's spread at some joint is worth a name."""
 LEAST_SHARE = 0.005
-"""So is one of this share that removes more than all that is left: what a loose gear adds is short."""
+"""So is a brief one of this share that removes more than all that is left."""
 
 
 def removed(equations: Equations, fitted: Pool, extended: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
@@ -26,10 +27,17 @@ def removed(equations: Equations, fitted: Pool, extended: np.ndarray, rows: np.n
     return result
 
 
-def noticeable(less: np.ndarray, after: np.ndarray, scale: np.ndarray) -> bool:
-    """Whether the mean squared error removed is worth a name, where `after` (n,) is left and `scale` (n,) the effort's spread."""
+def noticeable(effect: Effect, less: np.ndarray, after: np.ndarray, scale: np.ndarray) -> bool:
+    """Whether what an effect removes is worth a name.
+
+    Args:
+        less: mean squared error removed, (n,) [(N·m)²].
+        after: root mean square error left, (n,) [N·m].
+        scale: the effort's spread, (n,) [N·m].
+    """
     size = np.sqrt(np.maximum(less, 0.0))
-    return bool(((size >= MINIMUM_SHARE * scale) | ((size >= LEAST_SHARE * scale) & (size >= after))).any())
+    brief = effect.brief & (size >= LEAST_SHARE * scale) & (size >= after)
+    return bool(((size >= MINIMUM_SHARE * scale) | brief).any())
 
 
 def gain_of(

@@ -79,6 +79,8 @@ class Effect(ABC):
     """It changes what is measured of the effort, not the effort that acts: no joint carries it."""
     in_drive: ClassVar[bool] = False
     """It takes its effort before the gear, so that the gear does not carry it."""
+    brief: ClassVar[bool] = False
+    """It acts for moments: its share of a whole recording says little of it."""
     kinematic: ClassVar[bool] = False
     """It shows in the reported velocity, not in the effort."""
 

@@ -24,6 +24,7 @@ class ExternalWrench(Effect):
     """A constant force and torque of the environment on a link, in the base's axes, between two times."""
 
     name = "external_wrench"
+    brief = True
     variant = "link"
     title = "an external wrench"
     on = "link"
@@ -72,6 +73,7 @@ class ExternalTorque(Effect):
     """A constant torque of the environment about a joint, between two times."""
 
     name = "external_wrench"
+    brief = True
     variant = "joint"
     title = "an external torque"
     on = "joint"

@@ -69,6 +69,7 @@ class Backlash(Effect):
     name = "backlash"
     title = "backlash"
     on = "joint"
+    brief = True
     parameters = (
         Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),
         Parameter("transit", "s", 1e-3, 0.2, plausible=(0.01, 0.06), default=TRANSIT),

@@ -14,14 +14,17 @@ BANDWIDTH = 40.0
 DAMPING = 1.0
 PHASE_BUDGET = 0.2
 """Bandwidth times dead time (half a sample, and the effort's delay) must not exceed this [rad]."""
+BEHIND = 0.1
+"""Friction that holds a joint so far from its plan is compensated [rad]."""
 SOFTEST = 0.25
 """Bandwidth per frequency of the link on its elastic gear."""
 
 
 class Controller:
-    """Computed torque: u = described inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate), described friction.
+    """Computed torque: u = described inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate).
 
-    It knows the description, and of the real robot only its rotors and how fast each position loop may be.
+    It knows the description, and of the real robot only its rotors and how fast each position loop may be. Described
+    friction is left to the position loop, unless it would hold the joint far from its plan.
 
     Args:
         nominal: the description.
@@ -38,7 +41,7 @@ class Controller:
         self.limit = nominal.limits.effort
         bandwidth = loop_bandwidth(nominal, plant, plan)
         self.stiffness, self.damping = bandwidth**2, 2.0 * DAMPING * bandwidth
-        self.friction = nominal.friction(plan.position, plan.velocity)
+        self.friction = self._known_friction(nominal, plan)
 
     def effort(self, sample: int, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Commanded effort at a sample, within the limits, (n,) [N·m]."""
@@ -48,6 +51,14 @@ class Controller:
         command = pin.rnea(self.model, self.data, position[back], velocity[back], wanted[back])[self.order]
         command = command + self.friction[sample]
         return np.minimum(np.maximum(command, -self.limit), self.limit)
+
+    def _known_friction(self, nominal: Robot, plan: Trajectory) -> np.ndarray:
+        """Described friction along the plan of joints that the position loop would leave behind, (N, n) [N·m]."""
+        friction = nominal.friction(plan.position, plan.velocity)
+        mobility = np.linalg.inv(nominal.mass_matrix(plan.position[::50]))
+        inertia = 1.0 / np.diagonal(mobility, axis1=1, axis2=2).max(axis=0)
+        behind = np.abs(friction).max(axis=0) > BEHIND * self.stiffness * inertia
+        return np.where(behind, friction, 0.0)
 
 
 def loop_bandwidth(nominal: Robot, plant: Plant, plan: Trajectory) -> float:
