@@ -23,6 +23,8 @@ PLAINLY = 4.0
 """What contains a simpler law must be so many times as probable, or the simpler one is named."""
 TIE = 0.1
 """A rival at least this probable makes the finding a tie, and earns advice."""
+SETTLES_INTO = {"hysteresis": "coulomb_friction", "backlash": "position_offset"}
+"""What becomes of it: hysteresis is dry friction once a joint has broken away, a gap that is never crossed an offset."""
 SAME_PHYSICS = {
     "payload": "link_inertia",
     "link_inertia": "payload",
@@ -118,9 +120,8 @@ def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
 
 
 def _settles_into(term: Term, rival: Term) -> bool:
-    """Whether a term is a rival but for its first moments: hysteresis is dry friction once a joint has broken away."""
-    pair = (term.effect.name, rival.effect.name)
-    return pair == ("hysteresis", "coulomb_friction") and term.target == rival.target
+    """Whether a term is a rival but for moments that the motion may not have."""
+    return SETTLES_INTO.get(term.effect.name) == rival.effect.name and term.target == rival.target
 
 
 def _same_physics(term: Term, rival: Term) -> bool:

@@ -106,11 +106,15 @@ class Known:
 
 
 def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: int) -> Explanation:
-    """Parameters that are others from some block on, by Schur complements of what is known without."""
+    """Parameters that are others from some block on, by Schur complements of what is known without.
+
+    A change hardly ever falls on the edge of a block: the block before may have a wrench of its own.
+    """
     index, size = scene.changed(kind, target)
     inverse_size, log_size = inverse(size)
     gram, moment = np.zeros_like(known.gram), np.zeros_like(known.moment)
     best = (-np.inf, 0, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
+    edges = [0.0, *(max(jolt(scene, block, target).evidence, 0.0) for block in data[:-1])]
     for first in range(len(data) - 1, -1, -1):
         gram = gram + data[first].gram
         moment = moment + data[first].moment
@@ -119,10 +123,11 @@ def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: 
         score = moment[index] - cross @ known.mean
         spread, log_inner = inverse(inner)
         change = spread @ score
-        gain = 0.5 * (float(score @ change) - log_size - log_inner)
+        gain = 0.5 * (float(score @ change) - log_size - log_inner) + edges[first]
         if gain > best[0]:
             best = (gain, first, change, spread, cross)
     gain, first, change, spread, cross = best
+    edge = [data[first - 1]] if edges[first] > 0.0 else []
     # the change moves what is known of the other parameters, too
     pull = np.zeros((len(known.mean), len(index)))
     pull[index, np.arange(len(index))] = 1.0
@@ -130,14 +135,18 @@ def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: 
     before = known.mean - known.covariance @ cross.T @ change
     part = np.zeros(len(known.mean))
     part[index] = change
+    since = [*edge, *data[first:]]
+    old = sum(energy(block, before) for block in since)
+    new = sum(energy(block, before) - jolt(scene, block, target, before).removed for block in edge)
+    new += sum(energy(block, before + part) for block in data[first:])
     return Explanation(
         kind,
         target,
-        data[first].start,
+        since[0].start,
         data[-1].end,
         gain,
-        _share(data[first:], before, part),
-        misfit(data[first:], sum(energy(block, before + part) for block in data[first:])),
+        1.0 - new / max(old, 1e-300),
+        misfit(since, new),
         change,
         spread,
         before + part,
@@ -145,35 +154,47 @@ def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: 
     )
 
 
+@dataclass(frozen=True)
+class Jolt:
+    """A wrench on one body in one block: its evidence, mean and covariance, and the weighted square it removes."""
+
+    evidence: float
+    wrench: np.ndarray
+    spread: np.ndarray
+    removed: float
+
+
+def jolt(scene: Scene, block: Block, target: int, mean: np.ndarray | None = None) -> Jolt:
+    """The wrench that explains a block best where the base parameters are off by `mean`; None for not at all."""
+    inverse_size, log_size = inverse(scene.wrench)
+    gram, score = block.pull_gram[target], block.pull_moment[target]
+    score = score if mean is None else score - block.cross[target] @ mean
+    spread, log_inner = inverse(gram + inverse_size)
+    wrench = spread @ score
+    evidence = 0.5 * (float(score @ wrench) - log_size - log_inner)
+    return Jolt(evidence, wrench, spread, 2.0 * float(wrench @ score) - float(wrench @ gram @ wrench))
+
+
 def _push(scene: Scene, data: Sequence[Block], known: Known, target: int) -> Explanation | None:
     """A wrench on one body over some blocks, another one in each."""
-    inverse_size, log_size = inverse(scene.wrench)
-    spreads, gains = [], []
-    for block in data:
-        spread, log_inner = inverse(block.pull_gram[target] + inverse_size)
-        score = block.pull_moment[target]
-        spreads.append(spread)
-        gains.append(0.5 * (float(score @ spread @ score) - log_size - log_inner))
+    jolts = [jolt(scene, block, target) for block in data]
+    gains = [each.evidence for each in jolts]
     low, high = _best_run(gains)
     if high == low:
         return None
     gram, moment = known.gram.copy(), known.moment.copy()
-    for block, spread in zip(data[low:high], spreads[low:high], strict=True):
+    for block, each in zip(data[low:high], jolts[low:high], strict=True):
         cross = block.cross[target]
-        gram -= cross.T @ spread @ cross
-        moment -= cross.T @ (spread @ block.pull_moment[target])
+        gram -= cross.T @ each.spread @ cross
+        moment -= cross.T @ each.wrench
     covariance, log_with = inverse(known.information + gram)
     mean = covariance @ moment
     log_without = -np.linalg.slogdet(known.covariance)[1]
     without = 0.5 * (float(known.moment @ known.mean) - log_without)
     evidence = sum(gains[low:high]) + 0.5 * (float(moment @ mean) - log_with) - without
-    wrenches, removed, whole = [], 0.0, 0.0
-    for block, spread in zip(data[low:high], spreads[low:high], strict=True):
-        score = block.pull_moment[target] - block.cross[target] @ mean
-        wrench = spread @ score
-        wrenches.append(wrench)
-        removed += 2.0 * float(wrench @ score) - float(wrench @ block.pull_gram[target] @ wrench)
-        whole += energy(block, mean)
+    settled = [jolt(scene, block, target, mean) for block in data[low:high]]
+    whole = sum(energy(block, mean) for block in data[low:high])
+    removed = sum(each.removed for each in settled)
     return Explanation(
         "push",
         target,
@@ -182,8 +203,8 @@ def _push(scene: Scene, data: Sequence[Block], known: Known, target: int) -> Exp
         evidence,
         removed / max(whole, 1e-300),
         misfit(data[low:high], whole - removed),
-        np.mean(wrenches, axis=0),
-        np.mean(spreads[low:high], axis=0) / (high - low),
+        np.mean([each.wrench for each in settled], axis=0),
+        np.mean([each.spread for each in settled], axis=0) / (high - low),
         mean,
         covariance,
     )
@@ -197,13 +218,6 @@ def energy(block: Block, mean: np.ndarray) -> float:
 def misfit(data: Sequence[Block], left: float) -> float:
     """How many times the noise is left of the weighted square, at least 1 (Birge 1932)."""
     return max(LEAST_CORRELATION * left / sum(block.count for block in data), 1.0)
-
-
-def _share(data: Sequence[Block], before: np.ndarray, change: np.ndarray) -> float:
-    """Part of the weighted square since the change that the change removes."""
-    old = sum(energy(block, before) for block in data)
-    new = sum(energy(block, before + change) for block in data)
-    return 1.0 - new / max(old, 1e-300)
 
 
 def _best_run(gains: Sequence[float]) -> tuple[int, int]:
