@@ -32,10 +32,13 @@ HIDDEN = {0: 0.15, 1: 0.6, 2: 0.15, 3: 0.1}
 WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
 EXAMPLES = {
-    "xarm7": "xarm_description/urdf/xarm7.urdf",
-    "kinova": "kinova_description/robots/kinova.urdf",
+    "baxter": (
+        "baxter_description/urdf/baxter.urdf",
+        ("left_s0", "left_s1", "left_e0", "left_e1", "left_w0", "left_w1", "left_w2"),
+    ),
+    "tiago": ("tiago_description/robots/tiago.urdf", tuple(f"arm_{k}_joint" for k in range(1, 8))),
 }
-"""Robots of example-robot-data: none was looked at while the diagnosis was made."""
+"""Arms of example-robot-data, files and joints: none was looked at while the diagnosis was made."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15
 """What is drawn how often, where the command line does not fix it."""
 
@@ -178,20 +181,23 @@ def robot_of(name: str) -> Robot:
     """A bundled robot, one of example-robot-data, or one of a URDF file."""
     if name in BUNDLED:
         return Robot.bundled(name)
-    return Robot.from_file(example(name) if name in EXAMPLES else Path(name))
+    if name in EXAMPLES:
+        file, joints = EXAMPLES[name]
+        return Robot.from_file(example(file), joints)
+    return Robot.from_file(Path(name))
 
 
-def example(name: str) -> Path:
-    """The description of a robot that no development saw.
+def example(file: str) -> Path:
+    """A description of example-robot-data.
 
     Raises:
         DataError: example-robot-data is not installed.
     """
     for folder in map(Path, sys.path):
-        path = folder / "cmeel.prefix" / "share" / "example-robot-data" / "robots" / EXAMPLES[name]
+        path = folder / "cmeel.prefix" / "share" / "example-robot-data" / "robots" / file
         if path.is_file():
             return path
-    raise DataError(f"There is no description of {name} here.", 'Install it: pip install ".[bench-extra]".')
+    raise DataError(f"There is no {Path(file).name} here.", 'Install it: pip install ".[bench-extra]".')
 
 
 def _scenario(draw: Draw) -> Scenario:

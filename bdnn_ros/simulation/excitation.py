@@ -30,6 +30,9 @@ WIDEST = 1.6
 OPEN_VELOCITY = 2.0
 """Velocity limit of a joint whose URDF names none [rad/s]."""
 CANDIDATES = 12
+ABOUT_THE_MIDDLE, ANYWHERE = 0.15, 0.4
+"""How far from the middle of its range a joint may move about, per range: the second where an arm cannot hold the first."""
+MORE_TRIALS = 10
 
 
 @dataclass(frozen=True)
@@ -53,13 +56,14 @@ def fourier(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Traject
     """
     best, score = None, -np.inf
     coarse = time[:: max(len(time) // 250, 1)]
-    for _ in range(CANDIDATES):
-        series = _scaled(robot, coarse, _Series.drawn(robot, float(time[-1]), rng))
-        if series is None:
-            continue
-        value = _information(robot, series.at(coarse))
-        if value > score:
-            best, score = series, value
+    for about in (ABOUT_THE_MIDDLE, *[ANYWHERE] * MORE_TRIALS):
+        for _ in range(CANDIDATES):
+            series = _scaled(robot, coarse, _Series.drawn(robot, float(time[-1]), rng, about))
+            value = -np.inf if series is None else _information(robot, series.at(coarse))
+            if value > score:
+                best, score = series, value
+        if best is not None:
+            break
     if best is None:
         raise UsageError(
             "No motion was found that keeps the URDF's effort limits.",
@@ -95,14 +99,16 @@ class _Series:
     frequencies: np.ndarray
 
     @classmethod
-    def drawn(cls, robot: Robot, duration: float, rng: np.random.Generator) -> _Series:
-        """A random series of unit size about a random pose."""
+    def drawn(
+        cls, robot: Robot, duration: float, rng: np.random.Generator, about: float = ABOUT_THE_MIDDLE
+    ) -> _Series:
+        """A random series of unit size about a random pose, at most so far from the middle of its range."""
         period = min(max(duration, 2.0), LONGEST_PERIOD)
         frequencies = np.arange(1, max(int(HIGHEST_FREQUENCY * period), 2) + 1) / period
         shape = (robot.width, len(frequencies))
         amplitude = rng.uniform(0.2, 1.0, shape) / (frequencies / frequencies[0]) ** STEEPNESS
         lower, upper = _range(robot)
-        centre = 0.5 * (lower + upper) + rng.uniform(-0.15, 0.15, robot.width) * (upper - lower)
+        centre = 0.5 * (lower + upper) + rng.uniform(-about, about, robot.width) * (upper - lower)
         return cls(centre, amplitude, rng.uniform(0.0, 2.0 * np.pi, shape), frequencies)
 
     def at(self, time: np.ndarray) -> Trajectory:
