@@ -19,6 +19,8 @@ RELINEARISATIONS = 4
 CONSISTENT = 0.1
 """Columns are exact enough where the shape they were made with is found again within this share."""
 ON_BODIES = frozenset({"payload", "link_inertia"})
+ANGLES = {"base_tilt", "position_offset"}
+"""One angle, where a joint turns about the axis that the base tilts about."""
 COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
 """What almost every drive has; they stand in for the unknown cause while the noise is first estimated."""
 
@@ -118,8 +120,9 @@ def _alone(equations: Equations, pool: Pool, fit: Fit, term: Term) -> tuple[floa
 
 
 def _elsewhere(term: Term, other: Term) -> bool:
-    """Whether another link has this effect, which the term may have to stand for."""
-    return term.link is not None and term.effect is other.effect
+    """Whether another term is what this one may have to stand for: the same on another link, a tilt for a joint's zero."""
+    same = term.link is not None and term.effect is other.effect
+    return same or {term.effect.name, other.effect.name} == ANGLES
 
 
 def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:

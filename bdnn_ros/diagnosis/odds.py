@@ -19,10 +19,11 @@ RARE = (
     "asymmetric_friction",
     "stribeck_friction",
     "load_dependent_friction",
+    "quadratic_drag",
 )
 RARE_COST = 2.0
 """Log prior odds against kinds that a simpler one may stand for."""
-LINK_COST = 5.0
+LINK_COST = 6.5
 """The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
 INNER_COST, FIRST_COST = 2.0, 6.0
 """What a payload costs that does not hang from the last joint; on the first it is hardly more than a rotor or a spring."""

@@ -137,7 +137,7 @@ class EffortDelay(Effect):
 class Cogging(Effect):
     """A ripple over position: magnets and slots, or the teeth of a gear.
 
-    It is looked for from two periods a revolution on: one is what gravity pulls on a mass.
+    It is looked for from three periods a revolution on: fewer are what gravity and springs do.
     """
 
     name = "cogging"
@@ -157,7 +157,7 @@ class Cogging(Effect):
         "magnet motor drives, IEEE TIE 43(2), 1996"
     )
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
-    shape_bounds = MappingProxyType({"periods_per_rev": (2.0, 80.0)})
+    shape_bounds = MappingProxyType({"periods_per_rev": (3.0, 80.0)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         amplitude, periods, phase = values["amplitude"], values["periods_per_rev"], values["phase"]
@@ -170,7 +170,7 @@ class Cogging(Effect):
         return motion.sharp_column(target, np.sin(angle), np.cos(angle))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"periods_per_rev": float(p)} for p in (*range(2, 25), *range(26, 61, 2))]
+        return [{"periods_per_rev": float(p)} for p in (*range(3, 25), *range(26, 61, 2))]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         sine, cosine = (float(c) for c in coefficients)
