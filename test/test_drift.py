@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 from live_support import motion, real_robot
 
+from bdnn_ros.online.chunks import Chunks
+from bdnn_ros.online.drift import Drift
 from bdnn_ros.online.learning import Learning
+from bdnn_ros.online.scene import Scene
+from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
@@ -56,6 +60,21 @@ def test_wear_and_warming_up_are_named(joint, viscous, coulomb):
     values = {name: entry["value"] for name, entry in finding["parameters"].items()}
     assert (values["end_value"] > values["start_value"]) == (coulomb > 0)
     assert ONSET - 10.0 < values["start"] < time
+
+
+def test_minutes_are_compared_where_no_moment_tells():
+    """The ramp by itself, as where each chunk's residual is too usual to be suspicious."""
+    recording, scene = stream(80.0, coulomb=0.4, joint=1), Scene(ARM)
+    drift, model, noise = Drift(scene), nominal(REAL), np.full(2, 0.05)
+    chunks = Chunks(ARM.joints)
+    for signals, rows in [*chunks.add(recording.time, recording.position, recording.effort), *chunks.end()]:
+        told = drift.look(signals, rows, scene.columns(signals, rows), model, noise)
+        if told is not None:
+            break
+    assert told is not None, "nothing was named"
+    (found,), _ = told
+    assert (found.kind, ARM.joints[found.target]) == ("friction", "arm2_joint2")
+    assert ONSET < found.end < ONSET + LENGTH + 10.0
 
 
 def test_a_robot_that_stays_the_same_is_told_nothing_of():

@@ -184,10 +184,10 @@ class Monitor:
             residual = _residual(self._reference, signals, rows)
             data += blocks(self.scene, signals, rows, residual, self._noise)
         found = explain(self.scene, data, self._information)
-        self._evidence = max(e.evidence for e in found)
+        self._evidence = max(e.evidence - e.edge for e in found)
         best = found[0]
         seen = data[-1].end - best.start
-        if self._evidence < SURE or best.share < EXPLAINED or seen < LEAST:
+        if best.evidence - best.edge < SURE or best.share < EXPLAINED or seen < LEAST:
             return None
         if best.kind == "push" and not self._is_push(best, data[-1].end):
             return None

@@ -32,6 +32,7 @@ class Explanation:
         kind, target: what changed, on which body or joint.
         start, end: since when, and until when [s].
         evidence: log odds against no change.
+        edge: the part of it that is a wrench in the block in which the change began.
         share: part of the residual's weighted square since `start` that it removes.
         misfit: what is left, as a multiple of the noise, at least 1.
         value, covariance: 10 inertial parameters, or (viscous, coulomb, offset), or the mean wrench.
@@ -49,6 +50,7 @@ class Explanation:
     covariance: np.ndarray
     mean: np.ndarray
     spread: np.ndarray
+    edge: float = 0.0
 
 
 def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> list[Explanation]:
@@ -68,7 +70,10 @@ def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> lis
             found.append(push)
     # a name that fits but for its edges raises the noise for all: rivals are apart by what that noise allows
     noise = max(found, key=lambda e: e.evidence).misfit
-    found = [replace(e, evidence=e.evidence / noise, covariance=e.covariance * e.misfit) for e in found]
+    found = [
+        replace(e, evidence=e.evidence / noise, edge=e.edge / noise, covariance=e.covariance * e.misfit)
+        for e in found
+    ]
     odds = [e.evidence + (OFF_TIP if e.kind != "friction" and e.target != tip else 0.0) for e in found]
     return _outermost_first([found[k] for k in np.argsort(odds)[::-1]])
 
@@ -108,13 +113,13 @@ class Known:
 def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: int) -> Explanation:
     """Parameters that are others from some block on, by Schur complements of what is known without.
 
-    A change hardly ever falls on the edge of a block: the block before may have a wrench of its own.
+    A change hardly ever falls on the edge of a block: the block before may have a wrench of its own, if it knows of wrenches.
     """
     index, size = scene.changed(kind, target)
     inverse_size, log_size = inverse(size)
     gram, moment = np.zeros_like(known.gram), np.zeros_like(known.moment)
     best = (-np.inf, 0, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
-    edges = [0.0, *(max(jolt(scene, block, target).evidence, 0.0) for block in data[:-1])]
+    edges = [0.0, *(jolt(scene, b, target).evidence if len(b.pull_gram) else 0.0 for b in data[:-1])]
     for first in range(len(data) - 1, -1, -1):
         gram = gram + data[first].gram
         moment = moment + data[first].moment
@@ -123,11 +128,11 @@ def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: 
         score = moment[index] - cross @ known.mean
         spread, log_inner = inverse(inner)
         change = spread @ score
-        gain = 0.5 * (float(score @ change) - log_size - log_inner) + edges[first]
+        gain = 0.5 * (float(score @ change) - log_size - log_inner) + max(edges[first], 0.0)
         if gain > best[0]:
             best = (gain, first, change, spread, cross)
     gain, first, change, spread, cross = best
-    edge = [data[first - 1]] if edges[first] > 0.0 else []
+    edge = max(edges[first], 0.0)
     # the change moves what is known of the other parameters, too
     pull = np.zeros((len(known.mean), len(index)))
     pull[index, np.arange(len(index))] = 1.0
@@ -135,22 +140,21 @@ def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: 
     before = known.mean - known.covariance @ cross.T @ change
     part = np.zeros(len(known.mean))
     part[index] = change
-    since = [*edge, *data[first:]]
-    old = sum(energy(block, before) for block in since)
-    new = sum(energy(block, before) - jolt(scene, block, target, before).removed for block in edge)
-    new += sum(energy(block, before + part) for block in data[first:])
+    old = sum(energy(block, before) for block in data[first:])
+    new = sum(energy(block, before + part) for block in data[first:])
     return Explanation(
         kind,
         target,
-        since[0].start,
+        data[first - 1 if edge else first].start,
         data[-1].end,
         gain,
         1.0 - new / max(old, 1e-300),
-        misfit(since, new),
+        misfit(data[first:], new),
         change,
         spread,
         before + part,
         known.covariance + pull @ spread @ pull.T,
+        edge,
     )
 
 
