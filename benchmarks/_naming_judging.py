@@ -62,7 +62,7 @@ def judge(truth: Json, found: Sequence[Json], robot: Robot) -> dict[str, Any]:
     ]
     hidden = []
     for one in (t for t in truths if t.hidden):
-        hits = [k for k, hit in enumerate(by_finding) if hit is one]
+        hits = [k for k, hit in enumerate(by_finding) if hit is one or _other_half(found[k], hit, one)]
         before = [k for k in range(hits[0]) if not _is_wear(by_finding[k])] if hits else []
         hidden.append(
             {
@@ -145,6 +145,13 @@ def _together(finding: Json, found: Sequence[Json], robot: Robot) -> list[Json]:
     if finding["effect"] not in HALVES:
         return [finding]
     return [f for f in found if f["effect"] in HALVES and _target(f, robot) == _target(finding, robot)]
+
+
+def _other_half(finding: Json, hit: Truth | None, one: Truth) -> bool:
+    """Whether a finding that is right about Coulomb friction or an offset says both: uneven friction."""
+    if hit is None or finding["effect"] != "asymmetric_friction":
+        return False
+    return {hit.name, one.name} == HALVES and hit.target == one.target
 
 
 def _same_physics(

@@ -103,6 +103,24 @@ def test_asymmetric_friction_in_two_halves(robot):
     assert not judge(entry, halves[:1], robot)["hidden"][0]["named"]
 
 
+def test_one_half_may_list_for_both(robot):
+    rivals = ({"effect": "asymmetric_friction", "joint": J1},)
+    halves = [
+        finding("coulomb_friction", J1, coulomb=0.75),
+        finding("effort_offset", J1, rivals=rivals, offset=-0.25),
+    ]
+    outcome = judge(truth(hidden("asymmetric_friction", J1, positive=1.0, negative=0.5)), halves, robot)
+    assert outcome["hidden"][0]["named"] and outcome["false"] == []
+
+
+@pytest.mark.parametrize("listed", [True, False])
+def test_two_halves_as_asymmetric_friction(robot, listed):
+    rivals = ({"effect": "effort_offset", "joint": J1},) if listed else ()
+    found = [finding("asymmetric_friction", J1, rivals=rivals, positive=0.5, negative=1.0)]
+    entry = truth(hidden("coulomb_friction", J1, coulomb=0.75), hidden("effort_offset", J1, offset=-0.25))
+    assert [one["named"] for one in judge(entry, found, robot)["hidden"]] == [listed, listed]
+
+
 @pytest.mark.parametrize("name, right", [("arm2", True), ("arm6", False)])
 def test_a_tilt_is_the_zero_of_a_first_joint_that_is_not_vertical(name, right):
     robot = Robot.bundled(name)
