@@ -390,7 +390,7 @@ def changes(quick: bool) -> int:
     import _live_changes
 
     counts = dict.fromkeys(_live_changes.KINDS, 3) if quick else CHANGES
-    draws = _live_changes.measure(counts, first_seed=3000)
+    draws = _live_changes.measure(counts, first_seed=4000)
     print(_live_changes.table(draws))
     CHANGES_RESULTS.write_text(json.dumps([asdict(d) for d in draws], indent=1) + "\n", encoding="utf-8")
     return 0

@@ -64,8 +64,9 @@ def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> lis
     tip = scene.width - 1
     found: list[Explanation] = []
     for target in range(scene.width):
-        found += [step(scene, data, known, kind, target) for kind in ("payload", "friction")]
-        push = _push(scene, data, known, target)
+        jolts = [jolt(scene, block, target) for block in data]
+        found += [step(scene, data, known, kind, target, jolts) for kind in ("payload", "friction")]
+        push = _push(data, known, target, jolts)
         if push is not None:
             found.append(push)
     # a name that fits but for its edges raises the noise for all: rivals are apart by what that noise allows
@@ -93,72 +94,6 @@ def _outermost_first(ranked: list[Explanation]) -> list[Explanation]:
 
 
 @dataclass(frozen=True)
-class Known:
-    """The base parameters if nothing changed: prior information, and mean and covariance after the data."""
-
-    information: np.ndarray
-    gram: np.ndarray
-    moment: np.ndarray
-    mean: np.ndarray
-    covariance: np.ndarray
-
-    @classmethod
-    def of(cls, data: Sequence[Block], information: np.ndarray) -> Known:
-        gram = np.sum([block.gram for block in data], axis=0)
-        moment = np.sum([block.moment for block in data], axis=0)
-        covariance = inverse(information + gram)[0]
-        return cls(information, gram, moment, covariance @ moment, covariance)
-
-
-def step(scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: int) -> Explanation:
-    """Parameters that are others from some block on, by Schur complements of what is known without.
-
-    A change hardly ever falls on the edge of a block: the block before may have a wrench of its own, if it knows of wrenches.
-    """
-    index, size = scene.changed(kind, target)
-    inverse_size, log_size = inverse(size)
-    gram, moment = np.zeros_like(known.gram), np.zeros_like(known.moment)
-    best = (-np.inf, 0, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
-    edges = [0.0, *(jolt(scene, b, target).evidence if len(b.pull_gram) else 0.0 for b in data[:-1])]
-    for first in range(len(data) - 1, -1, -1):
-        gram = gram + data[first].gram
-        moment = moment + data[first].moment
-        cross = gram[index]
-        inner = gram[np.ix_(index, index)] - cross @ known.covariance @ cross.T + inverse_size
-        score = moment[index] - cross @ known.mean
-        spread, log_inner = inverse(inner)
-        change = spread @ score
-        gain = 0.5 * (float(score @ change) - log_size - log_inner) + max(edges[first], 0.0)
-        if gain > best[0]:
-            best = (gain, first, change, spread, cross)
-    gain, first, change, spread, cross = best
-    edge = max(edges[first], 0.0)
-    # the change moves what is known of the other parameters, too
-    pull = np.zeros((len(known.mean), len(index)))
-    pull[index, np.arange(len(index))] = 1.0
-    pull -= known.covariance @ cross.T
-    before = known.mean - known.covariance @ cross.T @ change
-    part = np.zeros(len(known.mean))
-    part[index] = change
-    old = sum(energy(block, before) for block in data[first:])
-    new = sum(energy(block, before + part) for block in data[first:])
-    return Explanation(
-        kind,
-        target,
-        data[first - 1 if edge else first].start,
-        data[-1].end,
-        gain,
-        1.0 - new / max(old, 1e-300),
-        misfit(data[first:], new),
-        change,
-        spread,
-        before + part,
-        known.covariance + pull @ spread @ pull.T,
-        edge,
-    )
-
-
-@dataclass(frozen=True)
 class Jolt:
     """A wrench on one body in one block: its evidence, mean and covariance, and the weighted square it removes."""
 
@@ -167,36 +102,148 @@ class Jolt:
     spread: np.ndarray
     removed: float
 
+    def beside(self, block: Block, target: int, mean: np.ndarray) -> Jolt:
+        """The wrench where the base parameters are off by `mean`, and what it then removes."""
+        gram, score = block.pull_gram[target], block.pull_moment[target] - block.cross[target] @ mean
+        wrench = self.spread @ score
+        removed = 2.0 * float(wrench @ score) - float(wrench @ gram @ wrench)
+        return replace(self, wrench=wrench, removed=removed)
 
-def jolt(scene: Scene, block: Block, target: int, mean: np.ndarray | None = None) -> Jolt:
-    """The wrench that explains a block best where the base parameters are off by `mean`; None for not at all."""
+
+def jolt(scene: Scene, block: Block, target: int) -> Jolt:
+    """The wrench that explains a block best where the base parameters are not off at all."""
     inverse_size, log_size = inverse(scene.wrench)
     gram, score = block.pull_gram[target], block.pull_moment[target]
-    score = score if mean is None else score - block.cross[target] @ mean
     spread, log_inner = inverse(gram + inverse_size)
     wrench = spread @ score
     evidence = 0.5 * (float(score @ wrench) - log_size - log_inner)
     return Jolt(evidence, wrench, spread, 2.0 * float(wrench @ score) - float(wrench @ gram @ wrench))
 
 
-def _push(scene: Scene, data: Sequence[Block], known: Known, target: int) -> Explanation | None:
+@dataclass(frozen=True)
+class Known:
+    """The base parameters if nothing changed: prior information, and mean and covariance after the data.
+
+    Attributes:
+        evidence: log evidence of the data up to a constant of the prior.
+    """
+
+    information: np.ndarray
+    gram: np.ndarray
+    moment: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+    evidence: float
+
+    @classmethod
+    def of(cls, data: Sequence[Block], information: np.ndarray) -> Known:
+        gram = np.sum([block.gram for block in data], axis=0)
+        return cls.from_sums(information, gram, np.sum([block.moment for block in data], axis=0))
+
+    @classmethod
+    def from_sums(cls, information: np.ndarray, gram: np.ndarray, moment: np.ndarray) -> Known:
+        """What sums over the data say."""
+        covariance, volume = inverse(information + gram)
+        mean = covariance @ moment
+        evidence = 0.5 * (float(moment @ mean) - volume)
+        return cls(information, gram, moment, mean, covariance, evidence)
+
+    def beside(self, wrenches: Sequence[tuple[Block, Jolt]], target: int) -> Known:
+        """What is known where some blocks of the data have a wrench of their own on a body, whatever it is."""
+        gram, moment = self.gram.copy(), self.moment.copy()
+        for block, each in wrenches:
+            cross = block.cross[target]
+            gram -= cross.T @ each.spread @ cross
+            moment -= cross.T @ each.wrench
+        found = Known.from_sums(self.information, gram, moment)
+        return replace(found, evidence=found.evidence + sum(each.evidence for _, each in wrenches))
+
+
+def step(
+    scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: int, jolts: Sequence[Jolt] = ()
+) -> Explanation:
+    """Parameters that are others from some block on, by Schur complements of what is known without.
+
+    Args:
+        jolts: a wrench on the target in each block. A change hardly ever falls on the edge of a block: the block before may
+            have its own. Without them it may not.
+    """
+    index, size = scene.changed(kind, target)
+    inverse_size, log_size = inverse(size)
+    gram, moment = np.zeros_like(known.gram), np.zeros_like(known.moment)
+    best, chosen = _Step(-np.inf, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))), (known, 0, 0.0)
+    for first in range(len(data) - 1, -1, -1):
+        gram = gram + data[first].gram
+        moment = moment + data[first].moment
+        variants = [(known, 0.0)]
+        if jolts and first > 0 and jolts[first - 1].evidence > 0.0:
+            begun = known.beside([(data[first - 1], jolts[first - 1])], target)
+            variants.append((begun, begun.evidence - known.evidence))
+        for without, edge in variants:
+            tried = _step(without, gram[index], moment[index], index, inverse_size, log_size)
+            if tried.gain + edge > best.gain + chosen[2]:
+                best, chosen = tried, (without, first, edge)
+    without, first, edge = chosen
+    # the change moves what is known of the other parameters, too
+    pull = np.zeros((len(known.mean), len(index)))
+    pull[index, np.arange(len(index))] = 1.0
+    pull -= without.covariance @ best.cross.T
+    before = without.mean - without.covariance @ best.cross.T @ best.change
+    part = np.zeros(len(known.mean))
+    part[index] = best.change
+    old = sum(energy(block, before) for block in data[first:])
+    new = sum(energy(block, before + part) for block in data[first:])
+    return Explanation(
+        kind,
+        target,
+        data[first if without is known else first - 1].start,
+        data[-1].end,
+        best.gain + edge,
+        1.0 - new / max(old, 1e-300),
+        misfit(data[first:], new),
+        best.change,
+        best.spread,
+        before + part,
+        without.covariance + pull @ best.spread @ pull.T,
+        edge,
+    )
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A change of some parameters: log odds, mean, covariance, and its information shared with all parameters."""
+
+    gain: float
+    change: np.ndarray
+    spread: np.ndarray
+    cross: np.ndarray
+
+
+def _step(
+    known: Known,
+    cross: np.ndarray,
+    moment: np.ndarray,
+    index: np.ndarray,
+    inverse_size: np.ndarray,
+    log_size: float,
+) -> _Step:
+    inner = cross[:, index] - cross @ known.covariance @ cross.T + inverse_size
+    score = moment - cross @ known.mean
+    spread, log_inner = inverse(inner)
+    change = spread @ score
+    return _Step(0.5 * (float(score @ change) - log_size - log_inner), change, spread, cross)
+
+
+def _push(data: Sequence[Block], known: Known, target: int, jolts: Sequence[Jolt]) -> Explanation | None:
     """A wrench on one body over some blocks, another one in each."""
-    jolts = [jolt(scene, block, target) for block in data]
-    gains = [each.evidence for each in jolts]
-    low, high = _best_run(gains)
+    low, high = _best_run([each.evidence for each in jolts])
     if high == low:
         return None
-    gram, moment = known.gram.copy(), known.moment.copy()
-    for block, each in zip(data[low:high], jolts[low:high], strict=True):
-        cross = block.cross[target]
-        gram -= cross.T @ each.spread @ cross
-        moment -= cross.T @ each.wrench
-    covariance, log_with = inverse(known.information + gram)
-    mean = covariance @ moment
-    log_without = -np.linalg.slogdet(known.covariance)[1]
-    without = 0.5 * (float(known.moment @ known.mean) - log_without)
-    evidence = sum(gains[low:high]) + 0.5 * (float(moment @ mean) - log_with) - without
-    settled = [jolt(scene, block, target, mean) for block in data[low:high]]
+    pushed = known.beside(list(zip(data[low:high], jolts[low:high], strict=True)), target)
+    mean = pushed.mean
+    settled = [
+        each.beside(block, target, mean) for block, each in zip(data[low:high], jolts[low:high], strict=True)
+    ]
     whole = sum(energy(block, mean) for block in data[low:high])
     removed = sum(each.removed for each in settled)
     return Explanation(
@@ -204,13 +251,13 @@ def _push(scene: Scene, data: Sequence[Block], known: Known, target: int) -> Exp
         target,
         data[low].start,
         data[high - 1].end,
-        evidence,
+        pushed.evidence - known.evidence,
         removed / max(whole, 1e-300),
         misfit(data[low:high], whole - removed),
         np.mean([each.wrench for each in settled], axis=0),
         np.mean([each.spread for each in settled], axis=0) / (high - low),
         mean,
-        covariance,
+        pushed.covariance,
     )
 
 
