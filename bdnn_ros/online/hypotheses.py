@@ -65,7 +65,12 @@ def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> lis
     found: list[Explanation] = []
     for target in range(scene.width):
         jolts = [jolt(scene, block, target) for block in data]
-        found += [step(scene, data, known, kind, target, jolts) for kind in ("payload", "friction")]
+        # a change hardly ever falls on the edge of a block: the one before it may have a wrench of its own
+        begun = [
+            known.beside([(block, each)], target) if each.evidence > 0.0 else None
+            for block, each in zip(data, jolts, strict=True)
+        ]
+        found += [step(scene, data, known, kind, target, begun) for kind in ("payload", "friction")]
         push = _push(data, known, target, jolts)
         if push is not None:
             found.append(push)
@@ -95,29 +100,26 @@ def _outermost_first(ranked: list[Explanation]) -> list[Explanation]:
 
 @dataclass(frozen=True)
 class Jolt:
-    """A wrench on one body in one block: its evidence, mean and covariance, and the weighted square it removes."""
+    """A wrench on one body in one block: its evidence, mean and covariance."""
 
     evidence: float
     wrench: np.ndarray
     spread: np.ndarray
-    removed: float
 
-    def beside(self, block: Block, target: int, mean: np.ndarray) -> Jolt:
-        """The wrench where the base parameters are off by `mean`, and what it then removes."""
+    def beside(self, block: Block, target: int, mean: np.ndarray) -> tuple[np.ndarray, float]:
+        """The wrench where the base parameters are off by `mean`, and the weighted square it then removes."""
         gram, score = block.pull_gram[target], block.pull_moment[target] - block.cross[target] @ mean
         wrench = self.spread @ score
-        removed = 2.0 * float(wrench @ score) - float(wrench @ gram @ wrench)
-        return replace(self, wrench=wrench, removed=removed)
+        return wrench, 2.0 * float(wrench @ score) - float(wrench @ gram @ wrench)
 
 
 def jolt(scene: Scene, block: Block, target: int) -> Jolt:
     """The wrench that explains a block best where the base parameters are not off at all."""
     inverse_size, log_size = inverse(scene.wrench)
-    gram, score = block.pull_gram[target], block.pull_moment[target]
-    spread, log_inner = inverse(gram + inverse_size)
+    score = block.pull_moment[target]
+    spread, log_inner = inverse(block.pull_gram[target] + inverse_size)
     wrench = spread @ score
-    evidence = 0.5 * (float(score @ wrench) - log_size - log_inner)
-    return Jolt(evidence, wrench, spread, 2.0 * float(wrench @ score) - float(wrench @ gram @ wrench))
+    return Jolt(0.5 * (float(score @ wrench) - log_size - log_inner), wrench, spread)
 
 
 @dataclass(frozen=True)
@@ -160,13 +162,17 @@ class Known:
 
 
 def step(
-    scene: Scene, data: Sequence[Block], known: Known, kind: Kind, target: int, jolts: Sequence[Jolt] = ()
+    scene: Scene,
+    data: Sequence[Block],
+    known: Known,
+    kind: Kind,
+    target: int,
+    begun: Sequence[Known | None] = (),
 ) -> Explanation:
     """Parameters that are others from some block on, by Schur complements of what is known without.
 
     Args:
-        jolts: a wrench on the target in each block. A change hardly ever falls on the edge of a block: the block before may
-            have its own. Without them it may not.
+        begun: what is known where the change begins inside each block, if it may.
     """
     index, size = scene.changed(kind, target)
     inverse_size, log_size = inverse(size)
@@ -175,14 +181,12 @@ def step(
     for first in range(len(data) - 1, -1, -1):
         gram = gram + data[first].gram
         moment = moment + data[first].moment
-        variants = [(known, 0.0)]
-        if jolts and first > 0 and jolts[first - 1].evidence > 0.0:
-            begun = known.beside([(data[first - 1], jolts[first - 1])], target)
-            variants.append((begun, begun.evidence - known.evidence))
-        for without, edge in variants:
-            tried = _step(without, gram[index], moment[index], index, inverse_size, log_size)
-            if tried.gain + edge > best.gain + chosen[2]:
-                best, chosen = tried, (without, first, edge)
+        for without in (known, begun[first - 1] if begun and first else None):
+            if without is not None:
+                edge = without.evidence - known.evidence
+                tried = _step(without, gram[index], moment[index], index, inverse_size, log_size)
+                if tried.gain + edge > best.gain + chosen[2]:
+                    best, chosen = tried, (without, first, edge)
     without, first, edge = chosen
     # the change moves what is known of the other parameters, too
     pull = np.zeros((len(known.mean), len(index)))
@@ -245,7 +249,7 @@ def _push(data: Sequence[Block], known: Known, target: int, jolts: Sequence[Jolt
         each.beside(block, target, mean) for block, each in zip(data[low:high], jolts[low:high], strict=True)
     ]
     whole = sum(energy(block, mean) for block in data[low:high])
-    removed = sum(each.removed for each in settled)
+    removed = sum(less for _, less in settled)
     return Explanation(
         "push",
         target,
@@ -254,8 +258,8 @@ def _push(data: Sequence[Block], known: Known, target: int, jolts: Sequence[Jolt
         pushed.evidence - known.evidence,
         removed / max(whole, 1e-300),
         misfit(data[low:high], whole - removed),
-        np.mean([each.wrench for each in settled], axis=0),
-        np.mean([each.spread for each in settled], axis=0) / (high - low),
+        np.mean([wrench for wrench, _ in settled], axis=0),
+        np.mean([each.spread for each in jolts[low:high]], axis=0) / (high - low),
         mean,
         pushed.covariance,
     )
