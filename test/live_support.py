@@ -94,12 +94,17 @@ class Process:
 
     def children(self) -> list[int]:
         """Process ids of its children."""
-        path = Path(f"/proc/{self.pid}/task/{self.pid}/children")
-        found = [int(pid) for pid in path.read_text().split()]
-        for task in Path(f"/proc/{self.pid}/task").iterdir():
+        return children(self.pid)
+
+
+def children(parent: int) -> list[int]:
+    """Process ids of a process's children, whichever of its threads started them."""
+    found: set[int] = set()
+    with contextlib.suppress(OSError):
+        for task in Path(f"/proc/{parent}/task").iterdir():
             with contextlib.suppress(OSError):
-                found += [int(pid) for pid in (task / "children").read_text().split()]
-        return sorted(set(found))
+                found |= {int(pid) for pid in (task / "children").read_text().split()}
+    return sorted(found)
 
 
 @contextlib.contextmanager

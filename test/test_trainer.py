@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_support import motion, real_robot, wait_until
+from live_support import children, motion, real_robot, wait_until
 
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
 from bdnn_ros.online.buffer import Ring
@@ -82,6 +82,24 @@ def test_a_question_that_dies_with_the_trainer_is_answered(session):
     os.kill(pid, signal.SIGKILL)
     with pytest.raises(DataError, match="ended"):
         later.result(30.0)
+
+
+@pytest.mark.parametrize("ending", ["killed", "trainer killed", "stopped"])
+def test_a_diagnosis_that_is_broken_off_leaves_no_process(session, ending):
+    send(session, motion(REAL, 20.0, 250.0, noise=0.002))
+    wait_until(lambda: session.served.number >= 5, 30.0)
+    trainer, asked = session.supervisor.pid, session.diagnose(0.0)
+    (diagnosis,) = wait_until(lambda: children(trainer), 10.0)
+    if ending == "killed":
+        os.kill(diagnosis, signal.SIGKILL)
+        assert "was ended" in asked.result(10.0).info["error"]
+        assert session.supervisor.pid == trainer and session.supervisor.restarts == 0
+        assert session.diagnose(0.0).result(60.0).info["diagnosis"]["findings"]
+    elif ending == "trainer killed":
+        os.kill(trainer, signal.SIGKILL)
+    else:
+        session.stop()
+    wait_until(lambda: not Path(f"/proc/{diagnosis}").exists(), 5.0)
 
 
 def test_models_of_others_are_not_loaded(session, tmp_path):

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import ctypes
 import queue
+import subprocess
 import sys
 import threading
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.channel import Message
+from bdnn_ros.online.channel import Channel, Message
+from bdnn_ros.online.diagnosing import question
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.robot import Robot
 
 FIRST = 10.0
 """Stream time before the first diagnosis of its own accord [s]."""
 MOST_WAITING = 4
+DIAGNOSIS = (sys.executable, "-m", "bdnn_ros.online.diagnosing")
 
 
 @dataclass(frozen=True)
@@ -32,12 +33,13 @@ class _Job:
 
 
 class Analyst:
-    """Runs one diagnosis at a time in a thread of the trainer's process; learning goes on beside it."""
+    """Has one diagnosis at a time made, in a process of its own; learning goes on beside it."""
 
     def __init__(self, say: Callable[[Message], None]) -> None:
         self._say = say
         self._jobs: queue.Queue[_Job] = queue.Queue(MOST_WAITING)
         self._busy = threading.Event()
+        self._process: subprocess.Popen[bytes] | None = None
         self._robot: Robot | None = None
         self._feed: Feed | None = None
         self._cutoff: float | None = None
@@ -96,35 +98,41 @@ class Analyst:
     def _refuse(self, request: int, reason: str) -> None:
         self._say(Message("findings", {"request": request, "error": reason}))
 
+    def end(self) -> None:
+        """Break off a diagnosis that is being made: no process is left."""
+        process = self._process
+        if process is not None:
+            process.kill()
+            process.wait()
+
     def _work(self) -> None:
         while True:
             job = self._jobs.get()
             self._busy.set()
             try:
-                self._last = _diagnose(job)
-                self._say(Message("findings", {"request": job.request, "diagnosis": self._last}))
-            except BdnnError as error:
-                self._refuse(job.request, str(error))
-            except Exception as error:  # whatever it is, the learning goes on
-                traceback.print_exc(file=sys.stderr)
-                self._refuse(job.request, f"The diagnosis failed ({type(error).__name__}).")
+                told = self._answer(question(job.feed.recording(job.window), job.robot, job.cutoff))
+            except (BdnnError, OSError) as error:  # OSError: the machine has no room for another process
+                told = {"error": str(error)}
             finally:
                 self._busy.clear()
-                _give_back_memory()
+            self._last = told.get("diagnosis", self._last)
+            self._say(Message("findings", {"request": job.request, **told}))
 
-
-def _diagnose(job: _Job) -> dict[str, Any]:
-    from bdnn_ros.diagnosis.diagnose import diagnose  # slow to import, and not needed to learn
-
-    recording = job.feed.recording(job.window)
-    return diagnose([recording], job.robot, cutoff=job.cutoff).as_json()
-
-
-def _give_back_memory() -> None:
-    """What a diagnosis took for a moment, glibc would keep."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # other C libraries have none
-    if trim is not None:
-        trim(0)
+    def _answer(self, asked: Message) -> dict[str, Any]:
+        """The diagnosis, or why there is none, from a process that is gone afterwards."""
+        channel, there = Channel.pair()
+        with there:
+            command = [*DIAGNOSIS, "--channel", str(there.fileno())]
+            process = subprocess.Popen(command, pass_fds=[there.fileno()], stdin=subprocess.DEVNULL)
+        self._process = process
+        try:
+            channel.send(asked)
+            return channel.receive().info
+        except ConnectionError:
+            return {"error": "The process of the diagnosis was ended. Is there memory enough?"}
+        finally:
+            channel.close()
+            process.wait()
 
 
 def with_stamps(finding: dict[str, Any], states: Ring) -> dict[str, Any]:

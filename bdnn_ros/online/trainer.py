@@ -186,11 +186,13 @@ def main(arguments: list[str] | None = None) -> int:
     os.nice(options.nice)
     threading.current_thread().name = "trainer"
     channel = Channel(socket.socket(fileno=options.channel))
+    trainer = Trainer(channel)
     try:
-        Trainer(channel).run()
+        trainer.run()
     except ConnectionError:
         pass  # the node is gone
     finally:
+        trainer.analyst.end()
         channel.close()
     return 0
 

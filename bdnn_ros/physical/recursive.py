@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.sensing import SensorNoise
-from bdnn_ros.physical.statistics import Statistics
+from bdnn_ros.physical.statistics import Blocks, Statistics
 from bdnn_ros.physical.structure import Layout
 
 SMALLEST_NOISE = 1e-5
@@ -25,7 +25,7 @@ FIRST_ITERATIONS = 40
 SETTLED = 0.02
 """Share by which the weights of the joints' rows change no more."""
 MOST_BLOCKS = 32
-"""Blocks of time kept apart; beyond that, neighbours are joined and a block covers twice the time."""
+"""Blocks of time kept apart."""
 FEWEST_BLOCKS = 6
 """Blocks it takes to tell how the residual is correlated."""
 
@@ -68,11 +68,17 @@ class Recursion:
 
     Args:
         belief: Gaussian prior of the base parameters.
+
+    Attributes:
+        total: of all rows, None before the first.
+        blocks: of successive stretches of time.
+        noise, correlation: as in `Posterior`.
     """
 
     def __init__(self, belief: Prior) -> None:
         self.belief = belief
         self.prior_information = inverse(belief.covariance)
+        self.blocks = Blocks(MOST_BLOCKS)
         self.clear()
         self.doubt()
 
@@ -86,15 +92,7 @@ class Recursion:
         """Forget all data; what the residual is like stays."""
         self.total: Statistics | None = None
         self.sensors: SensorNoise | None = None
-        self._blocks: list[Statistics] = []
-        self._part: Statistics | None = None
-        self._parts = 0
-        self._per_block = 1
-
-    @property
-    def blocks(self) -> list[Statistics]:
-        """Statistics of successive stretches of time."""
-        return [*self._blocks, *([self._part] if self._part is not None else [])]
+        self.blocks.clear()
 
     def update(
         self,
@@ -112,18 +110,7 @@ class Recursion:
             self.sensors = sensors if self.sensors is None else self.sensors + sensors
         statistics = Statistics.of(columns, effort, weights)
         self.total = statistics if self.total is None else self.total + statistics
-        self._part = statistics if self._part is None else self._part + statistics
-        self._parts += 1
-        if self._parts >= self._per_block:
-            self._blocks.append(self._part)
-            self._part, self._parts = None, 0
-        if len(self._blocks) > MOST_BLOCKS:
-            # an odd block at the end goes on growing
-            if len(self._blocks) % 2:
-                self._part, self._parts = self._blocks[-1], 1
-            pairs = zip(self._blocks[::2], self._blocks[1::2], strict=False)
-            self._blocks = [first + second for first, second in pairs]
-            self._per_block *= 2
+        self.blocks.add(statistics)
 
     def solve(self, layout: Layout, iterations: int = 1) -> Posterior:
         """The parameters after all data so far.

@@ -51,7 +51,7 @@ def choose(recursion: Recursion, plain: Structure, layout: Layout) -> Structure:
     Args:
         plain: nothing switched on; by its layout the noise was estimated.
     """
-    blocks = recursion.blocks
+    blocks = list(recursion.blocks)
     if len(blocks) < FEWEST_BLOCKS:
         return plain
     edges = np.linspace(0, len(blocks), min(FOLDS, len(blocks)) + 1).round().astype(int)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,6 +75,59 @@ class Regression:
         """Σ w (y − φᵀ x)² under coefficients (k,)."""
         fitted = float(coefficients @ self.gram @ coefficients)
         return max(self.energy - 2.0 * float(coefficients @ self.moment) + fitted, 0.0)
+
+
+class Blocks:
+    """Statistics of successive stretches of time, in memory that is taken once: a stream may last for days.
+
+    Args:
+        most: blocks kept apart; beyond that, neighbours are joined and a block covers twice the time.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._memory: tuple[np.ndarray, ...] = ()
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget them all."""
+        self._count = self._parts = 0
+        self._per_block = 1
+
+    def add(self, statistics: Statistics) -> None:
+        """Take in what the next stretch says."""
+        parts = (statistics.gram, statistics.moment, statistics.energy, statistics.count)
+        if not self._memory:
+            self._memory = tuple(np.zeros((self._most + 1, *part.shape)) for part in parts)
+        if self._parts == 0:
+            self._count += 1
+            for kept, part in zip(self._memory, parts, strict=True):
+                kept[self._count - 1] = part
+        else:
+            for kept, part in zip(self._memory, parts, strict=True):
+                kept[self._count - 1] += part
+        self._parts += 1
+        if self._parts >= self._per_block:
+            self._parts = 0
+        if self._count > self._most and self._parts == 0:
+            self._join()
+
+    def _join(self) -> None:
+        pairs, odd = divmod(self._count, 2)
+        for kept in self._memory:
+            for pair in range(pairs):
+                np.add(kept[2 * pair], kept[2 * pair + 1], out=kept[pair])
+            kept[pairs] = kept[self._count - 1]
+        self._count, self._parts = pairs + odd, odd  # an odd block at the end goes on growing
+        self._per_block *= 2
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[Statistics]:
+        """Views, valid until the next `add`."""
+        for block in range(self._count):
+            yield Statistics(*(kept[block] for kept in self._memory))
 
 
 def summed(parts: Sequence[Statistics]) -> Statistics:
