@@ -18,7 +18,6 @@ from bdnn_ros.robot import Robot
 RELINEARISATIONS = 4
 CONSISTENT = 0.1
 """Columns are exact enough where the shape they were made with is found again within this share."""
-ON_BODIES = frozenset({"payload", "link_inertia"})
 ANGLES = {"base_tilt", "position_offset"}
 """One angle, where a joint turns about the axis that the base tilts about."""
 COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
@@ -106,7 +105,7 @@ class Candidates:
         plant = Plant(self.robot.with_inertials(self.robot.inertials.ravel() + errors))
         for chosen in fit.terms:
             term = pool.terms[chosen]
-            if term.effect.name in ON_BODIES:
+            if term.effect.on_body:
                 coefficients = pool.coefficients(fit, chosen)
                 values = term.effect.values(coefficients, dict(term.shape))
                 term.effect.install(plant, term.target, values, term.link)

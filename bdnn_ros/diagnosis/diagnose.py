@@ -206,8 +206,9 @@ def _diagnosis(
 ) -> Diagnosis:
     extended, judgements = attempt.extended, attempt.judgements
     held = equations.usable & attempt.test[:, None]
-    taken = removed(equations, attempt.fitted, extended, held)
-    worth = _worth_a_name(equations, attempt, held) | _worth_a_name(equations, attempt, equations.usable)
+    taken, ever = (removed(equations, attempt.fitted, extended, rows) for rows in (held, equations.usable))
+    # what lasts a moment may remove nothing in any held-out row
+    worth = _noticed(equations, attempt, taken, held) | _noticed(equations, attempt, ever, equations.usable)
     simulation, after = rms(equations.target, held), rms(extended, held)
     before = float(np.sum(simulation**2))
     findings = [
@@ -237,10 +238,11 @@ def _diagnosis(
     )
 
 
-def _worth_a_name(equations: Equations, attempt: _Attempt, rows: np.ndarray) -> set[int]:
-    """Which of the chosen terms remove enough at these rows (R, n); what lasts a moment may do so in no held-out row."""
+def _noticed(
+    equations: Equations, attempt: _Attempt, taken: Sequence[np.ndarray], rows: np.ndarray
+) -> set[int]:
+    """Which of the chosen terms take enough at these rows (R, n) to be worth a name."""
     left = rms(attempt.extended, rows)
-    taken = removed(equations, attempt.fitted, attempt.extended, rows)
     return {
         k
         for k, (term, less) in enumerate(zip(attempt.fitted.terms, taken, strict=True))

@@ -199,8 +199,7 @@ def motion_of(robot: Robot, piece: Piece) -> Motion:
         raw_rate=RATE,
     )
     load = robot.rigid_effort(path.position, path.velocity, path.acceleration)
-    load = load + robot.armature * path.acceleration + robot.viscous * path.velocity
-    return Motion(signals, robot, load + robot.coulomb * signals.sign)
+    return Motion(signals, robot, load + robot.drive_effort(path.velocity, path.acceleration, signals.sign))
 
 
 def _suspect_columns(suspect: Suspect, motion: Motion) -> tuple[np.ndarray, np.ndarray]:

@@ -75,6 +75,8 @@ class Effect(ABC):
     """Its columns are made from the load, so a better estimate of the load changes them."""
     of_bodies: ClassVar[bool] = False
     """Its columns are made from the robot's bodies, so a better estimate of them changes them."""
+    on_body: ClassVar[bool] = False
+    """It is a body or changes one: all joints before it carry it."""
     at_sensor: ClassVar[bool] = False
     """It changes what is measured of the effort, not the effort that acts: no joint carries it."""
     in_drive: ClassVar[bool] = False

@@ -22,8 +22,6 @@ EFFORT_SHARE = 0.95
 """Largest effort per limit with the effect."""
 TELLING = 0.05
 """What an effect adds to a simpler one that it contains, per spread of the effort: less makes little difference."""
-CARRIED = ("payload", "link_inertia")
-"""Bodies count at the joint that carries most of them."""
 LEAST_SCALED = 0.2
 """A link off by less is one of many that are."""
 
@@ -140,7 +138,7 @@ def _sized(
     spread = np.maximum(np.std(motion.load, axis=0), 1e-9)
     size = np.sqrt(np.mean(added**2, axis=0))
     # a gram at the last joint is much for that joint's effort, and nothing to the arm that carries it
-    reached = float((size / spread)[np.argmax(size if effect.name in CARRIED else size / spread)])
+    reached = float((size / spread)[np.argmax(size if effect.on_body else size / spread)])
     if reached < 1e-6:
         return None
     scaled = effect.values(coefficients * (share / reached), shape)

@@ -12,6 +12,11 @@ from scipy.interpolate import CubicSpline
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
+OF_MOTION = ("regressor", "_pulls")
+"""Cached, and the same whatever the bodies and the load are."""
+OF_BODIES = ("link_load", "_slopes", "gravity_pulls")
+"""Cached, and the same whatever the load is."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -177,22 +182,14 @@ class Motion:
 
     def with_robot(self, robot: Robot) -> Motion:
         """The same motion with another estimate of the robot's bodies."""
-        other = replace(self, robot=robot)
-        for kept in ("regressor", "_pulls"):  # they do not depend on the bodies
-            if kept in self.__dict__:
-                other.__dict__[kept] = self.__dict__[kept]
-        return other
+        return self._handing_on(replace(self, robot=robot), OF_MOTION)
 
     def with_load(self, load: np.ndarray, drive: np.ndarray | None = None) -> Motion:
         """The same motion with another estimate of the load, and of the drives' share of it (None keeps)."""
         other = replace(self, load=load, drive=self.drive if drive is None else drive)
-        for kept in (
-            "link_load",
-            "regressor",
-            "_pulls",
-            "_slopes",
-            "gravity_pulls",
-        ):  # they do not depend on the load
-            if kept in self.__dict__:
-                other.__dict__[kept] = self.__dict__[kept]
+        return self._handing_on(other, OF_MOTION + OF_BODIES)
+
+    def _handing_on(self, other: Motion, names: tuple[str, ...]) -> Motion:
+        """The other with what was computed here already."""
+        other.__dict__.update({name: self.__dict__[name] for name in names if name in self.__dict__})
         return other

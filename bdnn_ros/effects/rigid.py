@@ -62,6 +62,7 @@ class Payload(Effect):
     name = "payload"
     title = "a payload"
     on = "link"
+    on_body = True
     parameters = (
         Parameter("mass", "kg", 0.0, plausible=(0.2, 3.0)),
         Parameter("com_x", "m", -1.0, 1.0, plausible=(-0.05, 0.05), default=0.0),
@@ -119,6 +120,7 @@ class LinkInertia(Effect):
     name = "link_inertia"
     title = "wrong mass and inertia"
     on = "link"
+    on_body = True
     parameters = (
         Parameter("mass", "kg", 0.0),
         Parameter("nominal_mass", "kg", 0.0),
