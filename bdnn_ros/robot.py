@@ -212,17 +212,25 @@ class Robot:
         """Pinocchio's body (joint id - 1) that moves with each joint, (n,)."""
         return np.array([self._model.getJointId(name) - 1 for name in self.joints])
 
-    def link_jacobian(self, position: np.ndarray, link: str) -> np.ndarray:
-        """Jacobian of a link frame's origin, world-aligned, linear over angular rows, (N, 6, n).
+    def link_jacobian(self, position: np.ndarray, link: str, point: np.ndarray | None = None) -> np.ndarray:
+        """Jacobian of a point of a link, world-aligned, linear over angular rows, (N, 6, n).
+
+        Args:
+            point: in the link's frame, (3,) [m]; None for its origin.
 
         Raises:
             UsageError: the URDF has no such link.
         """
         frame = self._frame(link)
         aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        q = self._columns(position)
-        rows = [pin.computeFrameJacobian(self._model, self._data, row, frame, aligned) for row in q]
-        return np.array(rows).reshape(len(q), 6, self.width)[:, :, self._order]
+        rows = []
+        for row in self._columns(position):
+            jacobian = pin.computeFrameJacobian(self._model, self._data, row, frame, aligned)
+            if point is not None:
+                arm = pin.updateFramePlacement(self._model, self._data, frame).rotation @ point
+                jacobian[:3] -= pin.skew(arm) @ jacobian[3:]
+            rows.append(jacobian)
+        return np.array(rows).reshape(-1, 6, self.width)[:, :, self._order]
 
     # -- links -----------------------------------------------------------------------------------------------
 

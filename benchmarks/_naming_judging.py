@@ -20,7 +20,12 @@ from bdnn_ros.robot import Robot
 
 WORN = {"coulomb_friction": "coulomb", "viscous_friction": "viscous", "armature": "armature"}
 HALVES = {"coulomb_friction", "effort_offset"}
-GIVEN = {"link_inertia": ("nominal_mass",), "drift": ("start", "end"), "backlash": ("transit",)}
+GIVEN = {
+    "link_inertia": ("nominal_mass",),
+    "drift": ("start", "end"),
+    "backlash": ("transit",),
+    "external_wrench": ("point_x", "point_y", "point_z"),
+}
 """Parameters that are inputs, not results."""
 SMALLEST = {"com": 0.05, "phase": 1.0, "rest": 1.0, "roll": 1.0, "pitch": 1.0}
 """Smallest magnitude that an error is counted against: a share of nearly nothing says nothing."""

@@ -16,6 +16,8 @@ from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
 RELINEARISATIONS = 4
+TOUCHING = 0.3
+"""Wrenches with less time between them may be one [s]."""
 CONSISTENT = 0.1
 """Columns are exact enough where the shape they were made with is found again within this share."""
 ANGLES = {"base_tilt", "position_offset"}
@@ -54,7 +56,7 @@ class Candidates:
             if term.place in present:
                 continue
             if term.effect.name == "external_wrench":
-                result.append(best_window(pool, fit, term))
+                result.append(self._windowed(equations, pool, fit, term))
                 continue
             shapes = term.effect.shapes(equations.motion, term.target)
             if len(shapes) == 1:
@@ -71,12 +73,20 @@ class Candidates:
         term = pool.terms[chosen]
         if not term.shape:
             return term
-        rest = pool.fit([c for c in fit.terms if c != chosen])
+        rest = pool.fit([c for c in fit.terms if c != chosen and not _piece(pool.terms[c], term)])
         term = _relinearised(equations, pool, rest, term)
         if term.effect.name == "external_wrench":
-            return _refined(equations, pool, rest, best_window(pool, rest, term), ("start", "end"))
+            return _refined(
+                equations, pool, rest, self._windowed(equations, pool, rest, term), ("start", "end")
+            )
         free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
         return _refined(equations, pool, rest, term, free) if free else term
+
+    def _windowed(self, equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
+        """A wrench at the point of its link, and between the times, where it explains most beside a fit."""
+        points = term.effect.points(self.robot, term.link)
+        tried = [best_window(pool, fit, term.shaped(point)) for point in points]
+        return max(tried, key=lambda one: _alone(equations, pool, fit, one)[0])
 
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
         """Effort that really acts by the fit, and what drives take of it before the gear, at the working rate, (N, n) [N·m]."""
@@ -122,6 +132,15 @@ def _elsewhere(term: Term, other: Term) -> bool:
     """Whether another term is what this one may have to stand for: the same on another link, a tilt for a joint's zero."""
     same = term.link is not None and term.effect is other.effect
     return same or {term.effect.name, other.effect.name} == ANGLES
+
+
+def _piece(small: Term, large: Term) -> bool:
+    """Whether a wrench may be a piece of a longer one whose window was cut too short: it begins or ends where that does."""
+    if not small.effect.name == large.effect.name == "external_wrench":
+        return False
+    one, other = dict(small.shape), dict(large.shape)
+    shorter = one["end"] - one["start"] < other["end"] - other["start"]
+    return shorter and min(abs(one["end"] - other["start"]), abs(one["start"] - other["end"])) < TOUCHING
 
 
 def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:

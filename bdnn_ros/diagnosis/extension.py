@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bdnn_ros.diagnosis.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of, tilt_of
+from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.physical.consistency import consistent
@@ -52,11 +53,11 @@ def extend(examination: Examination) -> ExtendedModel:
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
     effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
-    lead, sticking = earlier.lead + fit.coefficients[links], fit.coefficients[links + 2 :][: robot.width]
+    lead, sticking = parted(examination.pool, fit)[0], fit.coefficients[links + 2 :][: robot.width]
     if earlier.sticking:
         sticking = sticking + earlier.sticking
     return ExtendedModel(
-        corrected, effects, noise, spreads, float(lead), earlier.beyond, tuple(sticking.tolist())
+        corrected, effects, noise, spreads, earlier.lead + lead, earlier.beyond, tuple(sticking.tolist())
     )
 
 

@@ -14,6 +14,8 @@ from bdnn_ros.signals import Signals, prepare
 
 SAMPLES_OF_LAG = 1.5
 """A lag of up to so many sample periods is what differentiating does; more is a filter."""
+HALF_SAMPLE = 1.0 / np.sqrt(12.0)
+"""Standard deviation of a lag in sample periods: how a driver's filter takes the samples is not known, ± half a period."""
 BLOCKS = 12
 
 
@@ -43,12 +45,13 @@ def _filtered(signals: Signals, joint: int) -> Finding | None:
     if after > 0.5 * before:
         return None
     cutoff = 1.0 / (2.0 * np.pi * lag)
+    unknown = cutoff * float(np.hypot(std, HALF_SAMPLE / signals.raw_rate)) / lag
     name = signals.joints[joint]
     return Finding(
         effect="velocity_filter",
         joint=name,
         link=None,
-        parameters={"cutoff": Quantity(cutoff, cutoff * std / lag, "Hz")},
+        parameters={"cutoff": Quantity(cutoff, unknown, "Hz")},
         share=1.0 - after / before,
         probability=0.99,
         rivals=(),

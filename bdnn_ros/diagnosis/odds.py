@@ -48,7 +48,8 @@ def log_odds(term: Term, having: dict[str, set[int]], width: int) -> float:
         width: number of joints.
     """
     cost = LINK_COST if term.effect.name == "link_inertia" else COST
-    cost += RARE_COST if term.effect.name in RARE else 0.0
+    alone = term.effect.on == "all" and term.target >= 0  # on one joint of what mostly all have
+    cost += RARE_COST if alone or term.effect.name in RARE else 0.0
     if term.effect.name == "payload" and term.target < width - 1:
         cost += INNER_COST if term.target > 0 else FIRST_COST
     if term.effect.name not in COMMON or width <= 2:

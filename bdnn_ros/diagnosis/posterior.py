@@ -8,6 +8,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.leads import hold_spread, parted
 from bdnn_ros.diagnosis.result import Quantity
 
 RELATIVE_STEP = 1e-3
@@ -37,6 +38,12 @@ class Estimate:
     def values(self) -> dict[str, float]:
         """Parameters of the contract."""
         return self.term.effect.values(self.acting * self.coefficients, dict(self.term.shape))
+
+    @property
+    def shown(self) -> bool:
+        """Whether its parameters are known well enough for a name."""
+        stds = {name: quantity.std for name, quantity in self.quantities().items()}
+        return self.term.effect.shown(self.values, stds)
 
     def quantities(self) -> dict[str, Quantity]:
         """Parameters with standard deviations, by linear propagation: the larger by both covariances."""
@@ -99,12 +106,18 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     tall = white.reshape(-1, white.shape[2])
     covariance = np.linalg.inv(tall.T @ tall + np.diag(precision))
     robust = _clustered(pool, fit, white, covariance)
+    _, moved = parted(pool, fit)
     result, start = [], pool.base
     for (term, chosen, coefficients), span in zip(parts, spans, strict=True):
         rows = np.concatenate([np.arange(start, start + len(pool.slots[chosen])), span]).astype(int)
-        square = np.ix_(rows, rows)
-        acting = pool.acting(fit, chosen)
-        result.append(Estimate(term, coefficients, covariance[square], robust[square], acting))
+        pick = np.eye(len(covariance))[rows]
+        if chosen in moved:
+            coefficients = coefficients + moved[chosen]
+            pick[0, equations.rigid.shape[2]] = 1.0
+        beyond = np.zeros((len(rows), len(rows)))
+        beyond[0, 0] = hold_spread(pool, chosen) ** 2
+        own, scattered = (pick @ one @ pick.T + beyond for one in (covariance, robust))
+        result.append(Estimate(term, coefficients, own, scattered, pool.acting(fit, chosen)))
         start += len(pool.slots[chosen])
     return result
 

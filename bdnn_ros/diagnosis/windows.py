@@ -19,9 +19,9 @@ LONGEST_SHARE = 0.9
 
 def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
     """A term of a wrench with the window that adds most evidence to a fit."""
-    equations = pool.equations
+    equations, where = pool.equations, dict(term.shape)
     time = equations.motion.time[equations.rows]
-    always = term.shaped({"start": float(time[0]) - 1.0, "end": float(time[-1]) + 1.0})
+    always = term.shaped({**where, "start": float(time[0]) - 1.0, "end": float(time[-1]) + 1.0})
     sums = _Sums.of(pool, fit, term, equations.columns(always))
     step = max(round(COARSE / max(float(np.median(np.diff(time))), 1e-6)), 1)
     marks = np.unique([*range(0, len(time), step), len(time)])
@@ -30,7 +30,7 @@ def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
         np.unique(np.clip(np.arange(mark - step, mark + step + 1), 0, len(time))) for mark in (start, end)
     ]
     start, end = sums.best(near[0], near[1], time)
-    return term.shaped({"start": float(time[start]), "end": float(time[min(end, len(time) - 1)])})
+    return term.shaped({**where, "start": float(time[start]), "end": float(time[min(end, len(time) - 1)])})
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,10 @@ GAUTIER = (
 )
 
 
+CERTAIN = 2.0
+"""So many standard deviations a delay must be from none for a name."""
+
+
 class EffortOffset(Effect):
     """A constant that acts beside the measured effort: sensor bias, or a drive's offset."""
 
@@ -129,6 +133,9 @@ class EffortDelay(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["delay"]]), {"at": values["delay"]}
+
+    def shown(self, values: Values, stds: Values) -> bool:
+        return values["delay"] > CERTAIN * stds["delay"]
 
     def sentence(self, where: str, values: Values) -> str:
         return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms after its stamp."

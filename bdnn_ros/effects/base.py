@@ -152,6 +152,10 @@ class Effect(ABC):
             end and math.isclose(value, end, rel_tol=1e-3) for value, ends in pairs for end in ends
         )
 
+    def shown(self, values: Values, stds: Values) -> bool:
+        """Whether a finding with these values and their standard deviations may be named."""
+        return True
+
     def spread(self, typical: np.ndarray, robot: Robot) -> np.ndarray:
         """Prior standard deviations of the coefficients (k,): what the effect's nature tells of them.
 
@@ -161,6 +165,10 @@ class Effect(ABC):
         return (
             typical if math.isinf(self.coefficient_spread) else np.full(len(typical), self.coefficient_spread)
         )
+
+    def points(self, robot: Robot, link: str | None) -> list[dict[str, float]]:
+        """Parts of the shape that say where on its link it acts, each worth a try."""
+        return [{}]
 
     def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
         """Whether a motion behind its low-pass shows the effect with this shape at all."""

@@ -114,6 +114,8 @@ def _values(
     if effect.name == "external_wrench":
         begin = rng.uniform(0.1, 0.5)
         values |= {"start": start + begin * span, "end": start + (begin + rng.uniform(0.15, 0.4)) * span}
+        points = effect.points(motion.robot, link)
+        values |= points[int(rng.integers(len(points)))]
     if effect.name == "drift":
         values |= {"start": start, "end": start + span}
         if rng.random() < 0.5:

@@ -11,8 +11,12 @@ from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.rigid import needed_link
+from bdnn_ros.robot import Robot
 
+POINT = ("point_x", "point_y", "point_z")
 COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+SAME_POINT = 0.005
+"""Points nearer to each other are one [m]."""
 WINDOW = (
     Parameter("start", "s"),
     Parameter("end", "s"),
@@ -21,7 +25,10 @@ HADDADIN = "Haddadin, De Luca, Albu-Schäffer, Robot collisions: a survey, IEEE 
 
 
 class ExternalWrench(Effect):
-    """A constant force and torque of the environment on a link, in the base's axes, between two times."""
+    """A constant force and torque of the environment on a link, in the base's axes, between two times.
+
+    The force acts at a point of the link and turns with it; a diagnosis tries the frame's origin and the centre of mass.
+    """
 
     name = "external_wrench"
     brief = True
@@ -32,8 +39,9 @@ class ExternalWrench(Effect):
         *WINDOW,
         *(Parameter(c, "N", plausible=(-20.0, 20.0), default=0.0) for c in COMPONENTS[:3]),
         *(Parameter(c, "N*m", plausible=(-1.0, 1.0), default=0.0) for c in COMPONENTS[3:]),
+        *(Parameter(c, "m", -1.0, 1.0, plausible=(0.0, 0.0), default=0.0) for c in POINT),
     )
-    equation = "-J_link(q)' * (force, torque) where start <= t < end"
+    equation = "-J_point(q)' * (force, torque) where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
     shown_by = "the same motion again without contact"
     source = HADDADIN
@@ -43,29 +51,45 @@ class ExternalWrench(Effect):
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         wrench, none = np.array([values[c] for c in COMPONENTS]), np.zeros(6)
         start, end = values["start"], values["end"]
-        plant.wrenches.append((needed_link(link), lambda time: wrench if start <= time < end else none))
+        point = np.array([values[c] for c in POINT])
+        plant.wrenches.append(
+            (needed_link(link), point, lambda time: wrench if start <= time < end else none)
+        )
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         # the arm hardly moves while an edge passes the low-pass
         within = motion.signals.soften(window(motion, shape).astype(float))
-        return -within[:, None, None] * motion.soft_pull(needed_link(link))
+        x, y, z = (shape[c] for c in POINT)
+        return -within[:, None, None] * motion.soft_pull(needed_link(link), (x, y, z))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return windows(motion)
+        points = self.points(motion.robot, link)
+        return [{**times, **point} for point in points for times in windows(motion)]
+
+    def points(self, robot: Robot, link: str | None) -> list[dict[str, float]]:
+        body, rotation, translation = robot.body_of(needed_link(link))
+        mass, *moment = robot.inertials[body][:4]
+        centre = rotation.T @ (np.array(moment) / max(mass, 1e-9) - translation)
+        places = [np.zeros(3)] + [centre] * bool(np.linalg.norm(centre) > SAME_POINT)
+        return [dict(zip(POINT, place.tolist(), strict=True)) for place in places]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         components = dict(zip(COMPONENTS, (float(c) for c in coefficients), strict=True))
-        return {"start": float(shape["start"]), "end": float(shape["end"]), **components}
+        shape = {key: float(shape[key]) for key in ("start", "end", *POINT)}
+        return {"start": shape.pop("start"), "end": shape.pop("end"), **components, **shape}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values[c] for c in COMPONENTS]), {key: values[key] for key in ("start", "end")}
+        return np.array([values[c] for c in COMPONENTS]), {
+            key: values[key] for key in ("start", "end", *POINT)
+        }
 
     def sentence(self, where: str, values: Values) -> str:
         force = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[:3])
         torque = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[3:])
+        point = ", ".join(f"{values[c]:.3g}" for c in POINT)
         return (
             f"Something pushes {where} from {values['start']:.2f} s to {values['end']:.2f} s "
-            f"with ({force}) N and ({torque}) N·m."
+            f"with ({force}) N and ({torque}) N·m at ({point}) m of its frame."
         )
 
 

@@ -114,15 +114,15 @@ class Motion:
         """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
         return self.robot.regressor(self.position, self.velocity, self.acceleration)
 
-    def soft_pull(self, link: str) -> np.ndarray:
-        """Effort per wrench at a link, its Jacobian transposed, low-passed as the effort was, (N, n, 6)."""
-        if link not in self._pulls:
-            jacobian = self.robot.link_jacobian(self.position, link)
-            self._pulls[link] = self.signals.soften(np.swapaxes(jacobian, 1, 2))
-        return self._pulls[link]
+    def soft_pull(self, link: str, point: tuple[float, float, float]) -> np.ndarray:
+        """Effort per wrench at a point of a link, its Jacobian transposed, low-passed as the effort was, (N, n, 6)."""
+        if (link, point) not in self._pulls:
+            jacobian = self.robot.link_jacobian(self.position, link, np.array(point))
+            self._pulls[link, point] = self.signals.soften(np.swapaxes(jacobian, 1, 2))
+        return self._pulls[link, point]
 
     @cached_property
-    def _pulls(self) -> dict[str, np.ndarray]:
+    def _pulls(self) -> dict[tuple[str, tuple[float, float, float]], np.ndarray]:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:

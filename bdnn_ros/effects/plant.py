@@ -16,7 +16,7 @@ DryFriction = Callable[[float, float, float, float], float]
 """(time [s], speed [rad/s] >= 0, load [N·m], direction +1 or -1) -> magnitude of dry friction against motion
 in that direction [N·m]; at speed 0 what holds the joint."""
 Wrench = Callable[[float], np.ndarray]
-"""Time [s] -> force and torque on a link frame's origin, in the base frame's axes, (6,) [N, N·m]."""
+"""Time [s] -> force and torque on a point of a link, in the base frame's axes, (6,) [N, N·m]."""
 
 
 @dataclass
@@ -28,7 +28,7 @@ class Plant:
         duration: how long the recording will be [s].
         efforts: (joint, smooth resisting effort): springs, drag, cogging, bristles ...
         dry: (joint, magnitude of dry friction); magnitudes on one joint add up.
-        wrenches: (link, wrench of the environment on it).
+        wrenches: (link, point in its frame (3,) [m], wrench of the environment on it).
         scale, offset, delay: effort that acts = scale · commanded(t - delay) + offset; (n,) each.
         stiffness: of the gear between motor, whose position is measured, and link (n,) [N·m/rad].
         gap: backlash between motor and link, full width (n,) [rad].
@@ -40,7 +40,7 @@ class Plant:
     duration: float = 0.0
     efforts: list[tuple[int, JointEffort]] = field(default_factory=list)
     dry: list[tuple[int, DryFriction]] = field(default_factory=list)
-    wrenches: list[tuple[str, Wrench]] = field(default_factory=list)
+    wrenches: list[tuple[str, np.ndarray, Wrench]] = field(default_factory=list)
     scale: np.ndarray = field(init=False)
     offset: np.ndarray = field(init=False)
     delay: np.ndarray = field(init=False)

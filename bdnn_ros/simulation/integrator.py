@@ -84,10 +84,10 @@ class Integrator:
             drive[joint] -= resist(
                 time, float(state.position[joint]), float(state.velocity[joint]), float(load[joint])
             )
-        for link, wrench in self.plant.wrenches:
+        for link, point, wrench in self.plant.wrenches:
             push = wrench(time)
             if push.any():
-                drive += self.plant.robot.link_jacobian(state.position[None], link)[0].T @ push
+                drive += self.plant.robot.link_jacobian(state.position[None], link, point)[0].T @ push
         if self.motors.joints:
             self.motors.advance(time, self.step, load, state.position, state.velocity, drive)
         return drive

@@ -1,0 +1,153 @@
+"""What is said of a diagnosis: which terms are findings, the verdict, the gain, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.diagnosis.attempt import Attempt
+from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.gains import gain_of, noticeable, removed, rms
+from bdnn_ros.diagnosis.identifiability import Judgement, advice
+from bdnn_ros.diagnosis.kinematics import reported_velocity
+from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
+from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+DOUBTFUL = 0.1
+"""An effect that may as well not be there with this probability stays in the model without a name."""
+UNLIKELY = 0.5
+"""And with this one it is no more than as likely as nothing."""
+EXPLAINED = 1.3
+"""An extended model within this factor of the noise floor explains the recording."""
+
+
+def told(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    equations: Equations,
+    attempt: Attempt,
+    found: Sequence[Estimate],
+    remainder: Remainder,
+) -> Diagnosis:
+    extended, judgements = attempt.extended, attempt.judgements
+    held = equations.usable & attempt.test[:, None]
+    taken, ever = (removed(equations, attempt.fitted, extended, rows) for rows in (held, equations.usable))
+    # what lasts a moment may remove nothing in any held-out row
+    worth = _noticed(equations, attempt, taken, held) | _noticed(equations, attempt, ever, equations.usable)
+    simulation, after = rms(equations.target, held), rms(extended, held)
+    before = float(np.sum(simulation**2))
+    named = [
+        (judgement.nothing, _finding(robot, estimate, judgement, float(np.sum(less)) / max(before, 1e-30)))
+        for k, (estimate, judgement, less) in enumerate(zip(found, judgements, taken, strict=True))
+        if judgement.nothing <= UNLIKELY and k in worth and estimate.shown
+    ]
+    findings = [finding for nothing, finding in named if nothing <= DOUBTFUL]
+    doubtful = len(named) > len(findings)
+    findings += reported_velocity(recordings)
+    findings.sort(key=lambda finding: -finding.share)
+    floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
+    gain, interval = gain_of(equations, extended, held)
+    share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
+    verdict = _verdict(findings, doubtful, after, floor, equations.effort_scale)
+    where = [_place(robot, e)[0] or _place(robot, e)[1] or "the base" for e in found]
+    return Diagnosis(
+        source=_source(recordings, equations),
+        verdict=verdict,
+        findings=tuple(findings),
+        effort_rmse={"simulation": simulation, "extended": after, "noise_floor": floor},
+        gain=gain,
+        gain_interval=interval,
+        unexplained_share=share,
+        unexplained_depends_on=remainder.depends_on[:6],
+        unexplained_sentence=_unexplained_sentence(share, remainder),
+        advice=tuple(advice([e.term for e in found], judgements, where)),
+        notes=tuple(note for recording in recordings for note in recording.notes),
+    )
+
+
+def _noticed(
+    equations: Equations, attempt: Attempt, taken: Sequence[np.ndarray], rows: np.ndarray
+) -> set[int]:
+    """Which of the chosen terms take enough at these rows (R, n) to be worth a name."""
+    left = rms(attempt.extended, rows)
+    return {
+        k
+        for k, (term, less) in enumerate(zip(attempt.fitted.terms, taken, strict=True))
+        if noticeable(term.effect, less, left, equations.effort_scale)
+    }
+
+
+def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
+    joint, link = _place(robot, estimate)
+    rivals = tuple(
+        Rival(
+            rival.effect.name,
+            None if rival.target < 0 or rival.link else robot.joints[rival.target],
+            rival.link,
+            probability,
+        )
+        for rival, probability in judgement.rivals
+    )
+    values = estimate.values
+    where = link or joint or ("The base" if estimate.term.effect.on == "base" else "every joint")
+    return Finding(
+        effect=estimate.term.effect.name,
+        joint=joint,
+        link=link,
+        parameters=estimate.quantities(),
+        share=share,
+        probability=judgement.probability,
+        rivals=rivals,
+        sentence=estimate.term.effect.sentence(where, values),
+    )
+
+
+def _place(robot: Robot, estimate: Estimate) -> tuple[str | None, str | None]:
+    term = estimate.term
+    if term.link:
+        return None, term.link
+    return (robot.joints[term.target] if term.target >= 0 else None), None
+
+
+def _verdict(
+    findings: Sequence[Finding],
+    doubtful: bool,
+    after: np.ndarray,
+    floor: np.ndarray,
+    scale: np.ndarray,
+) -> Verdict:
+    """Explained means: every joint's error is near its floor, or too small a share of its effort to matter.
+
+    Where something is more likely there than not, but not surely, nobody can say that nothing is wrong.
+    """
+    near = bool(((after <= EXPLAINED * floor) | (after <= 0.02 * scale)).all())
+    if findings:
+        return "explained" if near else "partly_explained"
+    return "nothing_wrong" if near and not doubtful else "cannot_tell"
+
+
+def _unexplained_sentence(share: float, remainder: Remainder) -> str:
+    if not remainder.depends_on:
+        return "What is left looks like noise: no position, velocity, load or time predicts it."
+    return (
+        f"{100.0 * share:.1f} % of the simulation's squared error is left above the noise; it depends on "
+        + ", ".join(remainder.depends_on[:3])
+        + "."
+    )
+
+
+def _source(recordings: Sequence[Recording], equations: Equations) -> dict[str, object]:
+    signals = equations.motion.signals
+    return {
+        "bags": [recording.name for recording in recordings],
+        "duration": round(sum(recording.duration for recording in recordings), 3),
+        "samples": sum(len(recording) for recording in recordings),
+        "rate": round(signals.raw_rate, 3),
+        "cutoff": round(signals.cutoff, 3),
+        "urdf": "",
+        "joints": list(signals.joints),
+    }
