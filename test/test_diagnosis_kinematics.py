@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.effects.registry import parse_spec
@@ -73,3 +74,21 @@ def test_a_noisy_velocity_is_not_a_filtered_one():
     assert recording.velocity is not None
     noise = 0.05 * np.random.default_rng(1).standard_normal(recording.velocity.shape)
     assert reported_velocity([replace(recording, velocity=recording.velocity + noise)]) == []
+
+
+@pytest.mark.parametrize("rule", ["zero-order hold", "backward Euler", "bilinear"])
+@pytest.mark.parametrize("cutoff", [4.0, 9.0])
+def test_the_interval_holds_whatever_rule_the_drivers_filter_was_made_by(rule, cutoff):
+    plain = recorded(seed=4)
+    assert plain.velocity is not None
+    period, lag = 1.0 / 250.0, 1.0 / (2.0 * np.pi * cutoff)
+    top, bottom = {
+        "zero-order hold": ([1.0 - np.exp(-period / lag)], [1.0, -np.exp(-period / lag)]),
+        "backward Euler": ([period / (lag + period)], [1.0, -lag / (lag + period)]),
+        "bilinear": ([1.0, 1.0], [1.0 + 2.0 * lag / period, 1.0 - 2.0 * lag / period]),
+    }[rule]
+    velocity = plain.velocity.copy()
+    velocity[:, 0] = lfilter(top, bottom, velocity[:, 0])
+    (finding,) = reported_velocity([replace(plain, velocity=velocity)])
+    quantity = finding.parameters["cutoff"]
+    assert abs(quantity.value - cutoff) < 2.0 * quantity.std < 0.25 * cutoff

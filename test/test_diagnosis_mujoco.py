@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import fourier
 
 STEP, RATE, DURATION = 0.001, 500, 25.0
+PUSH = (9.3, 14.6)
 BANDWIDTH, CREEP = 2.0 * np.pi * 5.0, 0.05
 
 
@@ -23,9 +26,20 @@ def joint_values(robot: Robot, seed: int, share: float, motion: np.ndarray) -> n
 
 
 def recorded(
-    robot: Robot, friction: np.ndarray, damping: np.ndarray, armature: np.ndarray, drag: np.ndarray
+    robot: Robot,
+    friction: np.ndarray,
+    damping: np.ndarray,
+    armature: np.ndarray,
+    drag: np.ndarray,
+    late: int = 0,
+    push: np.ndarray | None = None,
 ) -> Recording:
-    """A robot whose links are off by up to 5 %, under computed torque along a Fourier motion, as sensors see it."""
+    """A robot whose links are off by up to 5 %, under computed torque along a Fourier motion, as sensors see it.
+
+    Args:
+        late: steps after which a command acts.
+        push: force on the last body's centre of mass from `PUSH` on, in the world's axes [N].
+    """
     generator = np.random.default_rng(3)
     model = mujoco.MjModel.from_xml_string(robot.urdf)
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -35,7 +49,7 @@ def recorded(
     plan = fourier(robot, time, np.random.default_rng(4))
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = plan.position[0], plan.velocity[0]
-    rows, command = [], np.zeros(robot.width)
+    rows, command, waiting = [], np.zeros(robot.width), deque([np.zeros(robot.width)] * (late + 1), late + 1)
     for k in range(len(time)):
         if k % round(1.0 / (RATE * STEP)) == 0:
             error, rate = plan.position[k] - data.qpos, plan.velocity[k] - data.qvel
@@ -44,7 +58,10 @@ def recorded(
             ahead = friction * np.tanh(plan.velocity[k] / CREEP)
             command = rigid + armature * wanted + damping * data.qvel + ahead
             rows.append(np.concatenate([data.qpos, data.qvel, command]))
-        data.qfrc_applied[:] = command - drag * np.abs(data.qvel) * data.qvel
+        waiting.append(command)
+        data.qfrc_applied[:] = waiting[0] - drag * np.abs(data.qvel) * data.qvel
+        if push is not None:
+            data.xfrc_applied[-1, :3] = push * (PUSH[0] <= time[k] < PUSH[1])
         mujoco.mj_step(model, data)
     position, velocity, effort = np.split(np.array(rows), 3, axis=1)
     noise = generator.standard_normal((3, *position.shape))
@@ -98,3 +115,24 @@ def test_wear_and_a_drag_are_all_that_is_named(robot, usual):
         assert of_kind(diagnosis, effect) == {
             joint: pytest.approx(value, rel=0.05) for joint, value in zip(robot.joints, true, strict=True)
         }
+
+
+def test_a_push_at_the_centre_of_mass_is_one_finding(robot):
+    """Simulators push there, not at the origin of the link's frame: the torque about that turns with the link."""
+    none, force = np.zeros(6), np.array([-12.0, 7.0, -9.0])
+    (finding,) = diagnose([recorded(robot, none, none, none, none, push=force)], robot).findings
+    values = {name: quantity.value for name, quantity in finding.parameters.items()}
+    assert (finding.effect, finding.link) == ("external_wrench", "arm6_link6")
+    assert [values["start"], values["end"]] == pytest.approx(PUSH, abs=0.02)
+    assert [values[f"force_{axis}"] for axis in "xyz"] == pytest.approx(force, rel=0.03)
+    assert [values[f"torque_{axis}"] for axis in "xyz"] == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+    assert values["point_z"] > 0.05
+
+
+def test_a_delay_is_as_long_as_it_is(robot):
+    """The lead that is a nuisance takes nothing of it, and gives nothing to it."""
+    none = np.zeros(6)
+    (finding,) = diagnose([recorded(robot, none, none, none, none, late=14)], robot).findings
+    delay = finding.parameters["delay"]
+    assert (finding.effect, finding.joint) == ("effort_delay", None)
+    assert delay.value == pytest.approx(0.014, abs=0.5 / RATE) and delay.std < 0.5 / RATE

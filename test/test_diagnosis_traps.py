@@ -246,3 +246,13 @@ def test_noise_does_not_stand_for_common_causes_that_are_still_to_be_found():
     ]
     assert stds[0] > 3.0 * stds[2]
     assert stds[1] == pytest.approx(stds[2], rel=0.1)
+
+
+def test_a_link_that_may_be_far_off_is_no_all_clear():
+    """Whether it is one link or all of them cannot be told on two axes, but something is more likely there than not."""
+    robot = Robot.bundled("arm2")
+    lighter = parse_spec("link_inertia@arm2_link2:scale=0.7", robot)
+    diagnosis = diagnose([simulate(robot, [lighter], seed=2, duration=30.0).recording], robot)
+    assert diagnosis.verdict in ("cannot_tell", "explained")
+    assert diagnosis.verdict == "cannot_tell" or diagnosis.findings
+    assert diagnosis.gain > 0.5

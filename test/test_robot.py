@@ -247,23 +247,26 @@ def test_a_tilted_base_turns_gravity() -> None:
     np.testing.assert_allclose(arm.tilted(0.3, 0.2).mass_matrix(q), arm.mass_matrix(q))
 
 
-def place(robot: Robot, q: np.ndarray, link: str) -> np.ndarray:
-    """Where the origin of a link is, by Pinocchio, (3,) [m]."""
+def place(robot: Robot, q: np.ndarray, link: str, point: np.ndarray | None = None) -> np.ndarray:
+    """Where a point of a link is (its origin without one), by Pinocchio, (3,) [m]."""
     model, order = robot.pinocchio_model()
     data, values = model.createData(), np.empty(robot.width)
     values[order] = q
     pin.framesForwardKinematics(model, data, values)
-    return np.array(data.oMf[model.getFrameId(link, pin.FrameType.BODY)].translation)
+    there = data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
+    return np.array(there.act(np.zeros(3) if point is None else point))
 
 
-def test_the_jacobian_is_the_slope_of_the_position(robot: Robot) -> None:
+@pytest.mark.parametrize("point", [None, np.array([0.1, -0.2, 0.3])])
+def test_the_jacobian_is_the_slope_of_the_position(robot: Robot, point: np.ndarray | None) -> None:
     q, _, _ = states(robot, 1)
     link = robot.links[-1]
-    jacobian = robot.link_jacobian(q, link)[0]
+    jacobian = robot.link_jacobian(q, link, point)[0]
     step = 1e-6
     for k, direction in enumerate(np.eye(robot.width)):
         slope = (
-            place(robot, q[0] + step * direction, link) - place(robot, q[0] - step * direction, link)
+            place(robot, q[0] + step * direction, link, point)
+            - place(robot, q[0] - step * direction, link, point)
         ) / (2.0 * step)
         np.testing.assert_allclose(jacobian[:3, k], slope, atol=1e-8)
 
