@@ -138,7 +138,7 @@ class Equations:
     def nuisance_spread(self) -> np.ndarray:
         """Prior standard deviations of the lead [s], of the blur [s²] and of the friction's leads [N·m·s], (2 + n,)."""
         signals = self.motion.signals
-        general = [0.5 / signals.raw_rate, signals.kernel_std**2]
+        general = [0.25 / signals.raw_rate, signals.kernel_std**2]
         return np.array([*general, *(STICKING_LEAD * self.effort_scale)])
 
     def relieve(self, load: np.ndarray, drive: np.ndarray, robot: Robot | None = None) -> None:

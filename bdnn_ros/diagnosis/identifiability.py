@@ -112,10 +112,11 @@ def _weighed(
 
 
 def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
-    """What may stand beside a rival: the other terms, and with them what the term itself contains."""
+    """What may stand beside a rival: the other terms, and with them what the term itself contains at its place."""
     bases = [rest]
-    parts = [c for c in range(len(pool.terms)) if contains(term, pool.terms[c]) and c not in rest]
-    bases += [[*rest, part] for part in parts]
+    for c, other in enumerate(pool.terms):
+        if c not in rest and contains(term, other) and other.target == term.target:
+            bases.append([*rest, c])
     return bases
 
 

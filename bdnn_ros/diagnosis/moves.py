@@ -109,7 +109,7 @@ class Moves:
 
     def _regrow(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
         """Give the place of what acts on several joints to as many terms as it takes: one body may pass for many rotors."""
-        for wide in [c for c in chosen if pool.terms[c].link or pool.terms[c].target < 0]:
+        for wide in [c for c in chosen if pool.terms[c].effect.on_body or pool.terms[c].target < 0]:
             rest = [c for c in chosen if c != wide]
             other, grown = self._add(pool, rest, least, barred=[wide])
             if self.score(other, grown) > self.score(pool, chosen) + BETTER:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 
@@ -19,10 +19,6 @@ GAUTIER = (
     "Gautier, Briot, Global identification of joint drive gains and dynamic parameters of "
     "robots, JDSMC 136(5), 2014"
 )
-
-
-CERTAIN = 2.0
-"""So many standard deviations a delay must be from none for a name."""
 
 
 class EffortOffset(Effect):
@@ -135,7 +131,7 @@ class EffortDelay(Effect):
         return np.array([values["delay"]]), {"at": values["delay"]}
 
     def shown(self, values: Values, stds: Values) -> bool:
-        return values["delay"] > CERTAIN * stds["delay"]
+        return values["delay"] > SHOWN * stds["delay"]
 
     def sentence(self, where: str, values: Values) -> str:
         return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms after its stamp."

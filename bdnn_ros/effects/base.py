@@ -18,6 +18,8 @@ from bdnn_ros.robot import Robot
 Where = Literal["joint", "link", "base", "all"]
 Values = Mapping[str, float]
 """Parameter values by name, in the units of the contract."""
+SHOWN = 2.0
+"""So many standard deviations from nothing is what a recording shows."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.rigid import needed_link
@@ -83,6 +83,9 @@ class ExternalWrench(Effect):
             key: values[key] for key in ("start", "end", *POINT)
         }
 
+    def shown(self, values: Values, stds: Values) -> bool:
+        return any(abs(values[c]) > SHOWN * stds[c] for c in COMPONENTS)
+
     def sentence(self, where: str, values: Values) -> str:
         force = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[:3])
         torque = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[3:])
@@ -126,6 +129,9 @@ class ExternalTorque(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["torque"]]), {key: values[key] for key in ("start", "end")}
+
+    def shown(self, values: Values, stds: Values) -> bool:
+        return abs(values["torque"]) > SHOWN * stds["torque"]
 
     def sentence(self, where: str, values: Values) -> str:
         return (
