@@ -11,7 +11,8 @@ from diagnosis_cases import equations_of, term, white
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.windows import COARSE, LONGEST_SHARE, SHORTEST, best_window
+from bdnn_ros.diagnosis.windows import COARSE, LONGEST_SHARE, best_window
+from bdnn_ros.effects.environment import SHORTEST
 from bdnn_ros.robot import Robot
 
 J1, J2 = "arm2_joint1", "arm2_joint2"

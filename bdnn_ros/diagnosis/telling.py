@@ -19,6 +19,11 @@ from bdnn_ros.robot import Robot
 
 DOUBTFUL = 0.1
 """An effect that may as well not be there with this probability stays in the model without a name."""
+LARGE_ERROR = 0.4
+"""An error of the simulation, per spread of a joint's effort, that nobody would pass over."""
+USUAL_LINK_ERROR = 0.1
+"""Spread of the links' relative errors that any description may have."""
+FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
 UNLIKELY = 0.5
 """And with this one it is no more than as likely as nothing."""
 EXPLAINED = 1.3
@@ -40,13 +45,15 @@ def told(
     worth = _noticed(equations, attempt, taken, held) | _noticed(equations, attempt, ever, equations.usable)
     simulation, after = rms(equations.target, held), rms(extended, held)
     before = float(np.sum(simulation**2))
-    named = [
-        (judgement.nothing, _finding(robot, estimate, judgement, float(np.sum(less)) / max(before, 1e-30)))
-        for k, (estimate, judgement, less) in enumerate(zip(found, judgements, taken, strict=True))
-        if judgement.nothing <= UNLIKELY and k in worth and estimate.shown
-    ]
-    findings = [finding for nothing, finding in named if nothing <= DOUBTFUL]
-    doubtful = len(named) > len(findings)
+    findings, large = [], LARGE_ERROR * equations.effort_scale
+    doubtful = far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
+    for k, (estimate, judgement, less) in enumerate(zip(found, judgements, taken, strict=True)):
+        if k not in worth or not estimate.shown:
+            continue
+        if judgement.nothing <= DOUBTFUL:
+            findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / max(before, 1e-30)))
+        elif judgement.nothing <= UNLIKELY:
+            doubtful |= bool((less > large**2).any())
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
     floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
@@ -65,7 +72,7 @@ def told(
         unexplained_depends_on=remainder.depends_on[:6],
         unexplained_sentence=_unexplained_sentence(share, remainder),
         advice=tuple(advice([e.term for e in found], judgements, where)),
-        notes=tuple(note for recording in recordings for note in recording.notes),
+        notes=(*(note for recording in recordings for note in recording.notes), *[FAR_OFF] * far_off),
     )
 
 
@@ -122,7 +129,7 @@ def _verdict(
 ) -> Verdict:
     """Explained means: every joint's error is near its floor, or too small a share of its effort to matter.
 
-    Where something is more likely there than not, but not surely, nobody can say that nothing is wrong.
+    Where something large is more likely there than not, but not surely, nobody can say that nothing is wrong.
     """
     near = bool(((after <= EXPLAINED * floor) | (after <= 0.02 * scale)).all())
     if findings:

@@ -9,10 +9,10 @@ from scipy.linalg import solve_triangular
 
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.effects.environment import SHORTEST
 
 COARSE = 0.5
 """Spacing of the first window edges [s]."""
-SHORTEST = 0.3
 LONGEST_SHARE = 0.9
 """A push over nearly all of a recording cannot be told from a constant cause."""
 

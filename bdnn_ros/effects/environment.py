@@ -15,6 +15,8 @@ from bdnn_ros.robot import Robot
 
 POINT = ("point_x", "point_y", "point_z")
 COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+SHORTEST = 0.3
+"""A push lasts so long [s]: what is shorter, no low-pass leaves much of."""
 SAME_POINT = 0.005
 """Points nearer to each other are one [m]."""
 WINDOW = (
@@ -24,14 +26,25 @@ WINDOW = (
 HADDADIN = "Haddadin, De Luca, Albu-Schäffer, Robot collisions: a survey, IEEE T-RO 33(6), 2017"
 
 
-class ExternalWrench(Effect):
-    """A constant force and torque of the environment on a link, in the base's axes, between two times.
-
-    The force acts at a point of the link and turns with it; a diagnosis tries the frame's origin and the centre of mass.
-    """
+class Push(Effect):
+    """What the environment does to the robot between two times."""
 
     name = "external_wrench"
     brief = True
+    shown_by = "the same motion again without contact"
+    source = HADDADIN
+    shape_bounds = MappingProxyType({"start": (-np.inf, np.inf), "end": (-np.inf, np.inf)})
+
+    def shape_allowed(self, shape: Values) -> bool:
+        return shape["end"] - shape["start"] >= SHORTEST
+
+
+class ExternalWrench(Push):
+    """A constant force and torque of the environment on a link, in the base's axes, between two times.
+
+    It acts at a point that moves with the link; a diagnosis tries the origin of the frame and the centre of mass.
+    """
+
     variant = "link"
     title = "an external wrench"
     on = "link"
@@ -43,10 +56,7 @@ class ExternalWrench(Effect):
     )
     equation = "-J_point(q)' * (force, torque) where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
-    shown_by = "the same motion again without contact"
-    source = HADDADIN
     coefficient_bounds = ((-np.inf, np.inf),) * 6
-    shape_bounds = MappingProxyType({"start": (-np.inf, np.inf), "end": (-np.inf, np.inf)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         wrench, none = np.array([values[c] for c in COMPONENTS]), np.zeros(6)
@@ -96,21 +106,16 @@ class ExternalWrench(Effect):
         )
 
 
-class ExternalTorque(Effect):
+class ExternalTorque(Push):
     """A constant torque of the environment about a joint, between two times."""
 
-    name = "external_wrench"
-    brief = True
     variant = "joint"
     title = "an external torque"
     on = "joint"
     parameters = (*WINDOW, Parameter("torque", "N*m", plausible=(-0.5, 0.5), of_effort=True))
     equation = "-torque where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
-    shown_by = "the same motion again without contact"
-    source = HADDADIN
     coefficient_bounds = ((-np.inf, np.inf),)
-    shape_bounds = MappingProxyType({"start": (-np.inf, np.inf), "end": (-np.inf, np.inf)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         torque, start, end = values["torque"], values["start"], values["end"]
