@@ -256,3 +256,12 @@ def test_a_link_that_may_be_far_off_is_no_all_clear():
     assert diagnosis.verdict in ("cannot_tell", "explained")
     assert diagnosis.verdict == "cannot_tell" or diagnosis.findings
     assert diagnosis.gain > 0.5
+
+
+def test_links_far_off_throughout_are_no_all_clear():
+    """No single cause stands out, yet nobody would call such a description right."""
+    robot = Robot.bundled("arm2")
+    reality = wrong_robot(robot, 0.3, np.random.default_rng(2))
+    diagnosis = diagnose([simulate(robot, [], seed=2, duration=30.0, reality=reality).recording], robot)
+    assert diagnosis.findings == () and diagnosis.verdict == "cannot_tell"
+    assert any("further off than usual" in note for note in diagnosis.notes)
