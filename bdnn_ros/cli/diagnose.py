@@ -32,7 +32,7 @@ VERDICTS = {
     "nothing_wrong": "Nothing wrong was found: no cause is needed to explain the data.",
     "explained": "Root causes identified; with them the model agrees with the data:",
     "partly_explained": "Root causes identified; they explain a part of the difference:",
-    "cannot_tell": "The simulation disagrees with the data, and no known cause explains it.",
+    "cannot_tell": "The simulation disagrees with the data, and no single cause stands out.",
 }
 
 
@@ -90,6 +90,8 @@ def verdict_lines(examination: Examination) -> list[str]:
         said = group[0].sentence if len(group) == 1 else _together(group)
         lines.append(f" {number}. {said} ({share}, probability {least:.2f})")
         lines += [_rivals(finding) for finding in group if _close(finding)]
+    said_before = {note for recording in examination.recordings for note in recording.notes}
+    lines += [note for note in diagnosis.notes if note not in said_before]
     low, high = diagnosis.gain_interval
     lines.append(
         f"Gain on held-out data: the error falls by {100.0 * diagnosis.gain:.1f} % "
