@@ -1,7 +1,7 @@
 """The process of one diagnosis: it is told the robot and the recording, answers, and is gone with all it took.
 
-Started by `analysis.Analyst` as `python -m bdnn_ros.online.diagnosing`: a diagnosis takes half a gigabyte for
-half a minute, which the process that learns would never quite give back.
+Started by `analysis.Analyst` as `python -m bdnn_ros.online.diagnosing`: a diagnosis takes up to a gigabyte
+for half a minute, which the process that learns would never quite give back.
 """
 
 from __future__ import annotations

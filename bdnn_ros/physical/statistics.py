@@ -101,11 +101,10 @@ class Blocks:
             self._memory = tuple(np.zeros((self._most + 1, *part.shape)) for part in parts)
         if self._parts == 0:
             self._count += 1
-            for kept, part in zip(self._memory, parts, strict=True):
-                kept[self._count - 1] = part
-        else:
-            for kept, part in zip(self._memory, parts, strict=True):
-                kept[self._count - 1] += part
+            for kept in self._memory:
+                kept[self._count - 1] = 0.0
+        for kept, part in zip(self._memory, parts, strict=True):
+            kept[self._count - 1] += part
         self._parts += 1
         if self._parts >= self._per_block:
             self._parts = 0
