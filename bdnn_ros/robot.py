@@ -221,16 +221,23 @@ class Robot:
         Raises:
             UsageError: the URDF has no such link.
         """
-        frame = self._frame(link)
-        aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        rows = []
-        for row in self._columns(position):
-            jacobian = pin.computeFrameJacobian(self._model, self._data, row, frame, aligned)
-            if point is not None:
-                arm = pin.updateFramePlacement(self._model, self._data, frame).rotation @ point
-                jacobian[:3] -= pin.skew(arm) @ jacobian[3:]
-            rows.append(jacobian)
-        return np.array(rows).reshape(-1, 6, self.width)[:, :, self._order]
+        frame, aligned = self._frame(link), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        at = self._columns(position)
+        rows = [pin.computeFrameJacobian(self._model, self._data, row, frame, aligned) for row in at]
+        jacobian = np.array(rows).reshape(-1, 6, self.width)[:, :, self._order]
+        if point is not None:
+            arm = self.link_rotation(position, link) @ point
+            jacobian[:, :3] += np.cross(jacobian[:, 3:], arm[:, :, None], axis=1)
+        return jacobian
+
+    def link_rotation(self, position: np.ndarray, link: str) -> np.ndarray:
+        """Rotation from a link's frame to the base's, (N, 3, 3)."""
+        frame, rows = self._frame(link), self._columns(position)
+        result = np.empty((len(rows), 3, 3))
+        for k, row in enumerate(rows):
+            pin.forwardKinematics(self._model, self._data, row)
+            result[k] = pin.updateFramePlacement(self._model, self._data, frame).rotation
+        return result
 
     # -- links -----------------------------------------------------------------------------------------------
 

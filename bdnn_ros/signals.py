@@ -94,10 +94,12 @@ class Signals:
 
     def soften(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""
-        if self.flat is None:
-            return self.smooth(values)
-        once = self._smoothed(values, gaussian_std(self.flat))
-        return 2.0 * once - self._smoothed(once, gaussian_std(self.flat))
+        return self.smooth(values) if self.flat is None else self.passed(values, self.flat)
+
+    def passed(self, values: np.ndarray, cutoff: float) -> np.ndarray:
+        """Values (N, ...) behind a flattened low-pass, see `flattened`, of another cut-off [Hz]."""
+        once = self._smoothed(values, gaussian_std(cutoff))
+        return 2.0 * once - self._smoothed(once, gaussian_std(cutoff))
 
     @cached_property
     def interior(self) -> np.ndarray:

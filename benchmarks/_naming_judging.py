@@ -29,6 +29,8 @@ GIVEN = {
 """Parameters that are inputs, not results."""
 SMALLEST = {"com": 0.05, "phase": 1.0, "rest": 1.0, "roll": 1.0, "pitch": 1.0}
 """Smallest magnitude that an error is counted against: a share of nearly nothing says nothing."""
+LEVER = 0.1
+"""A torque that is nothing is counted against what the force does at this distance [m]."""
 LINK_ERROR = 0.5
 """A link named without being hidden is true where its mass error is found to within this share."""
 CONFIDENCE = 1.96
@@ -244,4 +246,6 @@ def _magnitude(one: Truth, name: str) -> float:
         group = [values["roll_deg"], values["pitch_deg"]]
     elif kind not in ("com", "force", "torque"):
         group = [values[name]]
+    if kind == "torque" and not any(group):
+        group = [LEVER * v for key, v in values.items() if key.startswith("force")]
     return max(math.hypot(*group), SMALLEST.get(kind, 1e-9))

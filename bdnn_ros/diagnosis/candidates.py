@@ -10,14 +10,14 @@ from scipy.optimize import minimize
 
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.windows import best_window
+from bdnn_ros.diagnosis.pushes import best_push, timed
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
 RELINEARISATIONS = 4
 TOUCHING = 0.3
-"""Wrenches with less time between them may be one [s]."""
+"""Pushes with less time between their ends may be one [s]."""
 CONSISTENT = 0.1
 """Columns are exact enough where the shape they were made with is found again within this share."""
 ANGLES = {"base_tilt", "position_offset"}
@@ -55,8 +55,8 @@ class Candidates:
         for term in self.terms:
             if term.place in present:
                 continue
-            if term.effect.name == "external_wrench":
-                result.append(self._windowed(equations, pool, fit, term))
+            if term.effect.timed:
+                result.append(best_push(pool, fit, term, self.robot))
                 continue
             shapes = term.effect.shapes(equations.motion, term.target)
             if len(shapes) == 1:
@@ -75,18 +75,10 @@ class Candidates:
             return term
         rest = pool.fit([c for c in fit.terms if c != chosen and not _piece(pool.terms[c], term)])
         term = _relinearised(equations, pool, rest, term)
-        if term.effect.name == "external_wrench":
-            return _refined(
-                equations, pool, rest, self._windowed(equations, pool, rest, term), ("start", "end")
-            )
+        if term.effect.timed:
+            return timed(pool, rest, best_push(pool, rest, term, self.robot))
         free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
         return _refined(equations, pool, rest, term, free) if free else term
-
-    def _windowed(self, equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
-        """A wrench at the point of its link, and between the times, where it explains most beside a fit."""
-        points = term.effect.points(self.robot, term.link)
-        tried = [best_window(pool, fit, term.shaped(point)) for point in points]
-        return max(tried, key=lambda one: _alone(equations, pool, fit, one)[0])
 
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
         """Effort that really acts by the fit, and what drives take of it before the gear, at the working rate, (N, n) [N·m]."""
@@ -122,12 +114,6 @@ class Candidates:
         return plant.robot
 
 
-def _alone(equations: Equations, pool: Pool, fit: Fit, term: Term) -> tuple[float, np.ndarray]:
-    """Evidence a term with its shape would add to a fit, and its coefficients (k,); its columns are not kept."""
-    raw = term.effect.columns(equations.motion, term.target, dict(term.shape), term.link)
-    return pool.gain_of(fit, term, equations.reduced(raw))
-
-
 def _elsewhere(term: Term, other: Term) -> bool:
     """Whether another term is what this one may have to stand for: the same on another link, a tilt for a joint's zero."""
     same = term.link is not None and term.effect is other.effect
@@ -135,12 +121,14 @@ def _elsewhere(term: Term, other: Term) -> bool:
 
 
 def _piece(small: Term, large: Term) -> bool:
-    """Whether a wrench may be a piece of a longer one whose window was cut too short: it begins or ends where that does."""
-    if not small.effect.name == large.effect.name == "external_wrench":
+    """Whether a push may be a piece of a longer one whose window was cut too short, or whose point is not found yet."""
+    if not (small.effect.timed and large.effect.timed):
         return False
     one, other = dict(small.shape), dict(large.shape)
     shorter = one["end"] - one["start"] < other["end"] - other["start"]
-    return shorter and min(abs(one["end"] - other["start"]), abs(one["start"] - other["end"])) < TOUCHING
+    touching = min(abs(one["end"] - other["start"]), abs(one["start"] - other["end"])) < TOUCHING
+    inside = one["start"] > other["start"] - TOUCHING and one["end"] < other["end"] + TOUCHING
+    return shorter and (touching or inside)
 
 
 def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
@@ -148,7 +136,7 @@ def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Ter
     if not term.shape:
         return term
     for _ in range(RELINEARISATIONS):
-        _, coefficients = _alone(equations, pool, fit, term)
+        _, coefficients = pool.gain_of(fit, term)
         moved = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
         before, after = (np.array([value for _, value in one.shape]) for one in (term, moved))
         if np.linalg.norm(after - before) <= CONSISTENT * np.linalg.norm(after):
@@ -170,7 +158,7 @@ def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term, names: Sequ
         shape = moved(x)
         if not (term.effect.shape_allowed(shape) and term.effect.resolved(motion, term.target, shape)):
             return 1e9
-        return -_alone(equations, pool, fit, term.shaped(shape))[0]
+        return -pool.gain_of(fit, term.shaped(shape))[0]
 
     first = loss(start / scale)
     best = minimize(

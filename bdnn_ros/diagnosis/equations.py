@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting, rms, stable
+from bdnn_ros.diagnosis.noise import ORDER, Noise, rms, stable
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
@@ -109,9 +109,17 @@ class Equations:
     def columns(self, term: Term) -> np.ndarray:
         """Columns of a term as rows, (R, n, k) [N·m per unit]."""
         if term not in self._columns:
-            raw = term.effect.columns(self.motion, term.target, dict(term.shape), term.link)
-            self._columns[term] = self.reduced(raw)
+            self._columns[term] = self.made(term)
         return self._columns[term]
+
+    def made(self, term: Term) -> np.ndarray:
+        """The same, made and not kept."""
+        return self.reduced(term.effect.columns(self.motion, term.target, dict(term.shape), term.link))
+
+    @property
+    def hold(self) -> float:
+        """How far an effort leads that is held for a sample [s]; a mean over a sample lags by as much."""
+        return 0.5 / self.motion.signals.raw_rate
 
     @property
     def nuisances(self) -> np.ndarray:
@@ -138,7 +146,7 @@ class Equations:
     def nuisance_spread(self) -> np.ndarray:
         """Prior standard deviations of the lead [s], of the blur [s²] and of the friction's leads [N·m·s], (2 + n,)."""
         signals = self.motion.signals
-        general = [0.25 / signals.raw_rate, signals.kernel_std**2]
+        general = [0.5 * self.hold, signals.kernel_std**2]
         return np.array([*general, *(STICKING_LEAD * self.effort_scale)])
 
     def relieve(self, load: np.ndarray, drive: np.ndarray, robot: Robot | None = None) -> None:
@@ -169,32 +177,6 @@ class Equations:
         strongest = power.max(axis=0)
         strongest = np.maximum(strongest, HARDLY_SEEN * strongest.max())
         return term.effect.spread(TYPICAL_SHARE / np.maximum(strongest, 1e-9), self.motion.robot)
-
-    def echo(self, term: Term, width: int) -> np.ndarray:
-        """Correlation of a term's whitened columns with the effort's noise, by block, (B, k): what noise alone explains.
-
-        Such columns are made from the measured effort. With the noise's own likelihood (a change of variables from noise to
-        equation error) they gain nothing from it; without this they would.
-        """
-        result = np.zeros((self.blocks, width))
-        share = term.effect.echo(self.motion, term.target)
-        if share is not None:
-            full = self.full()[:, term.target]
-            weight = np.where(full, self.noise_curvature * share[self.rows], 0.0)
-            result[:, 0] = np.bincount(self.block, weight, self.blocks)
-        return result
-
-    @cached_property
-    def noise_curvature(self) -> float:
-        """Correlation of whitened noise with its own second derivative [1/s²]: minus the mean square frequency that is left."""
-        signals = self.motion.signals
-        noise = np.random.default_rng(0).standard_normal((len(signals), 1))
-        low = signals.smooth(signals.soften(noise))
-        pair = np.concatenate([low, self.motion.derivative(self.motion.derivative(low))], axis=1)[self.rows]
-        white = pair[ORDER:] - sum(
-            a * pair[ORDER - lag : len(pair) - lag] for lag, a in enumerate(predicting(pair[:, 0]), start=1)
-        )
-        return float(white[:, 1] @ white[:, 0] / (white[:, 0] @ white[:, 0]))
 
     def without_trends(self, values: np.ndarray) -> np.ndarray:
         """Rows (R, n) less a straight line in every block."""

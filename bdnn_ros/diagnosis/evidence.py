@@ -13,8 +13,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.optimize import lsq_linear
 
+from bdnn_ros.diagnosis.bounded import gains_of, held
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.noise import Noise
 
@@ -75,8 +75,6 @@ class Pool:
         self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
         self.white_target = equations.whiten(equations.target, noise)
         self.gram, self.moment, self.power = _by_block(self.white, self.white_target, equations)
-        for term, slot in zip(self.terms, self.slots, strict=True):
-            self.moment[:, slot] -= equations.echo(term, len(slot))
         self._fits: dict[tuple[tuple[int, ...], int | None], Fit] = {}
         order = noise.coefficients.shape[1]
         history = equations.history(order)
@@ -109,7 +107,6 @@ class Pool:
             cross = other.white[rows].reshape(-1, other.white.shape[2]).T @ new
             other.gram[b][:, slot], other.gram[b][slot] = cross, cross.T
             other.moment[b][slot] = new.T @ self.white_target[rows].ravel()
-        other.moment[:, slot] -= self.equations.echo(term, len(slot))
         other.__dict__.pop("total", None)
         return other
 
@@ -136,7 +133,7 @@ class Pool:
         best = cho_solve(factor, moment[index])
         low, high = self.lower[index], self.upper[index]
         if ((best < low - 1e-12) | (best > high + 1e-12)).any():
-            best = _held(factor[0], moment[index], low, high)
+            best = held(factor[0], moment[index], low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
         volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor[0])))
         return Fit(tuple(chosen), best, factor[0], float(volume - loss - self._scale), float(loss))
@@ -162,13 +159,22 @@ class Pool:
             seen = half[:, slots].transpose(1, 2, 0)
             schur = inner - seen @ seen.transpose(0, 2, 1)
             schur[:, np.arange(size), np.arange(size)] += self.precision[slots]
-            result[same], _ = _gains(
+            result[same], _ = gains_of(
                 schur, left[slots], self.precision[slots], self.lower[slots], self.upper[slots]
             )
         return result
 
-    def gain_of(self, fit: Fit, term: Term, columns: np.ndarray) -> tuple[float, np.ndarray]:
-        """Log evidence that columns (R, n, k) of a term outside the pool would add to a fit, and its coefficients (k,)."""
+    def gain_of(self, fit: Fit, term: Term, columns: np.ndarray | None = None) -> tuple[float, np.ndarray]:
+        """Log evidence that a term outside the pool would add to a fit, and its coefficients (k,).
+
+        Args:
+            columns: rows (R, n, k) in place of the term's own, without bounds; else its own are made and not kept.
+        """
+        bounds = np.array(term.effect.coefficient_bounds)
+        if columns is None:
+            columns = self.equations.made(term)
+        elif columns.shape[2] != len(bounds):
+            bounds = np.tile([-np.inf, np.inf], (columns.shape[2], 1))
         white = self.equations.whiten(columns, self.noise)
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
         tall = white[:, joints].reshape(-1, white.shape[2])
@@ -176,11 +182,9 @@ class Pool:
         known = self.white[:, joints][:, :, index].reshape(-1, len(index))
         cross = known.T @ tall
         left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
-        left = left - self.equations.echo(term, tall.shape[1]).sum(axis=0)
         prior = 1.0 / self.equations.spread(term, columns) ** 2
         schur = tall.T @ tall + np.diag(prior) - cross.T @ fit.covariance @ cross
-        bounds = np.array(term.effect.coefficient_bounds)
-        gains, best = _gains(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])
+        gains, best = gains_of(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])
         return float(gains[0]), best[0]
 
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:
@@ -263,57 +267,3 @@ def _by_block(
         moments.append(tall.T @ flat)
         powers.append(float(flat @ flat))
     return np.array(grams), np.array(moments), np.array(powers)
-
-
-def _held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor.
-
-    What comes before the first bound is free, so that the factor's last rows hold the problem of the rest by itself; their
-    columns are brought to one size.
-    """
-    target = solve_triangular(factor, moment, lower=True)
-    first = int(np.argmax(np.isfinite(low) | np.isfinite(high)))
-    root = np.tril(factor[first:, first:]).T
-    size = np.linalg.norm(root, axis=0)
-    low, high = low[first:], high[first:]
-    solution = lsq_linear(root / size, target[first:], (low * size, high * size), method="bvls")
-    held = np.clip(solution.x / size, low, high)
-    free = target[:first] - factor[first:, :first].T @ held
-    return np.concatenate([solve_triangular(factor[:first, :first].T, free), held])
-
-
-def _bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimum of ½ x'Ax - m'x inside bounds, by an active set: what leaves its bound is held there, the rest solved again."""
-    free = np.ones(len(moment), bool)
-    best = np.zeros(len(moment))
-    while True:
-        held = ~free
-        rest = np.linalg.solve(a[np.ix_(free, free)], moment[free] - a[np.ix_(free, held)] @ best[held])
-        best[free] = rest
-        outside = free & ((best < low) | (best > high))
-        if not outside.any():
-            return best
-        best = np.where(outside, np.clip(best, low, high), best)
-        free &= ~outside
-
-
-def _gains(
-    schur: np.ndarray, left: np.ndarray, prior: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Evidence gained by each of c blocks of k columns, (c,), and coefficients inside their bounds, (c, k).
-
-    Args:
-        schur: what the columns add to the information matrix beside the rest, (c, k, k).
-        left: their moments with what the rest leaves, (c, k).
-        prior: precisions of the coefficients, (c, k).
-    """
-    best = np.linalg.solve(schur, left[..., None])[..., 0]
-    outside = ((best < low) | (best > high)).any(axis=1)
-    if left.shape[1] == 1:
-        best = np.clip(best, low, high)
-    else:
-        for i in np.flatnonzero(outside):
-            best[i] = _bounded(schur[i], left[i], low[i], high[i])
-    explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)
-    volume = 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * np.linalg.slogdet(schur)[1]
-    return explained + volume, best

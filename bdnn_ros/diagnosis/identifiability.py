@@ -10,6 +10,7 @@ import numpy as np
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.odds import contains, doubt, near
+from bdnn_ros.diagnosis.pushes import reshaped
 from bdnn_ros.diagnosis.search import Search, Selection
 
 TEMPERATURE = 2.0
@@ -75,7 +76,11 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
     """Weighed at two beliefs: what one link's error explains, all links' larger errors may explain as well."""
     term = selection.pool.terms[one]
     own, nothing, scores = -np.inf, -np.inf, dict[int, float]()
-    for pool in search.beliefs_of(selection.pool):
+    fair = selection.pool
+    if term.effect.timed:
+        rest = [c for c in selection.chosen if c != one]
+        fair = reshaped(fair, rest, search.candidates.robot).replacing(one, term)
+    for pool in search.beliefs_of(fair):
         weighed = _weighed(search, pool, selection.chosen, one)
         own, nothing = max(own, weighed[0]), max(nothing, weighed[1])
         for rival, score in weighed[2].items():

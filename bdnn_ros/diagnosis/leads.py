@@ -16,11 +16,10 @@ DELAY = "effort_delay"
 def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
     """The lead that stays one [s], and what each chosen delay takes of it [s].
 
-    An effort that is held for a sample leads by half of one, a mean over a sample lags by as much. A delay of all joints
-    takes all but what such a hold is expected to be; delays of single joints only what no sample explains.
+    A delay of all joints takes all but what a hold is expected to be; delays of single joints only what no sample explains.
     """
     lead = float(fit.coefficients[pool.equations.rigid.shape[2]])
-    half = 0.5 / pool.equations.motion.signals.raw_rate
+    half = pool.equations.hold
     delays = {c: float(pool.coefficients(fit, c)[0]) for c in fit.terms if pool.terms[c].effect.name == DELAY}
     for chosen, delay in delays.items():
         if pool.terms[chosen].target < 0:
@@ -36,4 +35,4 @@ def hold_spread(pool: Pool, chosen: int) -> float:
     """Standard deviation of what a hold adds to a delay of all joints [s]: between none and half a sample."""
     if pool.terms[chosen].effect.name != DELAY or pool.terms[chosen].target >= 0:
         return 0.0
-    return 0.25 / pool.equations.motion.signals.raw_rate
+    return 0.5 * pool.equations.hold

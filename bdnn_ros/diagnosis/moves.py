@@ -10,6 +10,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near, unbelievable
+from bdnn_ros.diagnosis.pushes import reshaped, together
 
 ABSURD = 1e9
 """Log odds against an effect that cannot be."""
@@ -45,6 +46,19 @@ class Moves:
             chosen = self._drop(pool, chosen)
             if {pool.terms[c].place for c in chosen} == before:
                 break
+        return pool, chosen
+
+    def gather(self, pool: Pool, chosen: list[int]) -> tuple[Pool, list[int]]:
+        """Give the place of pushes at one time to a single one, on whatever link explains most beside all else."""
+        for one in [c for c in chosen if pool.terms[c].effect.timed]:
+            if one not in chosen:
+                continue
+            rest = [c for c in chosen if not together(pool.terms[c], pool.terms[one])]
+            other = reshaped(pool, rest, self.candidates.robot)
+            pushes = [c for c in range(len(other.terms)) if other.terms[c].effect.timed and c not in rest]
+            best = max(pushes, key=lambda c: self.score(other, [*rest, c]))
+            if self.score(other, [*rest, best]) > self.score(pool, chosen) + BETTER:
+                pool, chosen = pool.replacing(best, other.terms[best]), [*rest, best]
         return pool, chosen
 
     # -- moves --------------------------------------------------------------------------------------------------
@@ -88,19 +102,10 @@ class Moves:
             if not set(group) <= set(chosen):
                 continue
             rest = [c for c in chosen if c not in group]
-            fit = pool.fit(rest)
-            costs = self.costs(pool, rest)
-            where = near(pool.terms[group[0]])
-            rivals = [c for c in self.open_to(pool, rest, where) if c not in group]
-            if not rivals:
-                continue
-            scores = pool.gains(fit, rivals) - costs[rivals]
             now = self.score(pool, chosen)
-            kept = now - self.score(pool, rest)
-            for best in np.argsort(-scores)[:RIVALS_TRIED]:
-                if scores[best] <= kept - UNSURE:
+            for rival, behind in self.rivals(pool, rest, *group)[:RIVALS_TRIED]:
+                if behind >= UNSURE:
                     break
-                rival = rivals[best]
                 grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
                 if self.score(pool, grown) > now + BETTER and self.pays(pool, grown, rival):
                     chosen = grown
@@ -127,6 +132,17 @@ class Moves:
             chosen = without
         return chosen
 
+    def rivals(self, pool: Pool, rest: Sequence[int], *group: int) -> list[tuple[int, float]]:
+        """What could stand where some terms do beside the rest, the best first, and by how much it seems to score less."""
+        fit = pool.fit(rest)
+        kept = self.score(pool, [*rest, *group]) - self.score(pool, rest)
+        where = near(pool.terms[group[0]])
+        found = [c for c in self.open_to(pool, rest, where) if c not in group]
+        if not found:
+            return []
+        scores = pool.gains(fit, found) - self.costs(pool, rest)[found]
+        return [(found[k], kept - float(scores[k])) for k in np.argsort(-scores)]
+
     # -- judgements ---------------------------------------------------------------------------------------------
 
     def score(self, pool: Pool, chosen: Sequence[int]) -> float:
@@ -148,14 +164,14 @@ class Moves:
         """Candidates that the chosen do not say already: not at the same place, nor contained in one of them.
 
         Args:
-            where: only those that can stand for an effect at this joint; -1 for all.
+            where: only those that can stand for an effect at this joint, what moves bodies anywhere; -1 for all.
         """
         taken = {pool.terms[c].place for c in chosen}
         inside = {(name, pool.terms[c].target) for c in chosen for name in pool.terms[c].effect.contains}
         return [
             c
             for c, term in enumerate(pool.terms)
-            if (where < 0 or term.target in (where, -1) or term.link)
+            if (where < 0 or term.target in (where, -1) or term.link or term.effect.of_bodies)
             and term.place not in taken
             and (term.effect.name, term.target) not in inside
         ]

@@ -65,6 +65,11 @@ def contains(larger: Term, smaller: Term) -> bool:
     return smaller.effect.name in larger.effect.contains and smaller.target == larger.target
 
 
+def related(one: Term, other: Term) -> bool:
+    """Whether one says all that the other says, or both are pushes, which have moves of their own."""
+    return contains(one, other) or contains(other, one) or (one.effect.timed and other.effect.timed)
+
+
 def having_each(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
     """Which joints have each kind of effect, also as a part of another."""
     having: dict[str, set[int]] = {}

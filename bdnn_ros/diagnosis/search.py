@@ -6,7 +6,7 @@ A first choice is never final: every term is compared again with its rivals once
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +14,9 @@ import numpy as np
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, Moves
+from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, UNSURE, Moves
 from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.odds import contains, doubt
+from bdnn_ros.diagnosis.odds import COST, contains, doubt, related
 from bdnn_ros.diagnosis.settling import at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
@@ -72,8 +72,8 @@ class Search(Moves):
 
     def run(self) -> Selection:
         """The best set of effects."""
-        noise = self._start()
-        selection = self._select(noise, [], OUTSTANDING)
+        noise, worn = self._start()
+        selection = self._select(noise, worn, OUTSTANDING)
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
             previous = {t.place for t in selection.terms}
@@ -81,8 +81,10 @@ class Search(Moves):
             selection = self._select(settled.noise, settled.terms)
             if {t.place for t in selection.terms} == previous:
                 break
-        found = self._hidden_in_noise(selection)
-        return selection if found is None else self._select(found.noise, found.terms)
+        for hidden in (self._hidden_in_noise, self._hidden_behind_rivals):
+            found = hidden(selection)
+            selection = selection if found is None else self._select(found.noise, found.terms)
+        return selection
 
     def _hidden_in_noise(self, selection: Selection) -> Pool | None:
         """The terms and one more that white noise shows and its own noise confirms; None without.
@@ -97,14 +99,34 @@ class Search(Moves):
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         open_ = self.open_to(pool, chosen)
         gains = pool.gains(pool.fit(chosen), open_) - self.costs(pool, chosen)[open_]
-        motion, score = self.equations.motion, self.score(now, chosen)
-        for best in np.argsort(-gains)[:HIDDEN_TRIED]:
-            if gains[best] <= LOUD:
-                break
-            term = pool.terms[open_[best]]
-            kept = [t for t in now.terms if not contains(term, t)]
-            every = range(len(kept) + 1)
-            trial = self._at_own_noise(Pool(self.equations, noise, [*kept, term], self.link_error), every)
+        likely = [pool.terms[open_[k]] for k in np.argsort(-gains) if gains[k] > LOUD][:HIDDEN_TRIED]
+        return self._first_better(
+            now, noise, ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
+        )
+
+    def _hidden_behind_rivals(self, selection: Selection) -> Pool | None:
+        """The terms with a rival in one's place that its own noise proves the better one; None without.
+
+        Noise is what the terms leave: with the wrong one among them it holds what the right one would explain.
+        """
+        pool, likely = selection.pool, []
+        for one in selection.chosen:
+            rest = [c for c in selection.chosen if c != one]
+            for rival, behind in self.rivals(pool, rest, one):
+                if behind < UNSURE and not related(pool.terms[rival], pool.terms[one]):
+                    likely.append((behind, [*(pool.terms[c] for c in rest), pool.terms[rival]]))
+        if not likely:
+            return None
+        likely.sort(key=lambda pair: pair[0])
+        now = self._at_own_noise(pool, selection.chosen)
+        return self._first_better(now, pool.noise, (terms for _, terms in likely[:HIDDEN_TRIED]))
+
+    def _first_better(self, now: Pool, noise: Noise, sets: Iterable[list[Term]]) -> Pool | None:
+        """The first set of terms that scores better than a pool, each at its own noise, its last term paying; None without."""
+        motion, score = self.equations.motion, self.score(now, range(len(now.terms)))
+        for terms in sets:
+            every = range(len(terms))
+            trial = self._at_own_noise(Pool(self.equations, noise, terms, self.link_error), every)
             if self.score(trial, every) > score + BETTER and self.pays(trial, every, every[-1]):
                 return trial
             self.equations.take(motion)
@@ -115,10 +137,11 @@ class Search(Moves):
         alone = Pool(self.equations, pool.noise, terms, pool.link_error)
         return at_own_noise(self.candidates, self.equations, alone, self.floor, beside)
 
-    def _start(self) -> Noise:
-        """Noise of what the commonest causes on every joint would leave, trends left out; a first estimate of the load.
+    def _start(self) -> tuple[Noise, list[Term]]:
+        """Noise of what the commonest causes on every joint would leave, and which of them are worn in.
 
-        Trends are left out so that a push or a drift is not taken for slow noise before it could be named.
+        Trends are left out so that a push or a drift is not taken for slow noise before it could be named. The load is
+        estimated with all of them.
         """
         equations = self.equations
         common = self.candidates.common()
@@ -128,7 +151,19 @@ class Search(Moves):
             fit = pool.fit(range(len(common)))
             noise = equations.noise_of(pool.residual(fit), self.floor, steady=True)
         equations.relieve(*self.candidates.load(equations, pool, fit))
-        return noise
+        return noise, self._worn(Pool(equations, noise, common, self.link_errors[-1]))
+
+    def _worn(self, pool: Pool) -> list[Term]:
+        """The commonest causes that each bring more than its price beside all others, where most joints have some.
+
+        What is hidden in a worn robot is large only beside its wear. A robot with one cause is searched from nothing.
+        """
+        every = list(range(len(pool.terms)))
+        whole = pool.fit(every).evidence
+        kept = [
+            pool.terms[c] for c in every if whole - pool.fit([o for o in every if o != c]).evidence > COST
+        ]
+        return kept if len({term.target for term in kept}) > 0.5 * self.equations.width else []
 
     def _select(self, noise: Noise, start: Sequence[Term], least: float = 0.0) -> Selection:
         """Best set at one noise model, starting from some terms.
@@ -141,9 +176,8 @@ class Search(Moves):
         pool = refined(self.candidates, self.equations, pool, range(count))
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
-        found = [
-            self.descend(pool.believing(error), list(range(count)), least) for error in self._beliefs(noise)
-        ]
+        pool, begun = self.gather(pool, list(range(count)))
+        found = [self.descend(pool.believing(error), begun, least) for error in self._beliefs(noise)]
         scores = [self.score(pool, chosen) - doubt(pool) for pool, chosen in found]
         pool, chosen = found[int(np.argmax(scores))]
         self.link_error = pool.link_error

@@ -81,7 +81,7 @@ def timed(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
     every = range(len(pool.terms))
     terms = [
         candidates.refined(equations, pool, pool.fit(every), one)
-        if pool.terms[one].effect.name == "external_wrench"
+        if pool.terms[one].effect.timed
         else pool.terms[one]
         for one in every
     ]

@@ -38,28 +38,22 @@ def told(
     found: Sequence[Estimate],
     remainder: Remainder,
 ) -> Diagnosis:
-    extended, judgements = attempt.extended, attempt.judgements
-    held = equations.usable & attempt.test[:, None]
-    taken, ever = (removed(equations, attempt.fitted, extended, rows) for rows in (held, equations.usable))
-    # what lasts a moment may remove nothing in any held-out row
-    worth = _noticed(equations, attempt, taken, held) | _noticed(equations, attempt, ever, equations.usable)
+    """The diagnosis, its errors and its gain on rows that the search has not seen.
+
+    Args:
+        found: the chosen terms' estimates from all rows, in the order of the attempt's.
+        remainder: what all of them leave.
+    """
+    extended, held = attempt.extended, equations.usable & attempt.test[:, None]
     simulation, after = rms(equations.target, held), rms(extended, held)
-    before = float(np.sum(simulation**2))
-    findings, large = [], LARGE_ERROR * equations.effort_scale
-    doubtful = far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
-    for k, (estimate, judgement, less) in enumerate(zip(found, judgements, taken, strict=True)):
-        if k not in worth or not estimate.shown:
-            continue
-        if judgement.nothing <= DOUBTFUL:
-            findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / max(before, 1e-30)))
-        elif judgement.nothing <= UNLIKELY:
-            doubtful |= bool((less > large**2).any())
+    findings, doubtful = _findings(robot, equations, attempt, found)
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
+    far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
-    verdict = _verdict(findings, doubtful, after, floor, equations.effort_scale)
+    verdict = _verdict(findings, doubtful or far_off, after, floor, equations.effort_scale)
     where = [_place(robot, e)[0] or _place(robot, e)[1] or "the base" for e in found]
     return Diagnosis(
         source=_source(recordings, equations),
@@ -71,9 +65,31 @@ def told(
         unexplained_share=share,
         unexplained_depends_on=remainder.depends_on[:6],
         unexplained_sentence=_unexplained_sentence(share, remainder),
-        advice=tuple(advice([e.term for e in found], judgements, where)),
+        advice=tuple(advice([e.term for e in found], attempt.judgements, where)),
         notes=(*(note for recording in recordings for note in recording.notes), *[FAR_OFF] * far_off),
     )
+
+
+def _findings(
+    robot: Robot, equations: Equations, attempt: Attempt, found: Sequence[Estimate]
+) -> tuple[list[Finding], bool]:
+    """What is sure and large enough for a name, and whether something large is likely without being sure."""
+    held = equations.usable & attempt.test[:, None]
+    taken, ever = (
+        removed(equations, attempt.fitted, attempt.extended, rows) for rows in (held, equations.usable)
+    )
+    # what lasts a moment may remove nothing in any held-out row
+    worth = _noticed(equations, attempt, taken, held) | _noticed(equations, attempt, ever, equations.usable)
+    before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
+    findings, doubtful, large = [], False, LARGE_ERROR * equations.effort_scale
+    for k, (estimate, judgement, less) in enumerate(zip(found, attempt.judgements, taken, strict=True)):
+        if k not in worth or not estimate.shown:
+            continue
+        if judgement.nothing <= DOUBTFUL:
+            findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / before))
+        elif judgement.nothing <= UNLIKELY:
+            doubtful |= bool((less > large**2).any())
+    return findings, doubtful
 
 
 def _noticed(

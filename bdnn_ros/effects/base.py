@@ -85,6 +85,8 @@ class Effect(ABC):
     """It takes its effort before the gear, so that the gear does not carry it."""
     brief: ClassVar[bool] = False
     """It acts for moments: its share of a whole recording says little of it."""
+    timed: ClassVar[bool] = False
+    """It acts between two times that only the data tell: its `start` and `end`."""
     kinematic: ClassVar[bool] = False
     """It shows in the reported velocity, not in the effort."""
 
@@ -175,13 +177,6 @@ class Effect(ABC):
     def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
         """Whether a motion behind its low-pass shows the effect with this shape at all."""
         return True
-
-    def echo(self, motion: Motion, target: int) -> np.ndarray | None:
-        """Share of the effort sensor's noise, differentiated twice, that is in the target's column, (N,) [s²·...].
-
-        The same noise is in what the column is to explain. None where the column is free of it.
-        """
-        return None
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         """The shape at which the columns are exact for these coefficients; the same where they always are."""

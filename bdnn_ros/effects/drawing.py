@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.environment import POINT, TORQUE
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS, Installed, completed, variants
 from bdnn_ros.errors import DataError
@@ -22,6 +23,9 @@ EFFORT_SHARE = 0.95
 """Largest effort per limit with the effect."""
 TELLING = 0.05
 """What an effect adds to a simpler one that it contains, per spread of the effort: less makes little difference."""
+NEVER_SCALED = ("start", "end", "mass", "nominal_mass", "transit", *POINT)
+CONTACT = 0.1
+"""A hand pushes a link so far from its origin, along each axis [m]."""
 LEAST_SCALED = 0.2
 """A link off by less is one of many that are."""
 
@@ -114,8 +118,7 @@ def _values(
     if effect.name == "external_wrench":
         begin = rng.uniform(0.1, 0.5)
         values |= {"start": start + begin * span, "end": start + (begin + rng.uniform(0.15, 0.4)) * span}
-        points = effect.points(motion.robot, link)
-        values |= points[int(rng.integers(len(points)))]
+        values |= _point(effect, motion.robot, link, rng)
     if effect.name == "drift":
         values |= {"start": start, "end": start + span}
         if rng.random() < 0.5:
@@ -127,6 +130,16 @@ def _values(
     if effect.name == "backlash":
         values["transit"] = 0.03
     return completed(effect, values, motion.robot, link)
+
+
+def _point(effect: Effect, robot: Robot, link: str | None, rng: np.random.Generator) -> dict[str, float]:
+    """Where on its link a wrench acts: a place that everyone knows, or anywhere near it, where only a force can."""
+    known = effect.points(robot, link)
+    chosen = int(rng.integers(len(known) + (link is not None)))
+    if chosen < len(known):
+        return known[chosen]
+    anywhere = rng.uniform(-CONTACT, CONTACT, len(POINT)).tolist()
+    return {**dict(zip(POINT, anywhere, strict=True)), **dict.fromkeys(TORQUE, 0.0)}
 
 
 def _sized(
@@ -173,7 +186,7 @@ def _sensible(effect: Effect, values: dict[str, float], target: int, motion: Mot
         value, (low, high) = values[parameter.name], parameter.plausible
         if not parameter.lower <= value <= parameter.upper:
             return False
-        fixed = parameter.of_effort or parameter.name in ("start", "end", "mass", "nominal_mass", "transit")
+        fixed = parameter.of_effort or parameter.name in NEVER_SCALED
         edge = BEYOND_PLAUSIBLE * max(abs(low), abs(high))
         if effect.name != "payload" and not fixed and abs(value) > edge:
             return False

@@ -14,7 +14,9 @@ from bdnn_ros.effects.rigid import needed_link
 from bdnn_ros.robot import Robot
 
 POINT = ("point_x", "point_y", "point_z")
-COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+FORCE = ("force_x", "force_y", "force_z")
+TORQUE = ("torque_x", "torque_y", "torque_z")
+COMPONENTS = FORCE + TORQUE
 SHORTEST = 0.3
 """A push lasts so long [s]: what is shorter, no low-pass leaves much of."""
 SAME_POINT = 0.005
@@ -31,6 +33,7 @@ class Push(Effect):
 
     name = "external_wrench"
     brief = True
+    timed = True
     shown_by = "the same motion again without contact"
     source = HADDADIN
     shape_bounds = MappingProxyType({"start": (-np.inf, np.inf), "end": (-np.inf, np.inf)})
@@ -42,7 +45,8 @@ class Push(Effect):
 class ExternalWrench(Push):
     """A constant force and torque of the environment on a link, in the base's axes, between two times.
 
-    It acts at a point that moves with the link; a diagnosis tries the origin of the frame and the centre of mass.
+    It acts at a point that moves with the link; a diagnosis tries the origin of the frame, the centre of mass, and where
+    a force alone explains most.
     """
 
     variant = "link"
@@ -50,13 +54,14 @@ class ExternalWrench(Push):
     on = "link"
     parameters = (
         *WINDOW,
-        *(Parameter(c, "N", plausible=(-20.0, 20.0), default=0.0) for c in COMPONENTS[:3]),
-        *(Parameter(c, "N*m", plausible=(-1.0, 1.0), default=0.0) for c in COMPONENTS[3:]),
+        *(Parameter(c, "N", plausible=(-20.0, 20.0), default=0.0) for c in FORCE),
+        *(Parameter(c, "N*m", plausible=(-1.0, 1.0), default=0.0) for c in TORQUE),
         *(Parameter(c, "m", -1.0, 1.0, plausible=(0.0, 0.0), default=0.0) for c in POINT),
     )
     equation = "-J_point(q)' * (force, torque) where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
     coefficient_bounds = ((-np.inf, np.inf),) * 6
+    shape_bounds = MappingProxyType({**Push.shape_bounds, **dict.fromkeys(POINT, (-1.0, 1.0))})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         wrench, none = np.array([values[c] for c in COMPONENTS]), np.zeros(6)
@@ -67,10 +72,13 @@ class ExternalWrench(Push):
         )
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        # the arm hardly moves while an edge passes the low-pass
-        within = motion.signals.soften(window(motion, shape).astype(float))
-        x, y, z = (shape[c] for c in POINT)
-        return -within[:, None, None] * motion.soft_pull(needed_link(link), (x, y, z))
+        point = np.array([shape[c] for c in POINT])
+        return -window(motion, shape)[:, None, None] * motion.soft_pull(needed_link(link), point)
+
+    def displaced(self, motion: Motion, shape: Values, link: str, force: np.ndarray) -> np.ndarray:
+        """What each metre of the point along the link's axes adds to the effort under a force (3,) [N], (N, n, 3)."""
+        added = np.einsum("tjfa,f->tja", motion.soft_arms(link), force)
+        return -window(motion, shape)[:, None, None] * added
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         points = self.points(motion.robot, link)
@@ -97,8 +105,8 @@ class ExternalWrench(Push):
         return any(abs(values[c]) > SHOWN * stds[c] for c in COMPONENTS)
 
     def sentence(self, where: str, values: Values) -> str:
-        force = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[:3])
-        torque = ", ".join(f"{values[c]:.2g}" for c in COMPONENTS[3:])
+        force = ", ".join(f"{values[c]:.2g}" for c in FORCE)
+        torque = ", ".join(f"{values[c]:.2g}" for c in TORQUE)
         point = ", ".join(f"{values[c]:.3g}" for c in POINT)
         return (
             f"Something pushes {where} from {values['start']:.2f} s to {values['end']:.2f} s "
@@ -124,7 +132,7 @@ class ExternalTorque(Push):
         )
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return motion.sharp_column(target, -window(motion, shape).astype(float))
+        return motion.joint_column(target, -window(motion, shape))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return windows(motion)
@@ -254,8 +262,15 @@ class DriftingOffset(Drift):
 
 
 def window(motion: Motion, shape: Values) -> np.ndarray:
-    """Samples between `start` and `end`, (N,) bool."""
-    return (motion.time >= shape["start"]) & (motion.time < shape["end"])
+    """How much of each sample's period lies between `start` and `end`, as soft as the effort is, (N,) in 0 to 1.
+
+    The arm hardly moves while an edge passes the low-pass, so that a column may be weighed with it.
+    """
+    begun, over = (
+        np.clip((motion.time - shape[edge]) * motion.signals.rate + 0.5, 0.0, 1.0)
+        for edge in ("start", "end")
+    )
+    return motion.signals.soften(begun - over)
 
 
 def windows(motion: Motion) -> list[dict[str, float]]:

@@ -12,7 +12,9 @@ from scipy.interpolate import CubicSpline
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
-OF_MOTION = ("regressor", "_pulls")
+CALM = 2.2
+"""What a motion does is slower than this many times its root mean square frequency."""
+OF_MOTION = ("regressor", "_pulls", "_calm")
 """Cached, and the same whatever the bodies and the load are."""
 OF_BODIES = ("link_load", "_slopes", "gravity_pulls")
 """Cached, and the same whatever the load is."""
@@ -80,6 +82,15 @@ class Motion:
             return self.link_load
         return effort if self.drive is None else effort - self.drive
 
+    def calmed(self, values: np.ndarray) -> np.ndarray:
+        """Values (N, ...) as slow as the motion is: what is faster is noise, and far larger once differentiated twice."""
+        return self.signals.passed(values, self._calm)
+
+    @cached_property
+    def _calm(self) -> float:
+        rates = np.sum(self.acceleration**2) / max(float(np.sum(self.velocity**2)), 1e-12)
+        return CALM * float(np.sqrt(rates)) / (2.0 * np.pi)
+
     @cached_property
     def usual_acceleration(self) -> np.ndarray:
         """Root mean square acceleration of each joint, (n,) [rad/s²]."""
@@ -92,11 +103,6 @@ class Motion:
             return self.load
         own = self.robot.drive_effort(self.velocity, self.acceleration, self.signals.sign)
         return np.asarray(self.load - (self.drive - own))
-
-    @cached_property
-    def own_inertia(self) -> np.ndarray:
-        """Diagonal of the mass matrix, (N, n) [kg·m²]."""
-        return np.diagonal(self.robot.mass_matrix(self.position), axis1=1, axis2=2)
 
     def joint_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
         """Columns (N,) that act on one joint only, as (N, n, k)."""
@@ -114,15 +120,27 @@ class Motion:
         """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
         return self.robot.regressor(self.position, self.velocity, self.acceleration)
 
-    def soft_pull(self, link: str, point: tuple[float, float, float]) -> np.ndarray:
+    def soft_pull(self, link: str, point: np.ndarray) -> np.ndarray:
         """Effort per wrench at a point of a link, its Jacobian transposed, low-passed as the effort was, (N, n, 6)."""
-        if (link, point) not in self._pulls:
-            jacobian = self.robot.link_jacobian(self.position, link, np.array(point))
-            self._pulls[link, point] = self.signals.soften(np.swapaxes(jacobian, 1, 2))
-        return self._pulls[link, point]
+        at_origin, arms = self._soft_pulls(link)
+        pull = at_origin.copy()
+        pull[..., :3] += arms @ point
+        return pull
+
+    def soft_arms(self, link: str) -> np.ndarray:
+        """What each metre along a link's axes adds to the effort per force at a point of it, (N, n, force, axis) [1]."""
+        return self._soft_pulls(link)[1]
+
+    def _soft_pulls(self, link: str) -> tuple[np.ndarray, np.ndarray]:
+        if link not in self._pulls:
+            jacobian = self.robot.link_jacobian(self.position, link)
+            axes = self.robot.link_rotation(self.position, link)
+            arms = np.cross(np.swapaxes(jacobian[:, 3:], 1, 2)[..., None], axes[:, None], axis=2)
+            self._pulls[link] = self.signals.soften(np.swapaxes(jacobian, 1, 2)), self.signals.soften(arms)
+        return self._pulls[link]
 
     @cached_property
-    def _pulls(self) -> dict[tuple[str, tuple[float, float, float]], np.ndarray]:
+    def _pulls(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:

@@ -23,7 +23,8 @@ class JointElasticity(Effect):
     """A spring between motor and link: link position = measured position - link load / stiffness.
 
     The load is the measured effort's: the motor's oscillation on its spring is in the measured position, and
-    a load computed from that would hold it twice.
+    a load computed from that would hold it twice. It is taken as slow as the motion: near the resonance the noise of
+    the effort would bend the spring more than the load does.
     """
 
     name = "joint_elasticity"
@@ -38,15 +39,12 @@ class JointElasticity(Effect):
     of_load = True
     coefficient_bounds = ((0.0, 1.0),)
 
-    def echo(self, motion: Motion, target: int) -> np.ndarray:
-        return -motion.own_inertia[:, target]
-
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         deflection = np.zeros(motion.position.shape)
-        deflection[:, target] = motion.gear_load[:, target]
+        deflection[:, target] = motion.calmed(motion.gear_load[:, target])
         return -motion.shifted(deflection)[..., None]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:

@@ -1,0 +1,61 @@
+"""Least squares and evidence where coefficients have bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
+
+
+def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor.
+
+    What comes before the first bound is free, so that the factor's last rows hold the problem of the rest by itself; their
+    columns are brought to one size.
+    """
+    target = solve_triangular(factor, moment, lower=True)
+    first = int(np.argmax(np.isfinite(low) | np.isfinite(high)))
+    root = np.tril(factor[first:, first:]).T
+    size = np.linalg.norm(root, axis=0)
+    low, high = low[first:], high[first:]
+    solution = lsq_linear(root / size, target[first:], (low * size, high * size), method="bvls")
+    held = np.clip(solution.x / size, low, high)
+    free = target[:first] - factor[first:, :first].T @ held
+    return np.concatenate([solve_triangular(factor[:first, :first].T, free), held])
+
+
+def bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Minimum of ½ x'Ax - m'x inside bounds, by an active set: what leaves its bound is held there, the rest solved again."""
+    free = np.ones(len(moment), bool)
+    best = np.zeros(len(moment))
+    while True:
+        held = ~free
+        rest = np.linalg.solve(a[np.ix_(free, free)], moment[free] - a[np.ix_(free, held)] @ best[held])
+        best[free] = rest
+        outside = free & ((best < low) | (best > high))
+        if not outside.any():
+            return best
+        best = np.where(outside, np.clip(best, low, high), best)
+        free &= ~outside
+
+
+def gains_of(
+    schur: np.ndarray, left: np.ndarray, prior: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Evidence gained by each of c blocks of k columns, (c,), and coefficients inside their bounds, (c, k).
+
+    Args:
+        schur: what the columns add to the information matrix beside the rest, (c, k, k).
+        left: their moments with what the rest leaves, (c, k).
+        prior: precisions of the coefficients, (c, k).
+    """
+    best = np.linalg.solve(schur, left[..., None])[..., 0]
+    outside = ((best < low) | (best > high)).any(axis=1)
+    if left.shape[1] == 1:
+        best = np.clip(best, low, high)
+    else:
+        for i in np.flatnonzero(outside):
+            best[i] = bounded(schur[i], left[i], low[i], high[i])
+    explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)
+    volume = 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * np.linalg.slogdet(schur)[1]
+    return explained + volume, best

@@ -1,0 +1,121 @@
+"""Where and when something pushed: the point of a link and the times at which a constant wrench explains most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.diagnosis.equations import Term
+from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.windows import best_window
+from bdnn_ros.effects.environment import POINT, SAME_POINT, ExternalWrench
+from bdnn_ros.robot import Robot
+
+EDGES = ("start", "end")
+STEPS = 5
+"""Gauss-Newton steps, towards a point of contact or the times of a push."""
+NEAR = 0.1
+"""Times found between rows are nearer than this to where the search for them starts [s]."""
+EXACT = 1e-3
+"""A step of the times that is small enough [s]."""
+FARTHEST = 1.0
+"""No hand reaches further from its link's origin [m]."""
+WORTH = 3.0
+"""Evidence that a point of its own must bring beyond those that are tried first."""
+
+
+def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
+    """A push with the times, and a wrench with the point of its link, that add most evidence to a fit."""
+    tried = [best_window(pool, fit, term.shaped(point)) for point in term.effect.points(robot, term.link)]
+    best = max(tried, key=lambda one: pool.gain_of(fit, one)[0])
+    contact = _contact(pool, fit, best)
+    if contact is None:
+        return best
+    contact = best_window(pool, fit, contact)
+    return contact if pool.gain_of(fit, contact)[0] > pool.gain_of(fit, best)[0] + WORTH else best
+
+
+def reshaped(pool: Pool, rest: Sequence[int], robot: Robot) -> Pool:
+    """The pool with all pushes but those among the rest where each explains most beside the rest."""
+    fit = pool.fit(rest)
+    for one, term in enumerate(pool.terms):
+        if term.effect.timed and one not in rest:
+            pool = pool.replacing(one, timed(pool, fit, best_push(pool, fit, term, robot)))
+    return pool
+
+
+def together(one: Term, other: Term) -> bool:
+    """Whether two pushes last over each other for half of the shorter one: what pushes one link may look like two."""
+    if not (one.effect.timed and other.effect.timed):
+        return False
+    a, b = dict(one.shape), dict(other.shape)
+    shorter = min(shape["end"] - shape["start"] for shape in (a, b))
+    return min(a["end"], b["end"]) - max(a["start"], b["start"]) > 0.5 * shorter
+
+
+def timed(pool: Pool, fit: Fit, term: Term) -> Term:
+    """A push with its times between rows, where they add most evidence to a fit, by Gauss-Newton."""
+    equations = pool.equations
+    step = 1.0 / equations.motion.signals.rate
+    gain, coefficients = pool.gain_of(fit, term)
+    for _ in range(STEPS):
+        shape = dict(term.shape)
+        edges = [
+            (
+                _pushed(pool, term, {**shape, edge: shape[edge] + step}, coefficients)
+                - _pushed(pool, term, {**shape, edge: shape[edge] - step}, coefficients)
+            )
+            / (2.0 * step)
+            for edge in EDGES
+        ]
+        columns = np.concatenate([equations.made(term), np.stack(edges, axis=2)], axis=2)
+        by = np.clip(pool.gain_of(fit, term, columns)[1][-2:], -NEAR, NEAR)
+        moved = term.shaped(
+            {**shape, **{edge: shape[edge] + float(b) for edge, b in zip(EDGES, by, strict=True)}}
+        )
+        if not term.effect.shape_allowed(dict(moved.shape)):
+            break
+        better, found = pool.gain_of(fit, moved)
+        if better <= gain:
+            break
+        term, gain, coefficients = moved, better, found
+        if np.abs(by).max() < EXACT:
+            break
+    return term
+
+
+def _pushed(pool: Pool, term: Term, shape: dict[str, float], coefficients: np.ndarray) -> np.ndarray:
+    """Effort of a push with another shape, rows (R, n) [N·m]."""
+    motion = pool.equations.motion
+    return pool.equations.reduced(term.effect.columns(motion, term.target, shape, term.link) @ coefficients)
+
+
+def _contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
+    """The wrench at the point where a force alone explains most, by Gauss-Newton; None where there is no such point.
+
+    A force F at the point p of a link that has turned by R pulls with (R p) x F about the link's origin, which is linear in
+    p for a given F: while the link turns, that is not one torque.
+    """
+    effect, link, equations = term.effect, term.link, pool.equations
+    if not isinstance(effect, ExternalWrench) or link is None:
+        return None
+    first = point = _point(term)
+    force = pool.gain_of(fit, term)[1][:3]
+    for _ in range(STEPS):
+        arms = equations.reduced(effect.displaced(equations.motion, dict(term.shape), link, force))
+        columns = np.concatenate([equations.made(term)[..., :3], arms], axis=2)
+        found = pool.gain_of(fit, term, columns)[1]
+        force, step = found[:3], found[3:]
+        point = point + step
+        if np.linalg.norm(point) > FARTHEST:
+            return None
+        term = term.shaped({**dict(term.shape), **dict(zip(POINT, point.tolist(), strict=True))})
+        if np.linalg.norm(step) < SAME_POINT:
+            break
+    return term if np.linalg.norm(point - first) > SAME_POINT else None
+
+
+def _point(term: Term) -> np.ndarray:
+    shape = dict(term.shape)
+    return np.array([shape[axis] for axis in POINT])

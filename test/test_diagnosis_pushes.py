@@ -1,0 +1,120 @@
+"""Where a push acts: the point of contact, its link, its times between rows; and one push told as one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from diagnosis_cases import equations_of, signals_of, term, white
+
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Term
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.moves import Moves
+from bdnn_ros.diagnosis.pushes import best_push, timed, together
+from bdnn_ros.effects.environment import POINT
+from bdnn_ros.effects.motion import Motion
+from bdnn_ros.robot import Robot
+
+ARM = Robot.bundled("arm6")
+TRUSTING = 1e-3
+"""Belief in the links that leaves a push to nothing else."""
+
+
+def pool_of(spec: str, others: Sequence[str] = (), std: float = 0.02, seed: int = 0) -> Pool:
+    """A pool of some terms on a recording that holds a push."""
+    equations = equations_of([spec], "arm6")
+    noise, model = white(equations, std, seed)
+    equations.target = equations.target + noise
+    return Pool(equations, model, [term(other, ARM)[0] for other in others], TRUSTING)
+
+
+def point_of(found: Term) -> np.ndarray:
+    """The point at which a wrench was found to act, (3,) [m]."""
+    shape = dict(found.shape)
+    return np.array([shape[axis] for axis in POINT])
+
+
+@pytest.mark.parametrize("point", [(0.05, 0.0, 0.09), (-0.08, 0.06, 0.02), (0.0, -0.2, 0.1)])
+@pytest.mark.parametrize("link", ["arm6_link4", "arm6_link6"])
+def test_a_force_is_found_at_its_point_of_contact(link, point):
+    x, y, z = point
+    spec = f"external_wrench@{link}:start=3,end=8,force_x=12,force_y=4,force_z=-6,"
+    spec += f"point_x={x},point_y={y},point_z={z}"
+    pool = pool_of(spec)
+    fit = pool.fit(())
+    found = best_push(pool, fit, term(spec, ARM)[0], ARM)
+    force, torque = np.split(pool.gain_of(fit, found)[1], 2)
+    np.testing.assert_allclose(point_of(found), point, atol=0.01)
+    np.testing.assert_allclose(force, [12.0, 4.0, -6.0], atol=0.3)
+    assert np.linalg.norm(torque) < 0.1
+
+
+def test_a_torque_stays_where_it_is_told_from():
+    spec = "external_wrench@arm6_link5:start=3,end=8,force_x=8,torque_x=1.5,torque_y=-2,torque_z=1"
+    pool = pool_of(spec)
+    found = best_push(pool, pool.fit(()), term(spec, ARM)[0], ARM)
+    np.testing.assert_array_equal(point_of(found), 0.0)
+
+
+def test_times_are_found_between_rows():
+    spec = "external_wrench@arm6_joint2:start=3.317,end=6.571,torque=8"
+    pool = pool_of(spec)
+    fit, true = pool.fit(()), dict(term(spec, ARM)[0].shape)
+    rough = best_push(pool, fit, term(spec, ARM)[0], ARM)
+    fine = timed(pool, fit, rough)
+    error = [max(abs(dict(one.shape)[edge] - true[edge]) for edge in true) for one in (rough, fine)]
+    assert error[1] < 0.002 < 0.01 < error[0]
+    assert pool.gain_of(fit, fine)[0] > pool.gain_of(fit, rough)[0]
+
+
+def test_wrenches_on_neighbours_give_way_to_the_one_that_explains_all():
+    times = "start=3,end=8"
+    true = f"external_wrench@arm6_link5:{times},force_x=12,force_z=-6,point_x=0.08,point_z=0.05"
+    told = [
+        f"external_wrench@arm6_link4:{times},force_x=1",
+        f"external_wrench@arm6_link6:{times},force_x=1",
+        f"external_wrench@arm6_joint3:{times},torque=1",
+        "coulomb_friction@arm6_joint1:coulomb=1",
+    ]
+    pool = pool_of(true, [*told, f"external_wrench@arm6_link5:{times},force_x=1"])
+    moves = Moves(pool.equations, Candidates.of(ARM))
+    pool, chosen = moves.gather(pool, [0, 1, 2, 3])
+    assert [(pool.terms[c].effect.name, pool.terms[c].target) for c in chosen] == [
+        ("coulomb_friction", 0),
+        ("external_wrench", 4),
+    ]
+    np.testing.assert_allclose(point_of(pool.terms[chosen[-1]]), [0.08, 0.0, 0.05], atol=0.01)
+
+
+def test_two_pushes_at_different_times_stay_two():
+    first, second = (
+        "external_wrench@arm6_joint2:start=2,end=4,torque=8",
+        "external_wrench@arm6_joint4:start=7,end=9,torque=2",
+    )
+    equations = equations_of([first, second], "arm6")
+    noise, model = white(equations, 0.02)
+    equations.target = equations.target + noise
+    pool = Pool(equations, model, [term(spec, ARM)[0] for spec in (first, second)], TRUSTING)
+    _, chosen = Moves(equations, Candidates.of(ARM)).gather(pool, [0, 1])
+    assert sorted(chosen) == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("times", "same"), [((3.0, 5.0), True), ((4.0, 6.1), False), ((3.9, 6.0), True), ((6.0, 8.0), False)]
+)
+def test_pushes_are_together_where_they_last_over_each_other(times, same):
+    one, _ = term("external_wrench@arm6_joint2:start=3,end=5,torque=1", ARM)
+    other = one.shaped(dict(zip(("start", "end"), times, strict=True)))
+    assert together(one, other) is together(other, one) is same
+    assert not together(one, term("coulomb_friction@arm6_joint2:coulomb=1", ARM)[0])
+
+
+def test_a_point_of_a_link_pulls_by_its_jacobian():
+    signals = signals_of("arm6")
+    motion = Motion(signals, ARM, np.zeros_like(signals.position))
+    point = np.array([0.1, -0.2, 0.3])
+    jacobian = ARM.link_jacobian(signals.position, "arm6_link6", point)
+    expected = signals.soften(np.swapaxes(jacobian, 1, 2))
+    np.testing.assert_allclose(motion.soft_pull("arm6_link6", point), expected, atol=1e-12)
