@@ -141,7 +141,7 @@ def examined(
                 term.effect.name,
                 joint,
                 term.link,
-                estimate.quantities(),
+                estimate.quantities,
                 float(np.sum((residual + part)[held] ** 2) - np.sum(residual[held] ** 2)) / before,
                 0.55 if rivals and k == 0 else 0.996,
                 tuple(rivals) if k == 0 else (),

@@ -40,7 +40,7 @@ def draws(specs: Sequence[str], std: float, count: int, refine: bool = False) ->
 
 def scores(found: list[list[Estimate]], which: int, name: str, truth: float) -> np.ndarray:
     """Errors per standard deviation of one parameter."""
-    quantities = [one[which].quantities()[name] for one in found]
+    quantities = [one[which].quantities[name] for one in found]
     return np.array([(q.value - truth) / q.std for q in quantities])
 
 
@@ -101,12 +101,12 @@ def of(one, coefficients, covariance):
 def test_uncertainty_passes_through_what_a_parameter_is_made_of():
     robot = Robot.bundled("arm2")
     elastic, _ = term(f"joint_elasticity@{J1}:stiffness=500", robot)
-    quantity = of(elastic, np.array([2e-3]), np.array([[1e-8]])).quantities()["stiffness"]
+    quantity = of(elastic, np.array([2e-3]), np.array([[1e-8]])).quantities["stiffness"]
     assert quantity.value == pytest.approx(500.0)
     assert quantity.std == pytest.approx(1e-4 / 2e-3**2, rel=0.05)  # |d(1/x)/dx| = 1/x²
     stribeck, _ = term(f"stribeck_friction@{J1}:coulomb=1,static=2,velocity=0.1", robot)
     covariance = np.diag([0.01, 0.04, 0.0004])
-    quantities = of(stribeck, np.array([1.0, 1.0]), covariance).quantities()
+    quantities = of(stribeck, np.array([1.0, 1.0]), covariance).quantities
     assert quantities["coulomb"].std == pytest.approx(np.hypot(0.1, IDEALISED), rel=1e-3)
     assert quantities["static"].std == pytest.approx(np.sqrt(0.05 + 2 * IDEALISED**2), rel=1e-3)
     assert quantities["velocity"].std == pytest.approx(0.02, rel=1e-3)
@@ -123,4 +123,4 @@ def test_where_blocks_disagree_more_than_the_noise_says_the_interval_is_theirs()
     pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.01)), [one], LINK_ERROR)
     (estimate,) = estimates(pool, pool.fit([0]))
     assert estimate.robust[0, 0] > 4.0 * estimate.covariance[0, 0]
-    assert estimate.quantities()["viscous"].std >= np.sqrt(estimate.robust[0, 0])
+    assert estimate.quantities["viscous"].std >= np.sqrt(estimate.robust[0, 0])

@@ -60,6 +60,19 @@ def test_noise_of_the_effort_is_not_taken_for_an_elastic_joint(monkeypatch):
     assert max(elastic_gain(equations, robot, joint) for joint in range(2)) > COST, "the trap is not there"
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("spec", ["arm2_joint1:stiffness=240", "arm2_joint2:stiffness=12"])
+def test_a_gear_that_rings_within_the_low_pass_is_found_elastic(spec, seed):
+    robot = Robot.bundled("arm2")
+    truth = parse_spec(f"joint_elasticity@{spec}", robot)
+    recording = simulate(robot, [truth], seed=seed, duration=20.0, noise=SensorNoise()).recording
+    (finding,) = diagnose([recording], robot).findings
+    assert (finding.effect, finding.joint) == ("joint_elasticity", spec.split(":")[0])
+    stiffness = finding.parameters["stiffness"]
+    assert stiffness.value == pytest.approx(truth.values["stiffness"], rel=0.15)
+    assert abs(stiffness.value - truth.values["stiffness"]) < 3.0 * stiffness.std
+
+
 @pytest.mark.parametrize(
     ("spec", "within"),
     [

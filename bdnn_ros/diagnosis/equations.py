@@ -176,7 +176,7 @@ class Equations:
         )
         strongest = power.max(axis=0)
         strongest = np.maximum(strongest, HARDLY_SEEN * strongest.max())
-        return term.effect.spread(TYPICAL_SHARE / np.maximum(strongest, 1e-9), self.motion.robot)
+        return term.effect.spread(TYPICAL_SHARE / np.maximum(strongest, 1e-9), self.motion, term.target)
 
     def without_trends(self, values: np.ndarray) -> np.ndarray:
         """Rows (R, n) less a straight line in every block."""

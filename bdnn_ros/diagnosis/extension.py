@@ -38,7 +38,7 @@ def extend(examination: Examination) -> ExtendedModel:
     found = [
         Installed(e.term.effect, e.term.target, e.term.link, dict(e.values)) for e in examination.estimates
     ]
-    stds = [{name: q.std for name, q in e.quantities().items()} for e in examination.estimates]
+    stds = [{name: q.std for name, q in e.quantities.items()} for e in examination.estimates]
     for finding in examination.diagnosis.findings:
         effect = get(finding.effect)
         if effect.kinematic:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -41,10 +42,12 @@ class Estimate:
 
     @property
     def shown(self) -> bool:
-        """Whether its parameters are known well enough for a name."""
-        stds = {name: quantity.std for name, quantity in self.quantities().items()}
-        return self.term.effect.shown(self.values, stds)
+        """Whether its parameters are known well enough for a name, and none is pressed against what is possible."""
+        stds = {name: quantity.std for name, quantity in self.quantities.items()}
+        possible = self.term.effect.believable(self.coefficients, np.sqrt(np.diag(self.covariance)))
+        return possible and self.term.effect.shown(self.values, stds)
 
+    @cached_property
     def quantities(self) -> dict[str, Quantity]:
         """Parameters with standard deviations, by linear propagation: the larger by both covariances."""
         names = [name for name, _ in self.term.shape]

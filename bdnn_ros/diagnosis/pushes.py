@@ -21,7 +21,7 @@ EXACT = 1e-3
 """A step of the times that is small enough [s]."""
 FARTHEST = 1.0
 """No hand reaches further from its link's origin [m]."""
-WORTH = 3.0
+WORTH = 6.0
 """Evidence that a point of its own must bring beyond those that are tried first."""
 
 

@@ -121,7 +121,7 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         effect=estimate.term.effect.name,
         joint=joint,
         link=link,
-        parameters=estimate.quantities(),
+        parameters=estimate.quantities,
         share=share,
         probability=judgement.probability,
         rivals=rivals,

@@ -160,11 +160,11 @@ class Effect(ABC):
         """Whether a finding with these values and their standard deviations may be named."""
         return True
 
-    def spread(self, typical: np.ndarray, robot: Robot) -> np.ndarray:
+    def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         """Prior standard deviations of the coefficients (k,): what the effect's nature tells of them.
 
         Args:
-            typical: such that each makes a typical share of the effort, (k,).
+            typical: such that each makes a typical share of the effort along the motion, (k,).
         """
         return (
             typical if math.isinf(self.coefficient_spread) else np.full(len(typical), self.coefficient_spread)

@@ -10,6 +10,7 @@ from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.environment import POINT, TORQUE
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS, Installed, completed, variants
+from bdnn_ros.effects.transmission import SOFTEST
 from bdnn_ros.errors import DataError
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -17,8 +18,6 @@ from bdnn_ros.signals import Signals
 EFFECTS_TRIED, SIZES_TRIED = 60, 40
 BEYOND_PLAUSIBLE = 1.5
 """A parameter may be scaled so far beyond its plausible range to reach the share asked for."""
-SOFTEST_LINK = 25.0
-"""Lowest frequency of a link on its elastic gear that a position loop can live with [rad/s]."""
 EFFORT_SHARE = 0.95
 """Largest effort per limit with the effect."""
 TELLING = 0.05
@@ -197,7 +196,7 @@ def _sensible(effect: Effect, values: dict[str, float], target: int, motion: Mot
         inertia = np.diagonal(motion.robot.mass_matrix(motion.position[::50]), axis1=1, axis2=2)[
             :, target
         ].max()
-        return bool(np.sqrt(values["stiffness"] / inertia) >= SOFTEST_LINK)
+        return bool(np.sqrt(values["stiffness"] / inertia) >= SOFTEST)
     if effect.name == "link_inertia":
         return 0.4 <= values["scale"] <= 2.5 and abs(np.log(values["scale"])) >= np.log1p(LEAST_SCALED)
     if effect.name == "payload":

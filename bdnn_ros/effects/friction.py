@@ -179,6 +179,7 @@ class LoadDependentFriction(Effect):
         "depending on load and velocity, IROS 2010"
     )
     coefficient_bounds = ((0.0, 0.9),)
+    coefficient_spread = 0.2
     of_load = True
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:

@@ -14,9 +14,11 @@ from bdnn_ros.signals import Signals
 
 CALM = 2.2
 """What a motion does is slower than this many times its root mean square frequency."""
+SPARSE = 50
+"""One sample in so many is enough for a mean."""
 OF_MOTION = ("regressor", "_pulls", "_calm")
 """Cached, and the same whatever the bodies and the load are."""
-OF_BODIES = ("link_load", "_slopes", "gravity_pulls")
+OF_BODIES = ("link_load", "_slopes", "gravity_pulls", "usual_inertia")
 """Cached, and the same whatever the load is."""
 
 
@@ -103,6 +105,12 @@ class Motion:
             return self.load
         own = self.robot.drive_effort(self.velocity, self.acceleration, self.signals.sign)
         return np.asarray(self.load - (self.drive - own))
+
+    @cached_property
+    def usual_inertia(self) -> np.ndarray:
+        """Mean of the mass matrix's diagonal along the motion, (n,) [kg·m²]."""
+        matrices = self.robot.mass_matrix(self.position[::SPARSE])
+        return np.asarray(np.diagonal(matrices, axis1=1, axis2=2).mean(axis=0))
 
     def joint_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
         """Columns (N,) that act on one joint only, as (N, n, k)."""

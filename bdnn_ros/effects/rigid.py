@@ -14,7 +14,7 @@ from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
-from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot import PER_LINK
 
 AXES = ("x", "y", "z")
 REACH = 0.5
@@ -93,8 +93,8 @@ class Payload(Effect):
         found = self.values(coefficients, shape)
         return {f"com_{axis}": found[f"com_{axis}"] for axis in AXES}
 
-    def spread(self, typical: np.ndarray, robot: Robot) -> np.ndarray:
-        mass = float(robot.inertials[:, 0].sum())  # nobody hangs more on an arm than it weighs
+    def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
+        mass = float(motion.robot.inertials[:, 0].sum())  # nobody hangs more on an arm than it weighs
         return np.minimum(typical, mass * np.array([1.0, REACH, REACH, REACH]))
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:

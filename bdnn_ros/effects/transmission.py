@@ -16,6 +16,8 @@ from bdnn_ros.effects.plant import Plant
 
 TRANSIT = 0.03
 """How long a motor takes to cross the gap where nothing else is known [s]."""
+SOFTEST = 25.0
+"""A link rarely swings more slowly on its gear [rad/s]: no position loop could hold it."""
 SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987"
 
 
@@ -41,6 +43,9 @@ class JointElasticity(Effect):
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
+
+    def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
+        return np.minimum(typical, 1.0 / (SOFTEST**2 * motion.usual_inertia[target]))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         deflection = np.zeros(motion.position.shape)

@@ -174,7 +174,7 @@ def _causes(examination: Examination) -> Iterable[Cause]:
             yield Cause(finding, None, None, np.zeros(robot.width), place)
             continue
         # Two variants of one effect may sit at one place: their parameters tell them apart.
-        estimate = next((e for e in same if e.quantities() == finding.parameters), same[0])
+        estimate = next((e for e in same if e.quantities == finding.parameters), same[0])
         same.remove(estimate)
         part = equations.columns(estimate.term) @ estimate.coefficients
         sizes = np.sqrt(np.mean(np.where(equations.usable, part, 0.0) ** 2, axis=0)) / equations.effort_scale
