@@ -45,6 +45,8 @@ A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort),
 motion and duration from its seed, writes a bag without the truth, diagnoses the bag, and only then compares.
 What contains a simpler effect (Stribeck and asymmetric friction, a drift) adds at least 5 % to what the simpler one
 says; a link is off by 20 % or more, beside others that are off by 5 or 10 %; a payload hangs from the second link on.
+A push on a link acts at the origin of its frame, at its centre of mass or, a force alone, anywhere within a tenth of a
+metre of the origin along each axis.
 The share of a payload or a link is that of the joint that carries most of it: a gram is 5 % of what a last joint
 does, and less than any description knows.
 
@@ -59,7 +61,8 @@ does, and less than any description knows.
 - On worn robots Coulomb, viscous friction and rotor inertia are true on every joint. A link's inertia
   is true where the link really is off by about as much.
 - Errors of parameters are shares of the true value: of the vector's length for centres of mass and forces, of
-  the larger end of a drift, of 1 rad for phases and rest positions.
+  the larger end of a drift, of 1 rad for phases and rest positions; a torque of nothing is counted against what the
+  force does at a tenth of a metre.
 - The noise floor is what the sensors' noise leaves of a perfect model on the same held-out rows: the effort's own,
   and the position's through bodies, friction and effects.
 - A link that is off by hardly more than all links are is not named, here or on a real robot: the extended model

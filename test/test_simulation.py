@@ -10,7 +10,8 @@ import pytest
 from effect_cases import motion as planned_motion
 
 from bdnn_ros import bags
-from bdnn_ros.effects.drawing import contribution, draw
+from bdnn_ros.effects.drawing import CONTACT, contribution, draw
+from bdnn_ros.effects.environment import POINT, TORQUE
 from bdnn_ros.effects.registry import EFFECTS, parse_spec
 from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.robot import Robot
@@ -190,6 +191,20 @@ def test_a_drawn_effect_matters_and_is_possible(name):
         carried = name in ("payload", "link_inertia")
         assert 0.04 < (shares[np.argmax(added)] if carried else shares.max()) < 0.35
         assert (np.abs(motion.load + contribution(one, motion)) < motion.robot.limits.effort).all()
+
+
+def test_a_drawn_push_acts_at_a_known_place_or_is_a_force_at_any():
+    motion, places = planned_motion(Robot.bundled("arm6")), []
+    for seed in range(40):
+        one = draw(np.random.default_rng(seed), motion, ["external_wrench"])
+        if one.link is None:
+            continue
+        point = np.array([one.values[axis] for axis in POINT])
+        known = [np.array(list(p.values())) for p in one.effect.points(motion.robot, one.link)]
+        at = [k for k, place in enumerate(known) if np.allclose(place, point)]
+        places.append(at[0] if at else "anywhere")
+        assert at or (np.abs(point).max() <= CONTACT and not any(one.values[axis] for axis in TORQUE))
+    assert set(places) == {0, 1, "anywhere"}
 
 
 def test_the_same_effect_is_not_drawn_twice_at_one_place():

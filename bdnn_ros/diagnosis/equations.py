@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bdnn_ros.diagnosis.noise import ORDER, Noise, rms, stable
+from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting, rms, stable
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
@@ -177,6 +177,32 @@ class Equations:
         strongest = power.max(axis=0)
         strongest = np.maximum(strongest, HARDLY_SEEN * strongest.max())
         return term.effect.spread(TYPICAL_SHARE / np.maximum(strongest, 1e-9), self.motion, term.target)
+
+    def echo(self, term: Term, width: int) -> np.ndarray:
+        """Correlation of a term's whitened columns with the effort's noise, by block, (B, k): what noise alone explains.
+
+        Such columns are made from the measured effort. With the noise's own likelihood (a change of variables from noise to
+        equation error) they gain nothing from it; without this they would.
+        """
+        result = np.zeros((self.blocks, width))
+        share = term.effect.echo(self.motion, term.target)
+        if share is not None:
+            weight = np.where(self.full()[:, term.target], self._noise_curvature * share, 0.0)
+            result[:, 0] = np.bincount(self.block, weight, self.blocks)
+        return result
+
+    @cached_property
+    def _noise_curvature(self) -> float:
+        """Correlation of whitened noise with the second derivative of its calm part [1/s²]: minus a mean square frequency."""
+        motion = self.motion
+        noise = np.random.default_rng(0).standard_normal((len(motion.time), 1))
+        low = motion.signals.smooth(motion.signals.soften(noise))
+        bent = motion.derivative(motion.derivative(motion.calmed(low)))
+        pair = np.concatenate([low, bent], axis=1)[self.rows]
+        white = pair[ORDER:] - sum(
+            a * pair[ORDER - lag : len(pair) - lag] for lag, a in enumerate(predicting(pair[:, 0]), start=1)
+        )
+        return float(white[:, 1] @ white[:, 0] / (white[:, 0] @ white[:, 0]))
 
     def without_trends(self, values: np.ndarray) -> np.ndarray:
         """Rows (R, n) less a straight line in every block."""

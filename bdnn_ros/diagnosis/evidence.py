@@ -75,6 +75,8 @@ class Pool:
         self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
         self.white_target = equations.whiten(equations.target, noise)
         self.gram, self.moment, self.power = _by_block(self.white, self.white_target, equations)
+        for term, slot in zip(self.terms, self.slots, strict=True):
+            self.moment[:, slot] -= equations.echo(term, len(slot))
         self._fits: dict[tuple[tuple[int, ...], int | None], Fit] = {}
         order = noise.coefficients.shape[1]
         history = equations.history(order)
@@ -107,6 +109,7 @@ class Pool:
             cross = other.white[rows].reshape(-1, other.white.shape[2]).T @ new
             other.gram[b][:, slot], other.gram[b][slot] = cross, cross.T
             other.moment[b][slot] = new.T @ self.white_target[rows].ravel()
+        other.moment[:, slot] -= self.equations.echo(term, len(slot))
         other.__dict__.pop("total", None)
         return other
 
@@ -182,6 +185,7 @@ class Pool:
         known = self.white[:, joints][:, :, index].reshape(-1, len(index))
         cross = known.T @ tall
         left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
+        left = left - self.equations.echo(term, tall.shape[1]).sum(axis=0)
         prior = 1.0 / self.equations.spread(term, columns) ** 2
         schur = tall.T @ tall + np.diag(prior) - cross.T @ fit.covariance @ cross
         gains, best = gains_of(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])

@@ -178,6 +178,13 @@ class Effect(ABC):
         """Whether a motion behind its low-pass shows the effect with this shape at all."""
         return True
 
+    def echo(self, motion: Motion, target: int) -> float | None:
+        """How much of the effort sensor's noise, its calm part differentiated twice, is in the target's column [s²·...].
+
+        The same noise is in what the column is to explain. None where the column is free of it.
+        """
+        return None
+
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         """The shape at which the columns are exact for these coefficients; the same where they always are."""
         return dict(shape)

@@ -41,6 +41,9 @@ class JointElasticity(Effect):
     of_load = True
     coefficient_bounds = ((0.0, 1.0),)
 
+    def echo(self, motion: Motion, target: int) -> float:
+        return -float(motion.usual_inertia[target])
+
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
 
