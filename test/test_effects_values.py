@@ -124,7 +124,7 @@ def test_a_delay_is_exact_at_its_own_shape(arm, path):
 
 def test_a_wrench_asks_of_the_joints_what_it_does_at_the_link(arm, path):
     """By virtual work: minus the Jacobian's transpose times the wrench, low-passed as the effort."""
-    one = parse_spec("external_wrench@arm7_hand:start=0,end=100,force_x=3,force_z=-5,torque_y=2", arm)
+    one = parse_spec("external_wrench@arm7_hand:start=-1,end=100,force_x=3,force_z=-5,torque_y=2", arm)
     coefficients, shape = linear(one)
     added = one.effect.columns(path, one.target, shape, one.link) @ coefficients
     wrench = np.array([3.0, 0.0, -5.0, 0.0, 2.0, 0.0])
