@@ -15,8 +15,6 @@ from bdnn_ros.diagnosis.result import Quantity
 RELATIVE_STEP = 1e-3
 GIVEN = 1e-9
 """Spread of a shape parameter that no search moves, such as a link's mass by the description."""
-IDEALISED = 0.01
-"""No law is exact: so much of each coefficient is added to its standard deviation, whatever the noise."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Estimate:
             moved[i] += step
             jacobian[:, i] = (values(moved) - centre) / step
         linear = np.arange(len(point)) < count
-        ideal = np.diag((IDEALISED * np.where(linear, point, 0.0)) ** 2)
+        ideal = np.diag((self.term.effect.idealised * np.where(linear, point, 0.0)) ** 2)
         acting = np.where(linear, self.acting, 1.0)
         variances = [
             np.einsum("ij,jk,ik->i", jacobian, np.outer(acting, acting) * one + ideal, jacobian)

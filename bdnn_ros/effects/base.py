@@ -71,6 +71,8 @@ class Effect(ABC):
     """Lower and upper bound of each linear coefficient."""
     coefficient_spread: ClassVar[float] = math.inf
     """Coefficients are rarely larger, whatever the effort; most scale with it."""
+    idealised: ClassVar[float] = 0.01
+    """No law is exact: so much of each coefficient is added to its standard deviation, whatever the noise."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
     of_load: ClassVar[bool] = False

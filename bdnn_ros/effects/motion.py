@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
 from bdnn_ros.robot import Robot
@@ -158,17 +157,6 @@ class Motion:
             time = self.time[rows]
             later = np.minimum(time + lead, time[-1])
             result[rows] = CubicSpline(time, values[rows])(later) if len(time) > 3 else values[rows]
-        return result
-
-    def late_mean(self, values: np.ndarray, span: float) -> np.ndarray:
-        """Mean of values (N,) over the `span` seconds before each sample, along each gap-free segment."""
-        result = np.empty(len(values))
-        for rows in self.signals.segments:
-            time = self.time[rows]
-            total = cumulative_trapezoid(values[rows], time, initial=0.0)
-            before = np.interp(time - span, time, total, left=np.nan)
-            mean = (total - before) / span
-            result[rows] = np.where(np.isnan(mean), values[rows], mean)
         return result
 
     def derivative(self, values: np.ndarray) -> np.ndarray:

@@ -14,8 +14,10 @@ from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 
-TRANSIT = 0.03
+TRANSIT = 0.025
 """How long a motor takes to cross the gap where nothing else is known [s]."""
+SLOWEST = 2.0
+"""No crossing is taken as more than so many times as long, or as short, as the usual one."""
 SOFTEST = 25.0
 """A link rarely swings more slowly on its gear [rad/s]: no position loop could hold it."""
 SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987"
@@ -39,6 +41,7 @@ class JointElasticity(Effect):
     source = SPONG
     of_bodies = True
     of_load = True
+    idealised = 0.02
     coefficient_bounds = ((0.0, 1.0),)
 
     def echo(self, motion: Motion, target: int) -> float:
@@ -68,8 +71,9 @@ class JointElasticity(Effect):
 class Backlash(Effect):
     """Play between motor and link: the link lies half the gap behind, on the side the load pushes it to.
 
-    When the load changes its sign the motor crosses the gap within the shape's `transit` [s]; the measured
-    effort tells when, because the motor's jump is in the measured position.
+    When the load changes its sign the motor, free of the link, crosses the gap; the measured effort tells when, because
+    the motor's jump is in the measured position. A load that goes on at its rate r drives a rotor of inertia I over
+    r t³ / (6 I): the crossing is cubic in time and takes as r^(-1/3), the shape's `transit` [s] at the usual rate.
     """
 
     name = "backlash"
@@ -87,6 +91,7 @@ class Backlash(Effect):
         "Nordin, Gutman, Controlling mechanical systems with backlash - a survey, Automatica 38(10), 2002"
     )
     of_bodies = True
+    idealised = 0.04
     coefficient_bounds = ((0.0, 0.5),)
     shape_bounds = MappingProxyType({"transit": (1e-3, 0.2)})
 
@@ -94,16 +99,39 @@ class Backlash(Effect):
         plant.gap[target] += values["gap"]
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        crossing = motion.late_mean(np.sign(motion.gear_load[:, target]), shape["transit"])
         side = np.zeros(motion.position.shape)
-        side[:, target] = motion.signals.soften(crossing)
+        side[:, target] = motion.signals.soften(_side(motion, target, shape["transit"]))
         return -0.5 * motion.shifted(side)[..., None]
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"transit": transit} for transit in (0.01, 0.03, 0.06)]
+        return [{"transit": transit} for transit in (0.01, 0.025, 0.06)]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"gap": float(coefficients[0]), "transit": float(shape["transit"])}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["gap"]]), {"transit": values["transit"]}
+
+
+def _side(motion: Motion, target: int, transit: float) -> np.ndarray:
+    """Where in its gap a motor is, from -1 to 1, (N,); crossings begin where the load is nothing, between samples too.
+
+    Args:
+        transit: duration of a crossing while the load changes at its usual (root mean square) rate [s].
+    """
+    load = motion.gear_load[:, target]
+    rate = motion.derivative(load)
+    usual, side = float(np.sqrt(np.mean(rate**2))), np.sign(load)
+    for rows in motion.signals.segments:
+        time, here = motion.time[rows], load[rows]
+        last = np.flatnonzero(here[:-1] * here[1:] < 0.0)
+        begun = time[last] - here[last] * (time[last + 1] - time[last]) / (here[last + 1] - here[last])
+        slow = (usual / np.maximum(np.abs(rate[rows][last]), 1e-3 * usual)) ** (1.0 / 3.0)
+        spans = transit * np.clip(slow, 1.0 / SLOWEST, SLOWEST)
+        after = last[:, None] + 1 + np.arange(int(np.ceil(SLOWEST * transit * motion.signals.rate)) + 1)
+        within = after < len(time)
+        after = np.minimum(after, len(time) - 1)
+        crossed = np.clip((time[after] - begun[:, None]) / spans[:, None], 0.0, 1.0) ** 3
+        missing = np.where(within, 2.0 * np.sign(here[last + 1])[:, None] * (1.0 - crossed), 0.0)
+        np.subtract.at(side[rows], after, missing)
+    return np.asarray(side)
