@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import Moves
-from bdnn_ros.diagnosis.pushes import best_push, timed, together
+from bdnn_ros.diagnosis.pushes import best_push, between_rows, together
 from bdnn_ros.effects.environment import POINT
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
@@ -63,7 +63,7 @@ def test_times_are_found_between_rows():
     pool = pool_of(spec)
     fit, true = pool.fit(()), dict(term(spec, ARM)[0].shape)
     rough = best_push(pool, fit, term(spec, ARM)[0], ARM)
-    fine = timed(pool, fit, rough)
+    fine = between_rows(pool, fit, rough)
     error = [max(abs(dict(one.shape)[edge] - true[edge]) for edge in true) for one in (rough, fine)]
     assert error[1] < 0.002 < 0.01 < error[0]
     assert pool.gain_of(fit, fine)[0] > pool.gain_of(fit, rough)[0]

@@ -11,7 +11,7 @@ from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier
 from bdnn_ros.diagnosis.search import Search, Selection
-from bdnn_ros.diagnosis.settling import settled, timed
+from bdnn_ros.diagnosis.settling import settled, windows_anew
 
 SURPRISING = 2.0
 """Held-out error per error of the rest that says so."""
@@ -45,7 +45,9 @@ def attempted(search: Search, whole: np.ndarray, test: np.ndarray) -> Attempt:
         selection, judgements = better, judge(search, better)
     noise, link_error = selection.pool.noise, selection.pool.link_error
     equations.count(whole)
-    terms = timed(search.candidates, equations, Pool(equations, noise, selection.terms, link_error)).terms
+    terms = windows_anew(
+        search.candidates, equations, Pool(equations, noise, selection.terms, link_error)
+    ).terms
     equations.count(whole & ~test[:, None])
     fitted = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
     extended = fitted.residual(fitted.fit(range(len(terms))), blur=False)

@@ -10,14 +10,12 @@ from scipy.optimize import minimize
 
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.pushes import best_push, timed
+from bdnn_ros.diagnosis.pushes import best_push, between_rows, piece_of
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
 
 RELINEARISATIONS = 4
-TOUCHING = 0.3
-"""Pushes with less time between their ends may be one [s]."""
 CONSISTENT = 0.1
 """Columns are exact enough where the shape they were made with is found again within this share."""
 ANGLES = {"base_tilt", "position_offset"}
@@ -73,10 +71,10 @@ class Candidates:
         term = pool.terms[chosen]
         if not term.shape:
             return term
-        rest = pool.fit([c for c in fit.terms if c != chosen and not _piece(pool.terms[c], term)])
+        rest = pool.fit([c for c in fit.terms if c != chosen and not piece_of(pool.terms[c], term)])
         term = _relinearised(equations, pool, rest, term)
         if term.effect.timed:
-            return timed(pool, rest, best_push(pool, rest, term, self.robot))
+            return between_rows(pool, rest, best_push(pool, rest, term, self.robot))
         free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
         return _refined(equations, pool, rest, term, free) if free else term
 
@@ -118,17 +116,6 @@ def _elsewhere(term: Term, other: Term) -> bool:
     """Whether another term is what this one may have to stand for: the same on another link, a tilt for a joint's zero."""
     same = term.link is not None and term.effect is other.effect
     return same or {term.effect.name, other.effect.name} == ANGLES
-
-
-def _piece(small: Term, large: Term) -> bool:
-    """Whether a push may be a piece of a longer one whose window was cut too short, or whose point is not found yet."""
-    if not (small.effect.timed and large.effect.timed):
-        return False
-    one, other = dict(small.shape), dict(large.shape)
-    shorter = one["end"] - one["start"] < other["end"] - other["start"]
-    touching = min(abs(one["end"] - other["start"]), abs(one["start"] - other["end"])) < TOUCHING
-    inside = one["start"] > other["start"] - TOUCHING and one["end"] < other["end"] + TOUCHING
-    return shorter and (touching or inside)
 
 
 def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:

@@ -19,6 +19,8 @@ NEAR = 0.1
 """Times found between rows are nearer than this to where the search for them starts [s]."""
 EXACT = 1e-3
 """A step of the times that is small enough [s]."""
+TOUCHING = 0.3
+"""Pushes with less time between their ends may be one [s]."""
 FARTHEST = 1.0
 """No hand reaches further from its link's origin [m]."""
 WORTH = 6.0
@@ -41,7 +43,7 @@ def reshaped(pool: Pool, rest: Sequence[int], robot: Robot) -> Pool:
     fit = pool.fit(rest)
     for one, term in enumerate(pool.terms):
         if term.effect.timed and one not in rest:
-            pool = pool.replacing(one, timed(pool, fit, best_push(pool, fit, term, robot)))
+            pool = pool.replacing(one, between_rows(pool, fit, best_push(pool, fit, term, robot)))
     return pool
 
 
@@ -54,7 +56,18 @@ def together(one: Term, other: Term) -> bool:
     return min(a["end"], b["end"]) - max(a["start"], b["start"]) > 0.5 * shorter
 
 
-def timed(pool: Pool, fit: Fit, term: Term) -> Term:
+def piece_of(small: Term, large: Term) -> bool:
+    """Whether a push may be a piece of a longer one whose window was cut too short, or whose point is not found yet."""
+    if not (small.effect.timed and large.effect.timed):
+        return False
+    one, other = dict(small.shape), dict(large.shape)
+    shorter = one["end"] - one["start"] < other["end"] - other["start"]
+    touching = min(abs(one["end"] - other["start"]), abs(one["start"] - other["end"])) < TOUCHING
+    inside = one["start"] > other["start"] - TOUCHING and one["end"] < other["end"] + TOUCHING
+    return shorter and (touching or inside)
+
+
+def between_rows(pool: Pool, fit: Fit, term: Term) -> Term:
     """A push with its times between rows, where they add most evidence to a fit, by Gauss-Newton."""
     equations = pool.equations
     step = 1.0 / equations.motion.signals.rate

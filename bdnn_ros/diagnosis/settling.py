@@ -73,7 +73,7 @@ def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
     return pool
 
 
-def timed(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
+def windows_anew(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
     """The pool with the windows of its wrenches found anew: in all rows, where those of a search left some out.
 
     What begins in a stretch that was left out can be timed only there.
