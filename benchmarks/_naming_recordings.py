@@ -36,7 +36,7 @@ def parts_of(robot: Robot, recording: Recording) -> dict[str, Json]:
 
 def _short(report: Json) -> Json:
     findings = [
-        {key: one[key] for key in ("effect", "joint", "link", "parameters", "share", "probability")}
+        {key: one[key] for key in ("effect", "joint", "link", "parameters", "share", "probability", "rivals")}
         for one in report["findings"]
     ]
     return {
@@ -55,7 +55,7 @@ def tables(results: Mapping[str, Mapping[str, Json]]) -> list[tuple[str, list[li
         named = {part: {_place(one): one for one in parts[part]["findings"]} for part in parts}
         for place in dict.fromkeys(place for part in parts for place in named[part]):
             row = [f"{place[0]}, {place[1]}"]
-            row += [_value(named[part].get(place)) for part in parts]
+            row += [_value(named[part].get(place), place in _rivals(parts[part])) for part in parts]
             pair = [named[part].get(place) for part in parts if part != PARTS[0]]
             rows.append([*row, *([_agreement(pair)] if pair else [])])
         gains = ", ".join(f"{part} {100 * parts[part]['gain']['value']:.0f} %" for part in parts)
@@ -67,8 +67,8 @@ def tables(results: Mapping[str, Mapping[str, Json]]) -> list[tuple[str, list[li
 
 
 def in_words(results: Mapping[str, Mapping[str, Json]]) -> str:
-    """How many causes that the whole of some recording names each of its halves names, too."""
-    every = both = agree = 0
+    """How many causes that the whole of some recording names each of its halves names, too, or lists as a rival."""
+    every = both = agree = listed = 0
     for parts in (one for one in results.values() if len(one) > 1):
         halves = [{_place(one): one for one in parts[part]["findings"]} for part in PARTS[1:]]
         for one in parts[PARTS[0]]["findings"]:
@@ -76,11 +76,20 @@ def in_words(results: Mapping[str, Mapping[str, Json]]) -> str:
             every += 1
             both += all(pair)
             agree += _agreement(pair) == "agree"
-    return f"Of {every} causes that a whole recording names, both halves name {both}, {agree} of them in the same size."
+            rivals = [_place(one) in _rivals(parts[part]) for part in PARTS[1:]]
+            listed += not all(pair) and all(a or b for a, b in zip(pair, rivals, strict=True))
+    return (
+        f"Of {every} causes that a whole recording names, both halves name {both}, {agree} of them in the same size; "
+        f"{listed} more are a rival of what a half names instead."
+    )
 
 
 def _place(finding: Json) -> tuple[str, str]:
     return finding["effect"], finding["joint"] or finding["link"] or "base"
+
+
+def _rivals(report: Json) -> set[tuple[str, str]]:
+    return {_place(rival) for one in report["findings"] for rival in one["rivals"]}
 
 
 def _first(finding: Json) -> tuple[float, float, str]:
@@ -88,9 +97,9 @@ def _first(finding: Json) -> tuple[float, float, str]:
     return float(quantity["value"]), float(quantity["std"]), str(quantity["unit"])
 
 
-def _value(finding: Json | None) -> str:
+def _value(finding: Json | None, rival: bool) -> str:
     if finding is None:
-        return "-"
+        return "a rival" if rival else "-"
     value, std, unit = _first(finding)
     return f"{value:.3g} ± {1.96 * std:.2g} {unit}".rstrip(" -")
 

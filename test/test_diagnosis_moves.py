@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import contains
-from bdnn_ros.effects.registry import get
+from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
 
 ROTORS = ("armature@arm6_joint1:armature=0.15", "armature@arm6_joint2:armature=0.15")
@@ -47,6 +47,24 @@ def test_a_delay_of_all_joints_says_what_a_delay_of_one_does():
     assert not contains(Term(delay, 1), Term(delay, 2))
     assert contains(Term(get("stribeck_friction"), 1), Term(get("coulomb_friction"), 1))
     assert not contains(Term(get("stribeck_friction"), 1), Term(get("coulomb_friction"), 0))
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1])
+def test_a_drift_that_goes_nowhere_is_plain_friction(slope):
+    """A few rows may have told of it; with all of them it is Coulomb friction, or it is a drift."""
+    ends = f"start_value={0.3 - slope},end_value={0.3 + slope},end=12"
+    equations = equations_of(
+        (f"drift@arm2_joint1:of=coulomb,{ends}", "viscous_friction@arm2_joint2:viscous=0.1")
+    )
+    terms = [
+        Term(next(v for v in variants("drift") if v.variant == "coulomb"), 0),
+        Term(get("viscous_friction"), 1),
+        Term(get("coulomb_friction"), 0),
+    ]
+    terms[0] = terms[0].shaped(terms[0].effect.shapes(equations.motion, 0)[0])
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale), terms, 0.02)
+    moves = Moves(equations, Candidates.of(Robot.bundled("arm2")))
+    assert set(moves.reconsidered(pool, [0, 1])) == ({0, 1} if slope else {1, 2})
 
 
 def test_friction_that_was_found_is_not_in_what_an_effort_scale_scales():

@@ -173,7 +173,8 @@ def test_a_joint_held_still_by_its_friction_tells_nothing():
 
 def test_a_finding_is_worth_a_name_where_it_takes_much_or_what_is_brief_most_of_the_rest():
     lasting, brief, scale = get("coulomb_friction"), get("backlash"), np.array([1.0, 10.0])
-    assert noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.5, 0.5]), scale)
+    assert noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.05, 0.5]), scale)
+    assert not noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.07, 0.5]), scale)
     assert noticeable(brief, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
     assert not noticeable(lasting, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
     assert not noticeable(brief, np.array([0.01, 0.01]) ** 2, np.array([0.02, 0.005]), scale)

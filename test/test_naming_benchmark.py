@@ -14,6 +14,7 @@ from bdnn_ros.robot import Robot
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from _naming_draws import Choices
 from _naming_judging import judge
+from _naming_recordings import in_words, tables
 from _naming_tables import Totals, confusion
 from _naming_text import text
 
@@ -184,3 +185,25 @@ def test_a_refused_diagnosis_counts_as_unnamed(robot):
     totals = Totals(records)
     assert (totals.named(), totals.all_named(), totals.false_findings()) == (0.5, 0.5, 0.0)
     assert "refused" in text(confusion(records)).splitlines()[0]
+
+
+def test_halves_of_a_recording_agree_differ_or_list_a_rival():
+    def report(*findings: dict[str, Any]) -> dict[str, Any]:
+        return {"findings": findings, "gain": {"value": 0.5}, "unexplained": {"share": 0.01}}
+
+    dry = finding("coulomb_friction", J1, coulomb=1.0, std=0.02)
+    instead = finding("hysteresis", J1, ({"effect": "coulomb_friction", "joint": J1},), force=1.0)
+    spring = finding("joint_spring", J2, stiffness=2.0)
+    drag = finding("quadratic_drag", J2, drag=1.0, std=0.01)
+    other = finding("quadratic_drag", J2, drag=3.0, std=0.01)
+    parts = {
+        "whole": report(dry, spring, drag),
+        "first half": report(dry, spring, drag),
+        "second half": report(instead, other),
+    }
+    told = in_words({"arm": parts, "short": {"whole": report(dry)}})
+    assert told.startswith(
+        "Of 3 causes that a whole recording names, both halves name 1, 0 of them in the same size; 1 more"
+    )
+    _, rows = tables({"arm": parts})[0]
+    assert [row[-1] for row in rows[1:4]] == ["one", "one", "differ"] and rows[1][3] == "a rival"

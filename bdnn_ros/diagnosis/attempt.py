@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier
@@ -21,38 +21,63 @@ SWAPS = 5
 
 @dataclass(frozen=True)
 class Attempt:
-    """What a search without the test rows found: its selection, and the fit to the rest with its error on all rows."""
+    """What a search without the test rows found, and what all rows together make of it.
+
+    Attributes:
+        test: the rows that the search did not see, (R,) bool.
+        judgements: of each term, by all rows.
+        fitted: the terms, fitted to all rows but the test rows.
+        extended: what the terms leave that the search found by itself, fitted alike, rows (R, n) [N·m]: those that all
+            rows chose would be flattered by the test rows.
+    """
 
     test: np.ndarray
-    selection: Selection
     judgements: list[Judgement]
     fitted: Pool
     extended: np.ndarray
 
 
 def attempted(search: Search, whole: np.ndarray, test: np.ndarray) -> Attempt:
-    """What a search finds without the test rows (R,); the windows of wrenches are then found in all `whole` rows (R, n)."""
+    """What a search finds without the test rows (R,), and what all `whole` rows (R, n) make of it.
+
+    In all of them the windows of wrenches are found anew, and terms give way to rivals or go; nothing is added.
+    """
     equations = search.equations
     equations.count(whole & ~test[:, None])
     search.progress("first look")
-    selection = search.run()
+    found = search.run()
     search.progress("weighing rivals")
+    equations.count(whole)
+    noise, link_error = found.pool.noise, found.pool.link_error
+    terms = windows_anew(search.candidates, equations, Pool(equations, noise, found.terms, link_error)).terms
+    selection, judgements = _reconsidered(search, found, terms)
+    equations.count(whole & ~test[:, None])
+    alone = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
+    extended, fitted = _left(alone), alone
+    if selection.terms != terms:
+        fitted = settled(search.candidates, equations, Pool(equations, noise, selection.terms, link_error))
+    equations.count(whole)
+    return Attempt(test, judgements, fitted, extended)
+
+
+def _left(pool: Pool) -> np.ndarray:
+    return pool.residual(pool.fit(range(len(pool.terms))), blur=False)
+
+
+def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[Selection, list[Judgement]]:
+    """The terms that were found, with the rows that count by now, and how sure each is."""
+    places = {term.place for term in terms}
+    others = [term for term in found.pool.terms if term.place not in places]
+    pool = Pool(search.equations, found.pool.noise, [*terms, *others], found.pool.link_error)
+    chosen = tuple(search.reconsidered(pool, list(range(len(terms)))))
+    selection = Selection(pool, chosen, pool.fit(chosen))
     judgements = judge(search, selection)
     for _ in range(SWAPS):
         better = likelier(selection, judgements)
         if better is None:
             break
         selection, judgements = better, judge(search, better)
-    noise, link_error = selection.pool.noise, selection.pool.link_error
-    equations.count(whole)
-    terms = windows_anew(
-        search.candidates, equations, Pool(equations, noise, selection.terms, link_error)
-    ).terms
-    equations.count(whole & ~test[:, None])
-    fitted = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
-    extended = fitted.residual(fitted.fit(range(len(terms))), blur=False)
-    equations.count(whole)
-    return Attempt(test, selection, judgements, fitted, extended)
+    return selection, judgements
 
 
 def surprised(attempt: Attempt, equations: Equations) -> bool:

@@ -11,18 +11,21 @@ from bdnn_ros.effects.base import Effect
 RESAMPLES = 1000
 MINIMUM_SHARE = 0.02
 """An effect that removes an error of this share of the effort's spread at some joint is worth a name."""
+OVERSHADOWED = 0.5
+"""Less than this share of what is left could as well be a part of that, and earns no name."""
 LEAST_SHARE = 0.005
 """So is a brief one of this share that removes more than all that is left."""
 
 
-def removed(equations: Equations, fitted: Pool, extended: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+def removed(equations: Equations, fitted: Pool, rows: np.ndarray) -> list[np.ndarray]:
     """Mean squared error of each joint at its rows (R, n) that each chosen term removes, (n,) each [(N·m)²]."""
     fit = fitted.fit(range(len(fitted.terms)))
-    after = rms(extended, rows) ** 2
+    left = fitted.residual(fit, blur=False)
+    after = rms(left, rows) ** 2
     result = []
     for chosen in fit.terms:
         coefficients = fitted.coefficients(fit, chosen)
-        without = extended + equations.columns(fitted.terms[chosen]) @ coefficients
+        without = left + equations.columns(fitted.terms[chosen]) @ coefficients
         result.append(rms(without, rows) ** 2 - after)
     return result
 
@@ -37,7 +40,8 @@ def noticeable(effect: Effect, less: np.ndarray, after: np.ndarray, scale: np.nd
     """
     size = np.sqrt(np.maximum(less, 0.0))
     brief = effect.brief & (size >= LEAST_SHARE * scale) & (size >= after)
-    return bool(((size >= MINIMUM_SHARE * scale) | brief).any())
+    large = (size >= MINIMUM_SHARE * scale) & (size >= OVERSHADOWED * after)
+    return bool((large | brief).any())
 
 
 def gain_of(

@@ -98,20 +98,26 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
 def _weighed(
     search: Search, pool: Pool, chosen: Sequence[int], one: int
 ) -> tuple[float, float, dict[int, float]]:
-    """Scores with a term, without it, and with each rival in its place."""
+    """Scores with a term, without it, and with each rival in its place.
+
+    What a rival brings beside the term as well does not speak against it: that is no other explanation but one more cause.
+    """
     term, rest = pool.terms[one], [c for c in chosen if c != one]
-    own = search.score(pool, [*rest, one])
+    both = [*rest, one]
+    own, fit_both, costs_both = search.score(pool, both), pool.fit(both), search.costs(pool, both)
     scores: dict[int, float] = {}
     for base in _bases(pool, term, rest):
         fit = pool.fit(base)
         costs = search.costs(pool, base)
         start = search.score(pool, base)
         rivals = [c for c in search.open_to(pool, base, near(term)) if c != one]
-        for c, gain in zip(rivals, pool.gains(fit, rivals), strict=True):
+        beside = pool.gains(fit_both, rivals) - costs_both[rivals]
+        for c, gain, more in zip(rivals, pool.gains(fit, rivals), beside, strict=True):
             score = start + float(gain) - costs[c]
             if score > own - CLOSE:  # gains let the other terms leave their bounds
                 score = search.score(pool, [*base, c])
-            scores[c] = max(scores.get(c, -np.inf), score)
+            more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
+            scores[c] = max(scores.get(c, -np.inf), score - more)
     cost = doubt(pool)
     return own - cost, search.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
 

@@ -132,6 +132,10 @@ class Moves:
             chosen = without
         return chosen
 
+    def reconsidered(self, pool: Pool, chosen: list[int]) -> list[int]:
+        """The chosen where other rows than those of a search have a say: replaced or dropped, nothing is added."""
+        return self._drop(pool, self._replace(pool, chosen))
+
     def rivals(self, pool: Pool, rest: Sequence[int], *group: int) -> list[tuple[int, float]]:
         """What could stand where some terms do beside the rest, the best first, and by how much it seems to score less."""
         fit = pool.fit(rest)

@@ -75,15 +75,15 @@ def _findings(
 ) -> tuple[list[Finding], bool]:
     """What is sure and large enough for a name, and whether something large is likely without being sure."""
     held = equations.usable & attempt.test[:, None]
-    taken, ever = (
-        removed(equations, attempt.fitted, attempt.extended, rows) for rows in (held, equations.usable)
-    )
+    taken, ever = (removed(equations, attempt.fitted, rows) for rows in (held, equations.usable))
+    worth = _noticed(equations, attempt, ever, equations.usable)
+    seen = _noticed(equations, attempt, taken, held)
     # what lasts a moment may remove nothing in any held-out row
-    worth = _noticed(equations, attempt, taken, held) | _noticed(equations, attempt, ever, equations.usable)
+    seen |= {k for k, e in enumerate(found) if e.term.effect.brief or e.term.effect.timed}
     before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
     findings, doubtful, large = [], False, LARGE_ERROR * equations.effort_scale
     for k, (estimate, judgement, less) in enumerate(zip(found, attempt.judgements, taken, strict=True)):
-        if k not in worth or not estimate.shown:
+        if k not in worth & seen or not estimate.shown:
             continue
         if judgement.nothing <= DOUBTFUL:
             findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / before))

@@ -20,6 +20,8 @@ SLOWEST = 2.0
 """No crossing is taken as more than so many times as long, or as short, as the usual one."""
 SOFTEST = 25.0
 """A link rarely swings more slowly on its gear [rad/s]: no position loop could hold it."""
+LIGHTEST = 1e-9
+"""Some descriptions give their last links no inertia at all [kg·m²]."""
 SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987"
 
 
@@ -51,7 +53,8 @@ class JointElasticity(Effect):
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
-        return np.minimum(typical, 1.0 / (SOFTEST**2 * motion.usual_inertia[target]))
+        inertia = max(float(motion.usual_inertia[target]), LIGHTEST)
+        return np.minimum(typical, 1.0 / (SOFTEST**2 * inertia))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         deflection = np.zeros(motion.position.shape)
