@@ -192,7 +192,7 @@ def test_halves_of_a_recording_agree_differ_or_list_a_rival():
         return {"findings": findings, "gain": {"value": 0.5}, "unexplained": {"share": 0.01}}
 
     dry = finding("coulomb_friction", J1, coulomb=1.0, std=0.02)
-    instead = finding("hysteresis", J1, ({"effect": "coulomb_friction", "joint": J1},), force=1.0)
+    instead = finding("hysteresis", J1, rivals=({"effect": "coulomb_friction", "joint": J1},), force=1.0)
     spring = finding("joint_spring", J2, stiffness=2.0)
     drag = finding("quadratic_drag", J2, drag=1.0, std=0.01)
     other = finding("quadratic_drag", J2, drag=3.0, std=0.01)
