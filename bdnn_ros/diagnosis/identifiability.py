@@ -62,7 +62,9 @@ def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection
     pool = selection.pool
     for one, judgement in zip(selection.chosen, judgements, strict=True):
         for rival, probability in judgement.rivals:
-            hardly = judgement.probability < HARDLY < 0.5 < probability
+            hardly = judgement.probability < HARDLY < 0.5 < probability and not contains(
+                rival, pool.terms[one]
+            )
             richer = contains(pool.terms[one], rival) or _settles_into(pool.terms[one], rival)
             simpler = richer and judgement.probability < PLAINLY * probability
             if hardly or simpler:

@@ -89,8 +89,12 @@ class Moves:
         term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
         return pool if term == pool.terms[one] else pool.replacing(one, term)
 
-    def _replace(self, pool: Pool, chosen: list[int]) -> list[int]:
-        """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better."""
+    def _replace(self, pool: Pool, chosen: list[int], richer: bool = True) -> list[int]:
+        """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better.
+
+        Args:
+            richer: also to one that says all that a chosen term says, and more.
+        """
         groups: list[tuple[int, ...]] = [(c,) for c in chosen]
         groups += [
             (a, b)
@@ -107,6 +111,8 @@ class Moves:
                 if behind >= UNSURE:
                     break
                 grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
+                if not richer and any(contains(pool.terms[rival], pool.terms[c]) for c in chosen):
+                    continue
                 if self.score(pool, grown) > now + BETTER and self.pays(pool, grown, rival):
                     chosen = grown
                     break
@@ -134,7 +140,7 @@ class Moves:
 
     def reconsidered(self, pool: Pool, chosen: list[int]) -> list[int]:
         """The chosen where other rows than those of a search have a say: replaced or dropped, nothing is added."""
-        return self._drop(pool, self._replace(pool, chosen))
+        return self._drop(pool, self._replace(pool, chosen, richer=False))
 
     def rivals(self, pool: Pool, rest: Sequence[int], *group: int) -> list[tuple[int, float]]:
         """What could stand where some terms do beside the rest, the best first, and by how much it seems to score less."""
