@@ -68,7 +68,9 @@ def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection
             richer = contains(pool.terms[one], rival) or _settles_into(pool.terms[one], rival)
             simpler = richer and judgement.probability < PLAINLY * probability
             if hardly or simpler:
-                instead = pool.terms.index(rival)
+                instead = [term.place for term in pool.terms].index(rival.place)
+                if pool.terms[instead] != rival:
+                    pool = pool.replacing(instead, rival)
                 chosen = tuple(instead if c == one else c for c in selection.chosen)
                 return Selection(pool, chosen, pool.fit(chosen))
     return None
@@ -91,7 +93,7 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
     logs = np.array([own, nothing, *(scores[k] for k in keys)]) / TEMPERATURE
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
-    rivals_found = [(selection.pool.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
+    rivals_found = [(fair.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
     listed = [(rival, p) for rival, p in rivals_found if p >= LISTED or _same_physics(term, rival)]
     listed.sort(key=lambda pair: -pair[1])
     return Judgement(float(weights[0]), float(weights[1]), tuple(listed[:6]))

@@ -89,11 +89,12 @@ class Moves:
         term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
         return pool if term == pool.terms[one] else pool.replacing(one, term)
 
-    def _replace(self, pool: Pool, chosen: list[int], richer: bool = True) -> list[int]:
+    def _replace(self, pool: Pool, chosen: list[int], late: bool = False) -> list[int]:
         """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better.
 
         Args:
-            richer: also to one that says all that a chosen term says, and more.
+            late: only to what says no more than a term did, and not to or from pushes, whose times belong to what they were
+                found beside.
         """
         groups: list[tuple[int, ...]] = [(c,) for c in chosen]
         groups += [
@@ -111,12 +112,16 @@ class Moves:
                 if behind >= UNSURE:
                     break
                 grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
-                if not richer and any(contains(pool.terms[rival], pool.terms[c]) for c in chosen):
+                if late and not self._plainer(pool, chosen, group, rival):
                     continue
                 if self.score(pool, grown) > now + BETTER and self.pays(pool, grown, rival):
                     chosen = grown
                     break
         return chosen
+
+    def _plainer(self, pool: Pool, chosen: list[int], group: Sequence[int], rival: int) -> bool:
+        richer = any(contains(pool.terms[rival], pool.terms[c]) for c in chosen)
+        return not (richer or any(pool.terms[c].effect.timed for c in (*group, rival)))
 
     def _regrow(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
         """Give the place of what acts on several joints to as many terms as it takes: one body may pass for many rotors."""
@@ -140,7 +145,7 @@ class Moves:
 
     def reconsidered(self, pool: Pool, chosen: list[int]) -> list[int]:
         """The chosen where other rows than those of a search have a say: replaced or dropped, nothing is added."""
-        return self._drop(pool, self._replace(pool, chosen, richer=False))
+        return self._drop(pool, self._replace(pool, chosen, late=True))
 
     def rivals(self, pool: Pool, rest: Sequence[int], *group: int) -> list[tuple[int, float]]:
         """What could stand where some terms do beside the rest, the best first, and by how much it seems to score less."""

@@ -76,32 +76,20 @@ def _findings(
     """What is sure and large enough for a name, and whether something large is likely without being sure."""
     held = equations.usable & attempt.test[:, None]
     taken, ever = (removed(equations, attempt.fitted, rows) for rows in (held, equations.usable))
-    worth = _noticed(equations, attempt, ever, equations.usable)
-    seen = _noticed(equations, attempt, taken, held)
-    # what lasts a moment may remove nothing in any held-out row
-    seen |= {k for k, e in enumerate(found) if e.term.effect.brief or e.term.effect.timed}
+    left, scale = rms(attempt.extended, equations.usable), equations.effort_scale
     before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
-    findings, doubtful, large = [], False, LARGE_ERROR * equations.effort_scale
+    findings, doubtful, large = [], False, LARGE_ERROR * scale
     for k, (estimate, judgement, less) in enumerate(zip(found, attempt.judgements, taken, strict=True)):
-        if k not in worth & seen or not estimate.shown:
+        effect = estimate.term.effect
+        # what lasts a moment may remove nothing in any held-out row
+        borne_out = effect.brief or effect.timed or float(np.sum(less / scale**2)) > 0.0
+        if not (borne_out and estimate.shown and noticeable(effect, ever[k], left, scale)):
             continue
         if judgement.nothing <= DOUBTFUL:
             findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / before))
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())
     return findings, doubtful
-
-
-def _noticed(
-    equations: Equations, attempt: Attempt, taken: Sequence[np.ndarray], rows: np.ndarray
-) -> set[int]:
-    """Which of the chosen terms take enough at these rows (R, n) to be worth a name."""
-    left = rms(attempt.extended, rows)
-    return {
-        k
-        for k, (term, less) in enumerate(zip(attempt.fitted.terms, taken, strict=True))
-        if noticeable(term.effect, less, left, equations.effort_scale)
-    }
 
 
 def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
