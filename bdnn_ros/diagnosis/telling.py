@@ -76,14 +76,17 @@ def _findings(
     """What is sure and large enough for a name, and whether something large is likely without being sure."""
     held = equations.usable & attempt.test[:, None]
     taken, ever = (removed(equations, attempt.fitted, rows) for rows in (held, equations.usable))
-    left, scale = rms(attempt.extended, equations.usable), equations.effort_scale
+    scale = equations.effort_scale
+    left, left_held = (rms(attempt.extended, rows) for rows in (equations.usable, held))
     before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
     findings, doubtful, large = [], False, LARGE_ERROR * scale
     for k, (estimate, judgement, less) in enumerate(zip(found, attempt.judgements, taken, strict=True)):
         effect = estimate.term.effect
+        large_enough = noticeable(effect, ever[k], left, scale) or noticeable(effect, less, left_held, scale)
         # what lasts a moment may remove nothing in any held-out row
         borne_out = effect.brief or effect.timed or float(np.sum(less / scale**2)) > 0.0
-        if not (borne_out and estimate.shown and noticeable(effect, ever[k], left, scale)):
+        borne_out &= float(np.sum(ever[k] / scale**2)) > 0.0
+        if not (large_enough and borne_out and estimate.shown):
             continue
         if judgement.nothing <= DOUBTFUL:
             findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / before))
