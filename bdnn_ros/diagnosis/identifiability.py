@@ -19,7 +19,7 @@ LISTED = 0.02
 """Rivals less probable than this are not listed."""
 CLOSE = 12.0
 HARDLY = 0.05
-"""A finding less probable than this is given up where a rival is more probable than not."""
+"""A finding less probable than this is given up where a rival is likelier than nothing."""
 PLAINLY = 4.0
 """What contains a simpler law must be so many times as probable, or the simpler one is named."""
 TIE = 0.1
@@ -62,9 +62,8 @@ def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection
     pool = selection.pool
     for one, judgement in zip(selection.chosen, judgements, strict=True):
         for rival, probability in judgement.rivals:
-            hardly = judgement.probability < HARDLY < 0.5 < probability and not contains(
-                rival, pool.terms[one]
-            )
+            hardly = judgement.probability < HARDLY and probability > judgement.nothing
+            hardly &= not contains(rival, pool.terms[one])
             richer = contains(pool.terms[one], rival) or _settles_into(pool.terms[one], rival)
             simpler = richer and judgement.probability < PLAINLY * probability
             if hardly or simpler:

@@ -85,7 +85,7 @@ class Backlash(Effect):
     brief = True
     parameters = (
         Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),
-        Parameter("transit", "s", 1e-3, 0.2, plausible=(0.01, 0.06), default=TRANSIT),
+        Parameter("transit", "s", 1e-3, 0.06, plausible=(0.01, 0.06), default=TRANSIT),
     )
     equation = "rigid effort of (q - gap / 2 * side(link load)) minus rigid effort of q, side from -1 to 1"
     confused_with = ("joint_elasticity", "position_offset", "coulomb_friction", "hysteresis")
@@ -96,7 +96,7 @@ class Backlash(Effect):
     of_bodies = True
     idealised = 0.04
     coefficient_bounds = ((0.0, 0.5),)
-    shape_bounds = MappingProxyType({"transit": (1e-3, 0.2)})
+    shape_bounds = MappingProxyType({"transit": (1e-3, 0.06)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.gap[target] += values["gap"]
