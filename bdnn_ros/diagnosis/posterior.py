@@ -42,8 +42,12 @@ class Estimate:
     def shown(self) -> bool:
         """Whether its parameters are known well enough for a name, and none is pressed against what is possible."""
         stds = {name: quantity.std for name, quantity in self.quantities.items()}
-        possible = self.term.effect.believable(self.coefficients, np.sqrt(np.diag(self.covariance)))
-        return possible and self.term.effect.shown(self.values, stds)
+        return self.possible and self.term.effect.shown(self.values, stds)
+
+    @property
+    def possible(self) -> bool:
+        """Whether such an effect can be, as well as its coefficients are known."""
+        return self.term.effect.believable(self.coefficients, np.sqrt(np.diag(self.covariance)))
 
     @cached_property
     def quantities(self) -> dict[str, Quantity]:

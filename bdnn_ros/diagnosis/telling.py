@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.gains import gain_of, noticeable, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.pushes import together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.recording import Recording
@@ -86,13 +87,22 @@ def _findings(
         # what lasts a moment may remove nothing in any held-out row
         borne_out = effect.brief or effect.timed or float(np.sum(less / scale**2)) > 0.0
         borne_out &= float(np.sum(ever[k] / scale**2)) > 0.0
-        if not (large_enough and borne_out and estimate.shown):
+        if not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
             continue
         if judgement.nothing <= DOUBTFUL:
             findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / before))
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())
     return findings, doubtful
+
+
+def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:
+    """Whether a push is the only one at its time: then that something pushes is sure, though no part of its wrench is.
+
+    On few joints many a wrench does the same. A second push that is not known may be what is left of the first.
+    """
+    others = (other.term for other in found if other is not push)
+    return push.term.effect.timed and push.possible and not any(together(push.term, o) for o in others)
 
 
 def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
