@@ -9,13 +9,16 @@ import pytest
 from diagnosis_cases import equations_of, signals_of, term, white
 
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.pushes import best_push, between_rows, together
 from bdnn_ros.effects.environment import POINT
 from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation import simulate
 
 ARM = Robot.bundled("arm6")
 TRUSTING = 1e-3
@@ -118,3 +121,18 @@ def test_a_point_of_a_link_pulls_by_its_jacobian():
     jacobian = ARM.link_jacobian(signals.position, "arm6_link6", point)
     expected = signals.soften(np.swapaxes(jacobian, 1, 2))
     np.testing.assert_allclose(motion.soft_pull("arm6_link6", point), expected, atol=1e-12)
+
+
+def test_a_push_that_no_part_of_is_known_is_told_all_the_same():
+    """A single joint shows one torque of it: nothing is wrong would be wrong."""
+    robot = Robot.bundled("arm2")
+    spec = "external_wrench@arm2_link1:start=8,end=10,force_x=28,force_y=-24,force_z=-12,point_x=-0.05,point_z=-0.02"
+    simulated = simulate(robot, [parse_spec(spec, robot)], seed=3, duration=20.0)
+    told = diagnose([simulated.recording], robot)
+    (push,) = told.findings
+    assert push.effect == "external_wrench" and told.verdict == "explained"
+    assert push.parameters["start"].value == pytest.approx(8.0, abs=0.1)
+    assert push.parameters["end"].value == pytest.approx(10.0, abs=0.1)
+    assert all(
+        abs(q.value) < 2.0 * q.std for name, q in push.parameters.items() if name[:5] in ("force", "torqu")
+    )
