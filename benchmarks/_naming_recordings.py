@@ -52,10 +52,10 @@ def tables(results: Mapping[str, Mapping[str, Json]]) -> list[tuple[str, list[li
     found = []
     for name, parts in results.items():
         rows = [["cause", *parts, *(["halves"] if len(parts) > 1 else [])]]
-        named = {part: {_place(one): one for one in parts[part]["findings"]} for part in parts}
+        named, rivals = _named(parts), _rivals(parts)
         for place in dict.fromkeys(place for part in parts for place in named[part]):
             row = [f"{place[0]}, {place[1]}"]
-            row += [_value(named[part].get(place), place in _rivals(parts[part])) for part in parts]
+            row += [_value(named[part].get(place), place in rivals[part]) for part in parts]
             pair = [named[part].get(place) for part in parts if part != PARTS[0]]
             rows.append([*row, *([_agreement(pair)] if pair else [])])
         gains = ", ".join(f"{part} {100 * parts[part]['gain']['value']:.0f} %" for part in parts)
@@ -70,14 +70,15 @@ def in_words(results: Mapping[str, Mapping[str, Json]]) -> str:
     """How many causes that the whole of some recording names each of its halves names, too, or lists as a rival."""
     every = both = agree = listed = 0
     for parts in (one for one in results.values() if len(one) > 1):
-        halves = [{_place(one): one for one in parts[part]["findings"]} for part in PARTS[1:]]
-        for one in parts[PARTS[0]]["findings"]:
-            pair = [half.get(_place(one)) for half in halves]
+        named, rivals = _named(parts), _rivals(parts)
+        for place in map(_place, parts[PARTS[0]]["findings"]):
+            pair = [named[part].get(place) for part in PARTS[1:]]
             every += 1
             both += all(pair)
             agree += _agreement(pair) == "agree"
-            rivals = [_place(one) in _rivals(parts[part]) for part in PARTS[1:]]
-            listed += not all(pair) and all(a or b for a, b in zip(pair, rivals, strict=True))
+            listed += not all(pair) and all(
+                place in named[part] or place in rivals[part] for part in PARTS[1:]
+            )
     return (
         f"Of {every} causes that a whole recording names, both halves name {both}, {agree} of them in the same size; "
         f"{listed} more are a rival of what a half names instead."
@@ -88,8 +89,17 @@ def _place(finding: Json) -> tuple[str, str]:
     return finding["effect"], finding["joint"] or finding["link"] or "base"
 
 
-def _rivals(report: Json) -> set[tuple[str, str]]:
-    return {_place(rival) for one in report["findings"] for rival in one["rivals"]}
+def _named(parts: Mapping[str, Json]) -> dict[str, dict[tuple[str, str], Json]]:
+    """What each part of a recording names, by its place."""
+    return {part: {_place(one): one for one in report["findings"]} for part, report in parts.items()}
+
+
+def _rivals(parts: Mapping[str, Json]) -> dict[str, set[tuple[str, str]]]:
+    """What each part lists as a rival of something that it names."""
+    return {
+        part: {_place(rival) for one in report["findings"] for rival in one["rivals"]}
+        for part, report in parts.items()
+    }
 
 
 def _first(finding: Json) -> tuple[float, float, str]:
