@@ -35,6 +35,8 @@ MOST_KEPT = 300
 """Chunks of motion kept to be gone through again; what later ones say is only summed up."""
 LEAST_FRICTION = 0.01
 """Of a joint, in units of its effort scale: what it lacks may still be learned."""
+LEARNED = 0.5
+"""What is learned makes the residual so much smaller that doubtful rows must be weighed anew."""
 NEVER = 1 << 62
 FIRST_SETTLED = 4
 ITERATIONS = 10
@@ -58,10 +60,8 @@ class Identifier:
     """Identifies a robot from raw samples fed in order, live or from recordings, with the same result.
 
     Parameters are solved for whenever a model is asked for. Whenever the chunks of motion have doubled in
-    number,
-    they are gone through again: what is known by then of the load, and which terms lower the error on
-        stretches left
-    out, is settled anew.
+    number, they are gone through again: what is known by then of the load, and which terms lower the error
+    on stretches left out, is settled anew.
 
     Args:
         robot: the simulation's robot, the prior.
@@ -98,6 +98,7 @@ class Identifier:
         self.latest: tuple[Signals, np.ndarray] | None = None
         self._stream = Chunks(robot.joints, cutoff)
         self._evidence = Recursion(self.recursion.belief)
+        self._usual = self._evidence.noise
         self._fast = np.zeros(())
         self._straight: tuple[np.ndarray, ...] = ()
         self._carrier = robot
@@ -199,12 +200,25 @@ class Identifier:
         plain = replace(plain, friction=tuple(np.clip(friction, lowest, belief.effort_scale)))
         if len(self._kept) == self._used:
             self._carrier = physical_model(self.robot, posterior, plain, self.scales).robot
-            self.recursion.clear()
-            evidence.clear()
-            self._fast = np.zeros(())
-            for motion in self._kept:
-                self._sum(motion)
-        self.structure = choose(evidence, plain, posterior.layout)
+            self._go_through_again(posterior.noise)
+        self._choose(plain, posterior.layout)
+        left = self.recursion.solve(self.parameter_layout, ITERATIONS).noise
+        if len(self._kept) == self._used and (left < LEARNED * self._usual).any():
+            self._go_through_again(left)
+            self._choose(plain, posterior.layout)
+
+    def _go_through_again(self, usual: np.ndarray) -> None:
+        """Sum all motion anew, with what its residual usually is, (n,) [N·m]."""
+        self._usual = usual
+        self.recursion.clear()
+        self._evidence.clear()
+        self._fast = np.zeros(())
+        for motion in self._kept:
+            self._sum(motion)
+
+    def _choose(self, plain: Structure, without: Layout) -> None:
+        """Settle which terms are on; by the layout without any the noise of the evidence was estimated."""
+        self.structure = choose(self._evidence, plain, without)
         self._straight = straightened(self.structure, self._fast)
 
     @property
@@ -252,10 +266,22 @@ class Identifier:
         self._fast = self._fast + moving @ moving.transpose(0, 2, 1)
         effort = signals.smooth(signals.effort)[rows]
         noise = SensorNoise.of(self.robot, signals, rows)
-        self._evidence.update(columns, effort, np.where(signals.at_rest[rows], REST_WEIGHT, 1.0), noise)
+        known = self._known(signals.smooth(signals.smooth(state.doubt))[rows], noise)
+        resting = np.where(signals.at_rest[rows], REST_WEIGHT, 1.0)
+        self._evidence.update(columns, effort, known * resting, noise)
         speed = (signals.velocity[rows] / self.scales.velocity / SLIDING) ** 2
-        self.recursion.update(columns, effort, np.maximum(speed / (1.0 + speed), TURNING_WEIGHT), noise)
+        turning = np.maximum(speed / (1.0 + speed), TURNING_WEIGHT)
+        self.recursion.update(columns, effort, known * turning, noise)
         return state
+
+    def _known(self, doubt: np.ndarray, noise: SensorNoise) -> np.ndarray:
+        """Weights of rows, (N, n): they say less the more dry friction is in doubt beside the usual residual.
+
+        Without this, slow motion, whose reversals the position's noise hides, would pull over what fast motion
+        told.
+        """
+        usual = np.maximum(noise.effort / noise.count, self._usual**2)
+        return np.asarray(usual / (usual + (self._carrier.coulomb * doubt) ** 2))
 
     def _state_at(self, time: float) -> Directions | None:
         """State of friction at a time within the last chunk's motion, None where there is none."""

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-CURVE = (0.003, 0.01, 0.03, 0.1, 0.3)
+CURVE = (0.003, 0.0065, 0.014, 0.03, 0.065, 0.14, 0.3)
 """Speeds, in units of the limit, below which friction may differ from Coulomb and viscous friction."""
 HARMONICS = 30
 """Highest number of periods per radian of an effort that depends on the position."""
@@ -87,12 +87,18 @@ def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
 def feature_spread() -> np.ndarray:
     """Prior standard deviation of each feature's weight, in units of the joint's friction, (FEATURES,)."""
     where, spread = group_slices(), np.empty(FEATURES)
-    k = np.arange(1, HARMONICS + 1)
-    # long waves look like gravity, which is known better
-    waves = np.minimum((k / LONG_WAVE) ** 2, 1.0) / k
+    waves = largest_waves() / np.arange(1, HARMONICS + 1)
     for name, values in SPREAD.items():
-        spread[where[name]] = values * np.concatenate([waves, waves]) if name == "position" else values
+        spread[where[name]] = np.tile(waves, 2) if name == "position" else values
     return spread
+
+
+def largest_waves() -> np.ndarray:
+    """What each harmonic of the position may be found to weigh at most, as `feature_spread`, (HARMONICS,).
+
+    Long waves look like gravity, which is known better.
+    """
+    return SPREAD["position"] * np.minimum((np.arange(1, HARMONICS + 1) / LONG_WAVE) ** 2, 1.0)
 
 
 def _shifted(values: np.ndarray, step: int) -> np.ndarray:

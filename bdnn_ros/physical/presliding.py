@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_opening
+from scipy.special import erf
 
+from bdnn_ros.kernels import passed_noise
 from bdnn_ros.signals import Signals
 
 BREAKAWAYS = (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
@@ -21,6 +23,11 @@ RESTING = 1
 TURNED = 1e-4
 NOISE_WIDTHS = 4.0
 """A joint has turned round once it went back so far [rad], and so many standard deviations of its noise."""
+CERTAIN = 4.0
+"""Faster than so many standard deviations of its noise, a velocity's sign is known."""
+REVERSAL = 0.62
+"""What is left of the direction's doubt across a reversal, whose errors on either side partly cancel: the noise moves
+it by as much as it takes to travel, 2 σ / a, where the doubts of all its instants add up to 3.2 σ / a."""
 SUBSTEPS = 4
 """Steps of a sample period: friction turns round at a time, not at a sample."""
 COUPLING_SIGNS = (1, -1)
@@ -34,18 +41,22 @@ class Directions:
     Attributes:
         joints: of each joint for each of `BREAKAWAYS`, (N, n, len(BREAKAWAYS)).
         pairs: of motors that turn with joint j + 1 and, by sign, with j, (N, n - 1, len(COUPLING_SIGNS)).
+        doubt: standard deviation of the first of each joint's, (N, n), from 0 to 1.
     """
 
     joints: np.ndarray
     pairs: np.ndarray
+    doubt: np.ndarray
 
     def at(self, row: int) -> Directions:
         """The state at one sample, where another stretch may go on."""
-        return Directions(self.joints[row].copy(), self.pairs[row].copy())
+        return Directions(self.joints[row].copy(), self.pairs[row].copy(), self.doubt[row].copy())
 
 
 def directions(signals: Signals, start: Directions | None = None) -> Directions:
     """Direction of friction along a motion.
+
+    Where the velocity is hardly above its noise, the direction is what is expected of it, erf(v / (√2 σ)).
 
     Args:
         start: state before the first sample; None takes the first direction of each joint.
@@ -53,28 +64,44 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
     width, count = signals.width, len(signals)
     noise = signals.position_noise / np.sqrt(max(signals.kernel_std * signals.raw_rate, 1.0))
     turned = np.maximum(TURNED, NOISE_WIDTHS * noise)
+    std = passed_noise(signals.position_noise, signals.kernel_std, signals.raw_rate, order=1)
     both = np.repeat(turned[1:] + turned[:-1], len(COUPLING_SIGNS)) / 2.0
-    joints = np.empty((count, width, len(BREAKAWAYS)))
+    joints, doubt = np.empty((count, width, len(BREAKAWAYS))), np.empty((count, width))
     pairs = np.empty((count, (width - 1) * len(COUPLING_SIGNS)))
     for rows in signals.segments:
         fine = _between(signals.position[rows], signals.velocity[rows], 1.0 / signals.rate)
         motors = coupled(fine).reshape(len(fine), -1)
         before = None if start is None else start.joints[:, 0]
-        joints[rows, :, 0] = _mean_around(turning(fine, turned, before))
+        velocity = signals.velocity[rows]
+        kept = _mean_around(turning(fine, turned, before))
+        joints[rows, :, 0], doubt[rows] = _expected(velocity, std, kept)
         pairs[rows] = _mean_around(turning(motors, both, None if start is None else start.pairs.ravel()))
         state = joints[rows.start, :, :1] if start is None else start.joints[:, 1:]
         joints[rows, :, 1:] = _mean_around(slide(fine, BREAKAWAYS[1:], state))
         resting = slide(motors, BREAKAWAYS[RESTING : RESTING + 1], pairs[rows.start, :, None])
-        velocity = signals.velocity[rows]
         rest = _at_rest(coupled(velocity).reshape(len(velocity), -1), signals.rate)
         pairs[rows] = np.where(rest, 0.5 * _mean_around(resting)[:, :, 0], pairs[rows])
         rest = _at_rest(velocity, signals.rate)
         joints[rows, :, 0] = np.where(rest, 0.5 * joints[rows, :, RESTING], joints[rows, :, 0])
         # a joint that has not moved yet may hold any friction
         still = np.ptp(signals.position[rows], axis=0) < turned
-        joints[rows, still if start is None else still & (start.joints == 0.0).all(axis=1)] = 0.0
+        still = still if start is None else still & (start.joints == 0.0).all(axis=1)
+        joints[rows, still] = 0.0
+        doubt[rows] = np.where(rest | still, 1.0, doubt[rows])
         start = None
-    return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)))
+    return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)), doubt)
+
+
+def _expected(velocity: np.ndarray, std: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Direction that is expected of measured velocities (N, n) with this noise (n,), and its standard deviation.
+
+    Args:
+        kept: direction that a clear motion has, (N, n).
+    """
+    slow = np.abs(velocity) < CERTAIN * std
+    expected = erf(velocity / (np.sqrt(2.0) * np.maximum(std, 1e-300)))
+    doubt = np.where(slow, REVERSAL * np.sqrt(1.0 - expected**2), 0.0)
+    return np.where(slow, expected, kept), doubt
 
 
 def coupled(values: np.ndarray) -> np.ndarray:

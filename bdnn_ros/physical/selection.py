@@ -9,10 +9,10 @@ from itertools import combinations
 import numpy as np
 
 from bdnn_ros.physical.couplings import Coupling
-from bdnn_ros.physical.dictionary import GROUPS
+from bdnn_ros.physical.dictionary import FEATURES, GROUPS, largest_waves
 from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
-from bdnn_ros.physical.recursive import Recursion, solve
+from bdnn_ros.physical.recursive import Recursion, inverse, solve
 from bdnn_ros.physical.statistics import Statistics, summed
 from bdnn_ros.physical.structure import (
     LEAD,
@@ -27,7 +27,7 @@ FOLDS = 6
 """Stretches of time left out in turn."""
 FEWEST_BLOCKS = 4
 """With fewer blocks of data nothing is switched on."""
-GROUP_COST = {"curve": 0.05, "load": 0.05, "direction": 0.2, "position": 0.2, "neighbours": 0.1}
+GROUP_COST = {"curve": 0.03, "load": 0.02, "direction": 0.2, "position": 0.1, "neighbours": 0.1}
 """Share of the squared error on what was left out that a group must remove; more if it could fit anything."""
 BREAKAWAY_COST = 0.05
 """The same, of another breakaway than the usual one."""
@@ -38,6 +38,10 @@ NEGLIGIBLE = 1e-4
 LARGE = "position"
 BEST = 8
 """The large group is tried beside so many of the best sets of the others."""
+RELEVANCE_ROUNDS = 10
+LEAST_SHOWN = 1e-3
+LEAST_WAVE = 1e-4
+"""Of what a harmonic may weigh at most: what is left of one that the motion does not show."""
 ROUNDS = 2
 """Choices of one joint's terms, each with the rows weighed by the error that the one before left."""
 
@@ -60,7 +64,7 @@ def choose(recursion: Recursion, plain: Structure, layout: Layout) -> Structure:
     chosen = replace(plain, couplings=_couplings(joints))
     for number, joint in enumerate(joints):
         chosen = chosen.with_joint(number, *_best(joint, chosen.couplings))
-    return chosen
+    return replace(chosen, relevance=tuple(joint.relevance for joint in joints))
 
 
 class _Joint:
@@ -83,6 +87,8 @@ class _Joint:
         self.correlation = float(recursion.correlation[joint])
         self.information, self.vector = recursion.without_joint(layout, joint)
         self.prior, self.pull = self._prior(recursion.belief, plain)
+        self._usual_waves = self.prior[self.where.of_group(LARGE) - self.bodies]
+        self._largest_wave = plain.friction[joint] * largest_waves()
         self.gram = np.array([fold.gram[joint] for fold in folds])
         self.moment = np.array([fold.moment[joint] for fold in folds])
         self.energy = np.array([fold.energy[joint] for fold in folds])
@@ -118,6 +124,42 @@ class _Joint:
 
     def error(self, breakaway: int, groups: Sequence[str] = (), couplings: Sequence[Coupling] = ()) -> float:
         """Squared error on what was left out, fold by fold, under the coefficients of all other folds."""
+        index = self._index(breakaway, groups, couplings)
+        x = np.linalg.solve(self._system[:, index[:, None], index], self._right[:, index, None])[..., 0]
+        fitted = np.einsum("fk,fkl,fl->f", x, self._quadratic[:, index[:, None], index], x)
+        errors = self._constant - 2.0 * np.einsum("fk,fk->f", x, self._linear[:, index]) + fitted
+        return float(np.maximum(errors, 0.0).sum()) + NEGLIGIBLE * float(self.energy.sum())
+
+    def believe_waves(self, terms: Terms, couplings: Sequence[Coupling]) -> None:
+        """Believe of each harmonic of the position as much as the motion shows of it, beside these terms.
+
+        Automatic relevance determination (MacKay 1992): harmonics that the joint does not have would otherwise
+        each take a little, which adds up at positions where the joint has not been.
+        """
+        index = self._index(*terms, couplings)
+        waves = self.where.of_group(LARGE) - self.bodies
+        place = np.array([int(np.flatnonzero(index == column)[0]) for column in waves])
+        told = self._system[:, index[:, None], index].mean(axis=0) - np.diag(self.prior[index])
+        right, prior = self._right[:, index].mean(axis=0), self.prior[index]
+        prior[place] = self._usual_waves
+        for _ in range(RELEVANCE_ROUNDS):
+            covariance = inverse(told + np.diag(prior))
+            weights, variance = (covariance @ right)[place], np.diagonal(covariance)[place]
+            shown = 2.0 - (variance * prior[place]).reshape(2, -1).sum(axis=0)
+            size = (weights**2).reshape(2, -1).sum(axis=0) / np.maximum(shown, LEAST_SHOWN)
+            size = np.clip(size, (LEAST_WAVE * self._largest_wave) ** 2, self._largest_wave**2)
+            prior[place] = np.tile(1.0 / size, 2)
+        self._system[:, waves, waves] += prior[place] - self.prior[waves]
+        self.prior[waves] = prior[place]
+
+    @property
+    def relevance(self) -> tuple[float, ...]:
+        """What is believed of each feature: prior deviation of its weight, FEATURES of them [N·m]."""
+        first = self.where.features - self.bodies
+        return tuple((1.0 / np.sqrt(self.prior[first : first + FEATURES])).tolist())
+
+    def _index(self, breakaway: int, groups: Sequence[str], couplings: Sequence[Coupling]) -> np.ndarray:
+        """Where the columns of these terms are, counted after the bodies."""
         columns = [
             self.where.of_joint(breakaway),
             np.array([self.where.lead]),
@@ -126,11 +168,7 @@ class _Joint:
         for coupling in couplings:
             if self.joint - coupling.joint in (0, 1):
                 columns.append(self.where.of_coupling(self.joint == coupling.joint, coupling.sign))
-        index = np.concatenate(columns) - self.bodies
-        x = np.linalg.solve(self._system[:, index[:, None], index], self._right[:, index, None])[..., 0]
-        fitted = np.einsum("fk,fkl,fl->f", x, self._quadratic[:, index[:, None], index], x)
-        errors = self._constant - 2.0 * np.einsum("fk,fk->f", x, self._linear[:, index]) + fitted
-        return float(np.maximum(errors, 0.0).sum()) + NEGLIGIBLE * float(self.energy.sum())
+        return np.concatenate(columns) - self.bodies
 
     def _prior(self, belief: Prior, plain: Structure) -> tuple[np.ndarray, np.ndarray]:
         """Information and vector of all columns but the bodies', before any data."""
@@ -184,6 +222,7 @@ def _best(joint: _Joint, couplings: tuple[Coupling, ...]) -> Terms:
         joint.weigh(joint.error(*chosen, couplings) / joint.count)
         ranked = sorted((cost(terms), terms) for terms in _small_terms())
         large = [(breakaway, (*groups, LARGE)) for _, (breakaway, groups) in ranked[:BEST]]
+        joint.believe_waves(large[0], couplings)
         chosen = min([ranked[0], *((cost(terms), terms) for terms in large)])[1]
     breakaway, groups = chosen
     return breakaway, tuple(name for name in GROUPS if name in groups)

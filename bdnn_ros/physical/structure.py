@@ -30,12 +30,15 @@ class Structure:
         groups: names of the groups of features of each joint, n tuples.
         friction: typical friction of each joint, n [N·m]: learned weights are believed to be of its order.
         couplings: motors that turn with two joints.
+        relevance: prior deviation of the weight of each feature, n tuples of FEATURES [N·m]; empty before the
+            motion has shown any.
     """
 
     breakaway: tuple[int, ...]
     groups: tuple[tuple[str, ...], ...]
     friction: tuple[float, ...]
     couplings: tuple[Coupling, ...] = ()
+    relevance: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def plain(cls, belief: Prior) -> Structure:
@@ -272,4 +275,7 @@ def coupling_deviation(belief: Prior, structure: Structure, joint: int) -> np.nd
 
 def group_deviation(structure: Structure, name: str, joint: int) -> np.ndarray:
     """Prior deviation of the weights of a joint's group of features [N·m]."""
-    return np.asarray(feature_spread()[group_slices()[name]] * structure.friction[joint])
+    where = group_slices()[name]
+    if structure.relevance:
+        return np.array(structure.relevance[joint][where])
+    return np.asarray(feature_spread()[where] * structure.friction[joint])

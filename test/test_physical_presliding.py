@@ -1,0 +1,60 @@
+"""The direction of dry friction: what noise on the position leaves of it, and how much that is in doubt."""
+
+import numpy as np
+import pytest
+
+from bdnn_ros.physical.presliding import USUAL, directions
+from bdnn_ros.recording import Recording
+from bdnn_ros.signals import prepare
+
+NOISE = 5e-5
+SECONDS = 60.0
+
+
+def slow_motion(seed, size):
+    """A joint that turns round every second or so, as an encoder reports it, and its velocity in truth."""
+    generator = np.random.default_rng(seed)
+    time = np.arange(0.0, SECONDS, 0.002)
+    rate = 2.0 * np.pi * generator.uniform(0.2, 1.0, (5, 1))
+    angle = rate * time + generator.uniform(0.0, 2.0 * np.pi, (5, 1))
+    position = (size * np.sin(angle) / rate).sum(axis=0)
+    seen = position + NOISE * generator.standard_normal(len(time))
+    signals = prepare(Recording(time, ("joint",), seen[:, None], None, np.zeros((len(time), 1))))
+    return signals, np.interp(signals.time, time, (size * np.cos(angle)).sum(axis=0))
+
+
+def low_passed(signals, values):
+    return signals.smooth(signals.smooth(values[:, None]))[signals.interior, 0]
+
+
+@pytest.mark.parametrize("size", [0.03, 0.1])
+def test_the_doubt_of_a_direction_is_how_far_it_is_off(size):
+    off, doubt, hard = [], [], []
+    for seed in range(4):
+        signals, velocity = slow_motion(seed, size)
+        state, truth = directions(signals), np.sign(velocity)
+        direction, told = state.joints[:, 0, USUAL], state.doubt[:, 0]
+        # slower for long, a joint counts as resting
+        moving = low_passed(signals, (told == 1.0).astype(float)) < 1e-9
+        off.append(low_passed(signals, direction - truth)[moving])
+        hard.append(low_passed(signals, np.sign(signals.velocity[:, 0]) - truth)[moving])
+        doubt.append(low_passed(signals, told)[moving])
+    off, doubt, hard = (np.concatenate(values) for values in (off, doubt, hard))
+    told, actual = (np.sqrt(np.mean(values**2)) for values in (doubt, off))
+    assert 0.5 < actual / told < 1.5
+    assert actual < 0.95 * np.sqrt(np.mean(hard**2))
+    assert np.sqrt(np.mean(off[doubt < 0.01] ** 2)) < 0.02
+
+
+def test_a_joint_that_has_not_moved_or_rests_may_hold_any_friction():
+    time = np.arange(0.0, 4.0, 0.002)
+    moved = np.where(time < 1.0, 0.2 * (1.0 - np.cos(np.pi * time)), 0.4)
+    still = np.zeros_like(time)
+    position = np.stack([moved, still], axis=1)
+    state = directions(prepare(Recording(time, ("moved", "still"), position, None, np.zeros_like(position))))
+    rows = prepare(Recording(time, ("moved", "still"), position, None, np.zeros_like(position))).time
+    assert (state.doubt[:, 1] == 1.0).all()
+    assert (state.joints[:, 1] == 0.0).all()
+    assert (state.doubt[(rows > 0.2) & (rows < 0.8), 0] == 0.0).all()
+    assert (state.joints[(rows > 0.2) & (rows < 0.8), 0, USUAL] == 1.0).all()
+    assert (state.doubt[rows > 2.0, 0] == 1.0).all()
