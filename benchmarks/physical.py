@@ -35,6 +35,7 @@ from _physical_recordings import from_bag, recorded
 from _physical_speed import speed
 
 from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.physical.agreement import agreement
 from bdnn_ros.physical.combinations import combinations
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.model import PhysicalModel
@@ -211,6 +212,24 @@ def coverage(args: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
+def agreeing(args: argparse.Namespace) -> dict[str, Any]:
+    """How many parameters three recordings of one unchanged robot are said to disagree on."""
+    rows = []
+    for effects in ("matched", "unmodelled"):
+        for seed in range(args.seeds or 3):
+            one = real(seed, effects)
+            each = [Identifier(one.nominal).fit([r]) for r in motions(one, 3 * PIECE, seed)]
+            found = agreement(each)
+            differing = [a for a in found if a.differs]
+            friction = sum(a.by_motion for a in differing)
+            rows.append([effects, seed, len(found), friction, len(differing) - friction])
+            print(
+                f"{effects:12} seed {seed}: {friction} of friction and offset, {len(differing) - friction} others, "
+                f"of {len(found)}"
+            )
+    return {"rows": rows}
+
+
 def _kind(words: str) -> str:
     first = words.split()[0]
     return first if first in ("rotor", "viscous", "Coulomb", "effort") else "bodies"
@@ -224,6 +243,7 @@ GROUPS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "definite": definite,
     "forgetting": forgetting,
     "coverage": coverage,
+    "agreement": agreeing,
 }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from bdnn_ros.diagnosis.equations import Equations
@@ -13,21 +15,49 @@ MINIMUM_SHARE = 0.02
 """An effect that removes an error of this share of the effort's spread at some joint is worth a name."""
 OVERSHADOWED = 0.5
 """Less than this share of what is left could as well be a part of that, and earns no name."""
+ACTING = 0.25
+"""Share of an effect's largest effort that says when it acts."""
 LEAST_SHARE = 0.005
 """So is a brief one of this share that removes more than all that is left."""
 
 
-def removed(equations: Equations, fitted: Pool, rows: np.ndarray) -> list[np.ndarray]:
-    """Mean squared error of each joint at its rows (R, n) that each chosen term removes, (n,) each [(N·m)²]."""
+@dataclass(frozen=True)
+class Removal:
+    """What an effect removes of the error at some rows.
+
+    Attributes:
+        less: mean squared error of each joint, (n,) [(N·m)²].
+        noticeable: whether that is worth a name.
+    """
+
+    less: np.ndarray
+    noticeable: bool
+
+
+def removed(equations: Equations, fitted: Pool, extended: np.ndarray, rows: np.ndarray) -> list[Removal]:
+    """What each chosen term removes at its rows (R, n).
+
+    Args:
+        extended: what is left without any say of the rows that were held out, (R, n) [N·m].
+    """
     fit = fitted.fit(range(len(fitted.terms)))
     left = fitted.residual(fit, blur=False)
-    after = rms(left, rows) ** 2
     result = []
     for chosen in fit.terms:
-        coefficients = fitted.coefficients(fit, chosen)
-        without = left + equations.columns(fitted.terms[chosen]) @ coefficients
-        result.append(rms(without, rows) ** 2 - after)
+        effect = fitted.terms[chosen].effect
+        part = equations.columns(fitted.terms[chosen]) @ fitted.coefficients(fit, chosen)
+        less = rms(left + part, rows) ** 2 - rms(left, rows) ** 2
+        # what lasts moments, again and again, is worth a name by what it does in those
+        where = rows & _acting(part) if effect.brief and not effect.timed else rows
+        there = rms(left + part, where) ** 2 - rms(left, where) ** 2
+        result.append(Removal(less, noticeable(effect, there, rms(extended, where), equations.effort_scale)))
     return result
+
+
+def _acting(part: np.ndarray) -> np.ndarray:
+    """Rows at which an effect's effort (R, n) is more than a share of its largest."""
+    size = np.abs(part)
+    return np.asarray(size > ACTING * size.max(axis=0))
 
 
 def noticeable(effect: Effect, less: np.ndarray, after: np.ndarray, scale: np.ndarray) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.gains import gain_of, noticeable, removed, rms
+from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.posterior import Estimate
@@ -76,17 +76,18 @@ def _findings(
 ) -> tuple[list[Finding], bool]:
     """What is sure and large enough for a name, and whether something large is likely without being sure."""
     held = equations.usable & attempt.test[:, None]
-    taken, ever = (removed(equations, attempt.fitted, rows) for rows in (held, equations.usable))
+    taken, ever = (
+        removed(equations, attempt.fitted, attempt.extended, rows) for rows in (held, equations.usable)
+    )
     scale = equations.effort_scale
-    left, left_held = (rms(attempt.extended, rows) for rows in (equations.usable, held))
     before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
     findings, doubtful, large = [], False, LARGE_ERROR * scale
-    for k, (estimate, judgement, less) in enumerate(zip(found, attempt.judgements, taken, strict=True)):
-        effect = estimate.term.effect
-        large_enough = noticeable(effect, ever[k], left, scale) or noticeable(effect, less, left_held, scale)
+    for k, (estimate, judgement) in enumerate(zip(found, attempt.judgements, strict=True)):
+        effect, less = estimate.term.effect, taken[k].less
+        large_enough = ever[k].noticeable or taken[k].noticeable
         # what lasts a moment may remove nothing in any held-out row
         borne_out = effect.brief or effect.timed or float(np.sum(less / scale**2)) > 0.0
-        borne_out &= float(np.sum(ever[k] / scale**2)) > 0.0
+        borne_out &= float(np.sum(ever[k].less / scale**2)) > 0.0
         if not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
             continue
         if judgement.nothing <= DOUBTFUL:
