@@ -19,18 +19,13 @@ from bdnn_ros.physical.recursive import Recursion
 from bdnn_ros.physical.selection import choose
 from bdnn_ros.physical.sensing import SensorNoise
 from bdnn_ros.physical.structure import Layout, Structure, layout, straightened, typical_friction
+from bdnn_ros.physical.weighing import certainty, moving, sliding
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
 FAST = 0.02
 """Speed, in units of the limit, above which friction is sliding friction."""
-SLIDING = 0.05
-TURNING_WEIGHT = 0.2
-"""Rows near a joint's reversal, slower than so many velocity limits, count less for its parameters, down to this:
-dry friction may then be anything. What is learned beside the parameters is chosen with all rows alike."""
-REST_WEIGHT = 0.1
-"""What a row counts for a joint at rest: dry friction may then hold anything up to its breakaway."""
 MOST_KEPT = 300
 """Chunks of motion kept to be gone through again; what later ones say is only summed up."""
 LEAST_FRICTION = 0.01
@@ -262,26 +257,15 @@ class Identifier:
         sharp = sharp_columns(signals, state, load, self.scales)
         columns = low_passed(signals, smooth, sharp, rows)
         fast = np.abs(signals.velocity[rows]) > FAST * self.scales.velocity
-        moving = (columns[:, :, bodies:] * fast[:, :, None]).transpose(1, 2, 0)
-        self._fast = self._fast + moving @ moving.transpose(0, 2, 1)
+        swift = (columns[:, :, bodies:] * fast[:, :, None]).transpose(1, 2, 0)
+        self._fast = self._fast + swift @ swift.transpose(0, 2, 1)
         effort = signals.smooth(signals.effort)[rows]
         noise = SensorNoise.of(self.robot, signals, rows)
-        known = self._known(signals.smooth(signals.smooth(state.doubt))[rows], noise)
-        resting = np.where(signals.at_rest[rows], REST_WEIGHT, 1.0)
-        self._evidence.update(columns, effort, known * resting, noise)
-        speed = (signals.velocity[rows] / self.scales.velocity / SLIDING) ** 2
-        turning = np.maximum(speed / (1.0 + speed), TURNING_WEIGHT)
-        self.recursion.update(columns, effort, known * turning, noise)
+        residual = np.maximum(np.sqrt(noise.effort / noise.count), self._usual)
+        certain = certainty(signals, rows, state, self._carrier.coulomb, residual)
+        self._evidence.update(columns, effort, certain * moving(signals, rows), noise)
+        self.recursion.update(columns, effort, certain * sliding(signals, rows, self.scales), noise)
         return state
-
-    def _known(self, doubt: np.ndarray, noise: SensorNoise) -> np.ndarray:
-        """Weights of rows, (N, n): they say less the more dry friction is in doubt beside the usual residual.
-
-        Without this, slow motion, whose reversals the position's noise hides, would pull over what fast motion
-        told.
-        """
-        usual = np.maximum(noise.effort / noise.count, self._usual**2)
-        return np.asarray(usual / (usual + (self._carrier.coulomb * doubt) ** 2))
 
     def _state_at(self, time: float) -> Directions | None:
         """State of friction at a time within the last chunk's motion, None where there is none."""

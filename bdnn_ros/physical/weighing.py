@@ -1,0 +1,42 @@
+"""What each row of a motion says of each joint: less where dry friction may be anything."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bdnn_ros.physical.dictionary import Scales
+from bdnn_ros.physical.presliding import Directions
+from bdnn_ros.signals import Signals
+
+SLIDING = 0.05
+TURNING_WEIGHT = 0.2
+"""Rows near a joint's reversal, slower than so many velocity limits, count less for its parameters, down to this:
+dry friction may then be anything. What is learned beside the parameters is chosen with all rows alike."""
+REST_WEIGHT = 0.1
+"""What a row counts for a joint at rest: dry friction may then hold anything up to its breakaway."""
+
+
+def certainty(
+    signals: Signals, rows: np.ndarray, state: Directions, friction: np.ndarray, residual: np.ndarray
+) -> np.ndarray:
+    """Share of a row's error that is not doubt of friction's direction, (len(rows), n), 0 to 1.
+
+    Without it slow motion, whose reversals the position's noise hides, pulls over what fast motion told.
+
+    Args:
+        friction: dry friction of each joint, (n,) [N·m].
+        residual: standard deviation of what is usually left of each joint, (n,) [N·m].
+    """
+    doubt = friction * signals.smooth(signals.smooth(state.doubt))[rows]
+    return np.asarray(residual**2 / (residual**2 + doubt**2))
+
+
+def sliding(signals: Signals, rows: np.ndarray, scales: Scales) -> np.ndarray:
+    """What rows count for the parameters by the joints' speed, (len(rows), n)."""
+    speed = (signals.velocity[rows] / scales.velocity / SLIDING) ** 2
+    return np.asarray(np.maximum(speed / (1.0 + speed), TURNING_WEIGHT))
+
+
+def moving(signals: Signals, rows: np.ndarray) -> np.ndarray:
+    """What rows count for the choice of what is learned, (len(rows), n)."""
+    return np.where(signals.at_rest[rows], REST_WEIGHT, 1.0)
