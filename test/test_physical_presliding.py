@@ -51,8 +51,8 @@ def test_a_joint_that_has_not_moved_or_rests_may_hold_any_friction():
     moved = np.where(time < 1.0, 0.2 * (1.0 - np.cos(np.pi * time)), 0.4)
     still = np.zeros_like(time)
     position = np.stack([moved, still], axis=1)
-    state = directions(prepare(Recording(time, ("moved", "still"), position, None, np.zeros_like(position))))
-    rows = prepare(Recording(time, ("moved", "still"), position, None, np.zeros_like(position))).time
+    signals = prepare(Recording(time, ("moved", "still"), position, None, np.zeros_like(position)))
+    state, rows = directions(signals), signals.time
     assert (state.doubt[:, 1] == 1.0).all()
     assert (state.joints[:, 1] == 0.0).all()
     assert (state.doubt[(rows > 0.2) & (rows < 0.8), 0] == 0.0).all()

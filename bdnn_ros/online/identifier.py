@@ -31,7 +31,7 @@ MOST_KEPT = 300
 LEAST_FRICTION = 0.01
 """Of a joint, in units of its effort scale: what it lacks may still be learned."""
 LEARNED = 0.5
-"""What is learned makes the residual so much smaller that doubtful rows must be weighed anew."""
+"""Share of the residual that is left where what is learned lowers it so far that doubtful rows must be weighed anew."""
 NEVER = 1 << 62
 FIRST_SETTLED = 4
 ITERATIONS = 10
@@ -193,12 +193,15 @@ class Identifier:
         friction = typical_friction(posterior.mean, posterior.layout, evidence.total)
         lowest = LEAST_FRICTION * belief.effort_scale
         plain = replace(plain, friction=tuple(np.clip(friction, lowest, belief.effort_scale)))
-        if len(self._kept) == self._used:
+        whole = len(self._kept) == self._used
+        if whole:
             self._carrier = physical_model(self.robot, posterior, plain, self.scales).robot
             self._go_through_again(posterior.noise)
         self._choose(plain, posterior.layout)
+        if not whole:
+            return
         left = self.recursion.solve(self.parameter_layout, ITERATIONS).noise
-        if len(self._kept) == self._used and (left < LEARNED * self._usual).any():
+        if (left < LEARNED * self._usual).any():
             self._go_through_again(left)
             self._choose(plain, posterior.layout)
 

@@ -39,7 +39,9 @@ LARGE = "position"
 BEST = 8
 """The large group is tried beside so many of the best sets of the others."""
 RELEVANCE_ROUNDS = 10
+"""In which what is believed of the harmonics and their weights are found in turn."""
 LEAST_SHOWN = 1e-3
+"""Of the two weights of a harmonic, how many the motion is taken to show at least: it divides by this."""
 LEAST_WAVE = 1e-4
 """Of what a harmonic may weigh at most: what is left of one that the motion does not show."""
 ROUNDS = 2
@@ -138,7 +140,7 @@ class _Joint:
         """
         index = self._index(*terms, couplings)
         waves = self.where.of_group(LARGE) - self.bodies
-        place = np.array([int(np.flatnonzero(index == column)[0]) for column in waves])
+        place = np.flatnonzero(np.isin(index, waves))
         told = self._system[:, index[:, None], index].mean(axis=0) - np.diag(self.prior[index])
         right, prior = self._right[:, index].mean(axis=0), self.prior[index]
         prior[place] = self._usual_waves
