@@ -127,11 +127,15 @@ class Signals:
         return self.kernel_std if self.flat is None else gaussian_std(self.flat)
 
     @cached_property
+    def velocity_noise(self) -> np.ndarray:
+        """Standard deviation of what the position's noise leaves in the velocity, (n,) [rad/s]."""
+        twiced = self.flat is not None
+        return passed_noise(self.position_noise, self.motion_std, self.raw_rate, order=1, twiced=twiced)
+
+    @cached_property
     def rest_velocity(self) -> np.ndarray:
         """Speed under which a joint counts as at rest, (n,) [rad/s]."""
-        twiced = self.flat is not None
-        noise = passed_noise(self.position_noise, self.motion_std, self.raw_rate, order=1, twiced=twiced)
-        return np.maximum(REST_WIDTHS * noise, 1e-5)
+        return np.maximum(REST_WIDTHS * self.velocity_noise, 1e-5)
 
     @cached_property
     def at_rest(self) -> np.ndarray:

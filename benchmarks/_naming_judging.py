@@ -23,7 +23,7 @@ HALVES = {"coulomb_friction", "effort_offset"}
 GIVEN = {
     "link_inertia": ("nominal_mass",),
     "drift": ("start", "end"),
-    "backlash": ("transit",),
+    "backlash": ("crossing",),
     "external_wrench": ("point_x", "point_y", "point_z"),
 }
 """Parameters that are inputs, not results."""

@@ -38,7 +38,7 @@ def evidence(
     terms = [*own, *_wear(truth, robot)]
     pool = Pool(equations, examination.pool.noise, terms, examination.pool.link_error)
     for _ in range(ROUNDS):
-        residual = pool.residual(pool.fit(range(len(terms))))
+        residual = pool.residual(pool.whole)
         noise = equations.noise_of(residual, 1e-4 * equations.effort_scale)
         relieve(Candidates.of(robot), equations, pool)
         pool = Pool(equations, noise, terms, pool.link_error)

@@ -90,7 +90,7 @@ def test_a_fit_is_bayesian_linear_regression(pool, chosen):
     assert sign > 0.0
     equations = pool.equations
     history = equations.history(1)
-    stds = pool.noise.of(equations.unsteady(1), np.maximum(history, 0))[history >= 0]
+    stds = pool.noise.of(equations.doubtful(1), np.maximum(history, 0))[history >= 0]
     expected = -0.5 * (target @ np.linalg.solve(marginal, target) + volume)
     # a constant of the data and the noise model: the same whatever is chosen
     constant = fit.evidence - expected

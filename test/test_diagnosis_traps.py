@@ -91,7 +91,7 @@ def test_columns_are_as_large_as_the_effect_behind_the_low_pass_of_a_diagnosis(s
     lead = equations.nuisances[:, one.target, 0]
     rows = equations.usable[:, one.target]
     target = equations.target[rows, one.target]
-    tried = [{"transit": t} for t in (0.005, 0.01, 0.015, 0.02, 0.03)] if "transit" in shape else [shape]
+    tried = [{"crossing": 0.0015 * f} for f in (0.8, 0.9, 1.0, 1.1, 1.2)] if "crossing" in shape else [shape]
     best = []
     for one_shape in tried:
         columns = one.effect.columns(equations.motion, one.target, one_shape, one.link)
@@ -191,12 +191,12 @@ def test_what_acts_for_moments_again_and_again_is_judged_by_those(name, worth):
     left = 0.02 * rng.standard_normal((4000, 1))
     pool = SimpleNamespace(
         terms=[SimpleNamespace(effect=get(name))],
-        fit=lambda chosen: SimpleNamespace(terms=list(chosen)),
-        residual=lambda fit, blur: left,
+        whole=SimpleNamespace(),
+        left=lambda: left,
         coefficients=lambda fit, chosen: np.ones(1),
     )
     equations = SimpleNamespace(columns=lambda term: part[:, :, None], effort_scale=np.ones(1))
-    (removal,) = removed(equations, pool, left, np.ones((4000, 1), bool))
+    ((removal,),) = removed(equations, pool, left, np.ones((4000, 1), bool))
     assert removal.noticeable == worth
     assert removal.less[0] == pytest.approx(np.mean((left + part) ** 2) - np.mean(left**2))
 

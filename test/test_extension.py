@@ -218,7 +218,7 @@ def _examination(
     equations = build(signals, robot, None if model is None else model.predict(signals))
     noise = equations.noise_of(1e-3 * equations.target, 1e-4 * equations.effort_scale)
     pool = Pool(equations, noise, terms, 0.06)
-    fit = pool.fit(range(len(terms)))
+    fit = pool.whole
     return SimpleNamespace(
         robot=robot,
         equations=equations,

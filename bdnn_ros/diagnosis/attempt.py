@@ -53,15 +53,11 @@ def attempted(search: Search, whole: np.ndarray, test: np.ndarray) -> Attempt:
     selection, judgements = _reconsidered(search, found, terms)
     equations.count(whole & ~test[:, None])
     alone = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
-    extended, fitted = _left(alone), alone
+    extended, fitted = alone.left(), alone
     if selection.terms != terms:
         fitted = settled(search.candidates, equations, Pool(equations, noise, selection.terms, link_error))
     equations.count(whole)
     return Attempt(test, judgements, fitted, extended)
-
-
-def _left(pool: Pool) -> np.ndarray:
-    return pool.residual(pool.fit(range(len(pool.terms))), blur=False)
 
 
 def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[Selection, list[Judgement]]:
@@ -82,6 +78,6 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
 
 def surprised(attempt: Attempt, equations: Equations) -> bool:
     """Whether a joint's held-out error is so far above that of the rest that the search cannot have seen its cause."""
-    held = rms(attempt.extended, equations.usable & attempt.test[:, None])
-    rest = rms(attempt.extended, equations.usable & ~attempt.test[:, None])
+    test, sure = attempt.test[:, None], attempt.fitted.sure
+    held, rest = rms(attempt.extended, sure & test), rms(attempt.extended, sure & ~test)
     return bool(((held > SURPRISING * rest) & (held > MINIMUM_SHARE * equations.effort_scale)).any())

@@ -60,14 +60,14 @@ def build(
     edges = [0, *(np.flatnonzero(np.diff(owner[rows])) + 1).tolist(), len(rows)]
     runs = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
-    if simulated is None:
-        simulated = nominal_effort(robot, signals)
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
+    if simulated is None:
+        simulated = _rigid_effort(robot, signals) + drive
     motion = Motion(signals, robot, simulated, drive)
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     rigid = signals.smooth(motion.regressor)[rows] @ relative
-    turning, sticking = turns(signals)
+    doubt, sticking = turns(signals)
     usable = ~(resting | sticking)[rows]
     block = (signals.time[rows] - signals.time[rows[0]]) // BLOCK_SECONDS
     _, block = np.unique(block, return_inverse=True)
@@ -81,7 +81,7 @@ def build(
         rows,
         target,
         usable,
-        turning[rows],
+        doubt[rows],
         block,
         runs,
         rigid,
@@ -100,9 +100,10 @@ def identified_inertials(covariance: np.ndarray) -> np.ndarray:
 
 
 def turns(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """Where the low-pass reaches to a moment at which a joint turns round, and to one at which it sticks, (N, n) bool each.
+    """How much of the low-pass at each sample a joint turns round or creeps in, (N, n), and whether one sticks near, (N, n) bool.
 
-    A joint that sticks has any effort between both directions' friction; no motion tells which.
+    A joint that sticks has any effort between both directions' friction; no motion tells which. When it turned is known to
+    about what motion was softened by.
     """
     width = signals.kernel_std * signals.rate
     reach = 2 * int(np.ceil(TURNING_WIDTHS * width)) + 1
@@ -110,22 +111,25 @@ def turns(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
     usual = np.sqrt(
         np.sum(np.where(moving, signals.velocity, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1)
     )
-    turning, sticking = np.zeros((2, *signals.velocity.shape), bool)
+    slow = np.abs(signals.velocity) < SLOW_SHARE * usual
+    turning = slow | (np.abs(signals.velocity) < np.abs(signals.acceleration) * signals.motion_std)
+    sticking = np.zeros_like(slow)
     for rows in signals.segments:
         v = signals.velocity[rows]
-        slow = np.abs(v) < SLOW_SHARE * usual
-        crossing = np.zeros_like(slow)
-        crossing[1:] = v[1:] * v[:-1] <= 0.0
-        stuck = binary_opening(slow, np.ones((int(np.ceil(STICKING_WIDTHS * width)), 1), bool))
-        turning[rows] = maximum_filter1d(slow | crossing, reach, axis=0)
+        turning[rows][1:] |= v[1:] * v[:-1] <= 0.0
+        stuck = binary_opening(slow[rows], np.ones((int(np.ceil(STICKING_WIDTHS * width)), 1), bool))
         sticking[rows] = maximum_filter1d(stuck, reach, axis=0)
-    return turning, sticking
+    return np.abs(signals.smooth(signals.soften(turning.astype(float)))), sticking
 
 
 def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:
     """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m]."""
-    rigid = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-    return np.asarray(rigid + robot.drive_effort(signals.velocity, signals.acceleration, signals.sign))
+    drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
+    return np.asarray(_rigid_effort(robot, signals) + drive)
+
+
+def _rigid_effort(robot: Robot, signals: Signals) -> np.ndarray:
+    return robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
 
 
 def relative_inertials(robot: Robot) -> np.ndarray:

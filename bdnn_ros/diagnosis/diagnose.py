@@ -126,9 +126,10 @@ def examine(
         say("what was held out is not like the rest: again with other blocks")
     fitted = attempt.fitted
     pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
-    fit = pool.fit(range(len(pool.terms)))
+    fit = pool.whole
     found = estimates(pool, fit)
-    remainder = describe(equations, pool.residual(fit, blur=False))
+    equations.count(pool.sure)
+    remainder = describe(equations, pool.left())
     diagnosis = told(recordings, robot, equations, attempt, found, remainder)
     return Examination(
         diagnosis,

@@ -59,7 +59,7 @@ def from_entry(one: Mapping[str, Any], robot: Robot) -> Installed:
         if joint not in robot.joints:
             raise UsageError(f"{effect.name}: the robot has no joint {joint!r}.", "Give the robot it is for.")
         target = robot.joints.index(str(joint))
-    values = {p.name: p.default for p in effect.parameters if p.default is not None} | given
+    values = effect.with_defaults(given)
     missing = [p.name for p in effect.parameters if p.name not in values]
     if missing:
         raise UsageError(f"{effect.name} lacks {', '.join(missing)}.", "Add it to its parameters.")

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting, rms, stable
+from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting, rms, slipping, stable
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
@@ -22,6 +22,8 @@ TYPICAL_SHARE = 0.3
 
 STICKING_LEAD = 0.003
 """How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
+STEADY = 1e-3
+"""With less doubt of its direction a joint moves on."""
 LEAST_ROWS = 10 * ORDER
 """So many rows tell how noise goes on."""
 HARDLY_SEEN = 1e-4
@@ -58,7 +60,7 @@ class Equations:
         rows: which working samples are rows, (R,).
         target: measured effort minus the simulation's, (R, n) [N·m].
         usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest or sticking.
-        turning: rows where the joint turns round or creeps, (R, n) bool.
+        doubt: share of each row's low-pass in which the joint turns round or creeps, so that it may stick, (R, n).
         block: held-out block of each row, (R,) int, starting at 0.
         runs: rows of each gap-free piece.
         rigid: columns of the links' relative errors, (R, n, n * PER_LINK), one unit = an error of 100 %.
@@ -73,7 +75,7 @@ class Equations:
     rows: np.ndarray
     target: np.ndarray
     usable: np.ndarray
-    turning: np.ndarray
+    doubt: np.ndarray
     block: np.ndarray
     runs: list[slice]
     rigid: np.ndarray
@@ -224,15 +226,15 @@ class Equations:
         white, weights = values.astype(float), noise.weights(seen)
         for lag in range(1, order + 1):
             white[lag:] -= weights[lag:, :, lag - 1].reshape(shape) * values[:-lag]
-        keep = (history >= 0) / noise.of(self.unsteady(order), seen)
+        keep = (history >= 0) / noise.of(self.doubtful(order), seen)
         return white * keep.reshape(shape)
 
     def history(self, order: int = ORDER) -> np.ndarray:
         """How many usable rows come just before each, at most the order, (R, n); -1 for what is not usable itself."""
         return self._past(order)[0]
 
-    def unsteady(self, order: int = ORDER) -> np.ndarray:
-        """Rows with turning ones in their noise history, (R, n) bool."""
+    def doubtful(self, order: int = ORDER) -> np.ndarray:
+        """The largest doubt in each row and its noise history, (R, n)."""
         return self._past(order)[1]
 
     def full(self) -> np.ndarray:
@@ -246,12 +248,12 @@ class Equations:
             starts = [run.start for run in self.runs]
             begun[starts] = np.maximum(begun[starts], row[starts])
             length = np.minimum(row - np.maximum.accumulate(begun, axis=0), order)
-            unsteady = self.turning.copy()
+            doubtful = self.doubt.copy()
             for run in self.runs:
                 for lag in range(1, order + 1):
-                    before = self.turning[run.start : max(run.stop - lag, run.start)]
-                    unsteady[run.start + lag : run.stop] |= before
-            self._pasts[order] = np.where(self.usable, length, -1), unsteady
+                    later = doubtful[run.start + lag : run.stop]
+                    np.maximum(later, self.doubt[run.start : max(run.stop - lag, run.start)], out=later)
+            self._pasts[order] = np.where(self.usable, length, -1), doubtful
         return self._pasts[order]
 
     def white_noise_of(self, residual: np.ndarray, floor: np.ndarray) -> Noise:
@@ -263,21 +265,25 @@ class Equations:
         """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
         if steady:
             residual = self.without_trends(residual)
-        coefficients, full, unsteady = np.zeros((self.width, ORDER)), self.full(), self.unsteady()
+        coefficients, full, doubt = np.zeros((self.width, ORDER)), self.full(), self.doubtful()
         for j in range(self.width):
-            rows = np.flatnonzero(full[:, j] & ~unsteady[:, j])
-            if len(rows) < LEAST_ROWS:
-                rows = np.flatnonzero(full[:, j])
+            rows = np.flatnonzero(_steady(doubt[:, j], full[:, j]))
             if len(rows) >= LEAST_ROWS:
                 y = residual[rows, j]
                 x = np.stack([residual[rows - lag, j] for lag in range(1, ORDER + 1)], axis=1)
                 ridge = 1e-3 * float(np.sum(y**2)) + 1e-18
                 coefficients[j] = stable(np.linalg.solve(x.T @ x + ridge * np.eye(ORDER), x.T @ y))
         white = self.whiten(residual, Noise(coefficients, np.ones(self.width)))
-        std, turning = np.empty(self.width), np.empty(self.width)
-        moving = self.usable & ~unsteady
-        moving = np.where(moving.sum(axis=0) < LEAST_ROWS, self.usable, moving)
+        std, slip = np.empty(self.width), np.empty(self.width)
         for j in range(self.width):
-            std[j] = max(rms(white[moving[:, j], j]), floor[j])
-            turning[j] = max(rms(white[self.usable[:, j] & ~moving[:, j], j]), std[j])
-        return Noise(coefficients, std, turning)
+            moving = _steady(doubt[:, j], self.usable[:, j])
+            rest = self.usable[:, j] & ~moving
+            std[j] = max(rms(white[moving, j]), floor[j])
+            slip[j] = slipping(white[rest, j], doubt[rest, j], std[j])
+        return Noise(coefficients, std, slip)
+
+
+def _steady(doubt: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """The rows (R,) bool in which a joint moves on, or the steadiest where too few do."""
+    known = np.sort(doubt[rows])
+    return rows & (doubt <= max(STEADY, known[min(LEAST_ROWS, len(known)) - 1] if len(known) else 0.0))

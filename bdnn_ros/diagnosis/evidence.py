@@ -80,7 +80,7 @@ class Pool:
         self._fits: dict[tuple[tuple[int, ...], int | None], Fit] = {}
         order = noise.coefficients.shape[1]
         history = equations.history(order)
-        stds = noise.of(equations.unsteady(order), np.maximum(history, 0))
+        stds = noise.of(equations.doubtful(order), np.maximum(history, 0))
         self._scale = float(np.sum((history >= 0) * np.log(stds)))
 
     def believing(self, link_error: float) -> Pool:
@@ -117,6 +117,20 @@ class Pool:
     def total(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Gram matrix, moments and power over all blocks."""
         return self.gram.sum(0), self.moment.sum(0), float(self.power.sum())
+
+    @property
+    def sure(self) -> np.ndarray:
+        """Usable rows that no sticking makes doubtful, (R, n) bool."""
+        return self.equations.usable & self.noise.sure(self.equations.doubt)
+
+    @property
+    def whole(self) -> Fit:
+        """Posterior of all its terms together."""
+        return self.fit(range(len(self.terms)))
+
+    def left(self) -> np.ndarray:
+        """What all its terms leave, without the nuisance that only weighs down noise, rows (R, n) [N·m]."""
+        return self.residual(self.whole, blur=False)
 
     def fit(self, chosen: Sequence[int], left_out: int | None = None) -> Fit:
         """Posterior of a set of terms, optionally without one block, with coefficients inside their bounds."""

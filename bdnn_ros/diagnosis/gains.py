@@ -34,24 +34,37 @@ class Removal:
     noticeable: bool
 
 
-def removed(equations: Equations, fitted: Pool, extended: np.ndarray, rows: np.ndarray) -> list[Removal]:
-    """What each chosen term removes at its rows (R, n).
+def removed(
+    equations: Equations, fitted: Pool, extended: np.ndarray, *stretches: np.ndarray
+) -> list[tuple[Removal, ...]]:
+    """What each chosen term removes in each of some sets of rows, (R, n) bool each.
 
     Args:
         extended: what is left without any say of the rows that were held out, (R, n) [N·m].
     """
-    fit = fitted.fit(range(len(fitted.terms)))
-    left = fitted.residual(fit, blur=False)
-    result = []
-    for chosen in fit.terms:
-        effect = fitted.terms[chosen].effect
-        part = equations.columns(fitted.terms[chosen]) @ fitted.coefficients(fit, chosen)
-        less = rms(left + part, rows) ** 2 - rms(left, rows) ** 2
-        # what lasts moments, again and again, is worth a name by what it does in those
-        where = rows & _acting(part) if effect.brief and not effect.timed else rows
-        there = rms(left + part, where) ** 2 - rms(left, where) ** 2
-        result.append(Removal(less, noticeable(effect, there, rms(extended, where), equations.effort_scale)))
+    left, result = fitted.left(), []
+    for chosen, term in enumerate(fitted.terms):
+        part = equations.columns(term) @ fitted.coefficients(fitted.whole, chosen)
+        result.append(
+            tuple(_removal(equations, term.effect, left, part, extended, rows) for rows in stretches)
+        )
     return result
+
+
+def _removal(
+    equations: Equations,
+    effect: Effect,
+    left: np.ndarray,
+    part: np.ndarray,
+    extended: np.ndarray,
+    rows: np.ndarray,
+) -> Removal:
+    """What an effect whose effort is `part` removes where `left` is left, (R, n) [N·m] each."""
+    less = rms(left + part, rows) ** 2 - rms(left, rows) ** 2
+    # what lasts moments, again and again, is worth a name by what it does in those
+    where = rows & _acting(part) if effect.brief and not effect.timed else rows
+    there = rms(left + part, where) ** 2 - rms(left, where) ** 2
+    return Removal(less, noticeable(effect, there, rms(extended, where), equations.effort_scale))
 
 
 def _acting(part: np.ndarray) -> np.ndarray:

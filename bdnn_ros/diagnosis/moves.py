@@ -210,4 +210,4 @@ class Moves:
     def _left(self, pool: Pool, chosen: Sequence[int]) -> float:
         """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""
         residual = pool.residual(pool.fit(chosen)) / self.equations.effort_scale
-        return float(np.sum(np.where(self.equations.usable, residual, 0.0) ** 2))
+        return float(np.sum(np.where(pool.sure, residual, 0.0) ** 2))

@@ -9,6 +9,8 @@ import numpy as np
 
 ORDER = 3
 """Order of the autoregressive noise model."""
+SLIPS = (0.5, 500.0, 31)
+"""Least and largest noise of a joint that may stick, per its other noise, and how many between are tried."""
 
 
 @dataclass(frozen=True)
@@ -18,22 +20,26 @@ class Noise:
     Attributes:
         coefficients: a, (n, order).
         std: where the joint moves on, (n,) [N·m].
-        turning: the same where it turns round, (n,) [N·m]: what sticks there no motion tells. None is as elsewhere.
+        slip: what is added where it may stick, per doubt of its direction, (n,) [N·m]. None is nothing.
     """
 
     coefficients: np.ndarray
     std: np.ndarray
-    turning: np.ndarray | None = None
+    slip: np.ndarray | None = None
 
-    def of(self, turning: np.ndarray, history: np.ndarray) -> np.ndarray:
+    def of(self, doubt: np.ndarray, history: np.ndarray) -> np.ndarray:
         """Standard deviation of rows, given as many rows before each as its history has, (R, n).
 
         Args:
-            turning: rows that turn round, (R, n) bool.
+            doubt: of the joint's direction, (R, n).
             history: usable rows just before each, up to the order, (R, n).
         """
-        std = np.where(turning, self.std if self.turning is None else self.turning, self.std)
+        std = self.std if self.slip is None else np.hypot(self.std, self.slip * doubt)
         return np.asarray(std * self._shorter[1][history, np.arange(len(self.std))])
+
+    def sure(self, doubt: np.ndarray) -> np.ndarray:
+        """Rows in which what may stick is less than the other noise, (R, n) bool, given the doubt of the direction (R, n)."""
+        return np.ones(doubt.shape, bool) if self.slip is None else self.slip * doubt <= self.std
 
     def weights(self, history: np.ndarray) -> np.ndarray:
         """Weights of the rows before each that predict it best, zero beyond its history, (R, n, order)."""
@@ -70,6 +76,15 @@ def stable(a: np.ndarray) -> np.ndarray:
         return a
     poles = np.where(radius > 0.98, poles * 0.98 / np.maximum(radius, 1e-12), poles)
     return np.asarray(-np.real(np.poly(poles))[1:])
+
+
+def slipping(values: np.ndarray, doubt: np.ndarray, std: float) -> float:
+    """Likeliest noise per doubt of values (R,) whose other noise has a standard deviation, on a grid of ratios to it."""
+    if not len(values):
+        return 0.0
+    tried = std * np.concatenate([[0.0], np.geomspace(*SLIPS)]) / max(float(doubt.max()), 1e-12)
+    variance = std**2 + np.outer(tried**2, doubt**2)
+    return float(tried[np.argmin(np.sum(np.log(variance) + values**2 / variance, axis=1))])
 
 
 def rms(values: np.ndarray) -> float:

@@ -132,8 +132,8 @@ def _suspect(one: Mapping[str, Any], robot: Robot) -> Suspect:
         target = robot.joints.index(str(joint))
     values = None
     if parameters is not None:
-        values = {p.name: p.default for p in choices[0].parameters if p.default is not None}
-        values |= {str(name): float(quantity["value"]) for name, quantity in parameters.items()}
+        found = {str(name): float(quantity["value"]) for name, quantity in parameters.items()}
+        values = choices[0].with_defaults(found)
     return Suspect(choices[0], target, None if link is None else str(link), values, float(one["probability"]))
 
 

@@ -93,7 +93,7 @@ class Search(Moves):
         """
         now = self._at_own_noise(selection.pool, selection.chosen)
         chosen = range(len(now.terms))
-        noise = self.equations.white_noise_of(now.residual(now.fit(chosen)), self.floor)
+        noise = self.equations.white_noise_of(now.residual(now.whole), self.floor)
         pool = Pool(self.equations, noise, now.terms, self.link_error)
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(chosen))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
@@ -158,8 +158,8 @@ class Search(Moves):
 
         What is hidden in a worn robot is large only beside its wear. A robot with one cause is searched from nothing.
         """
-        every = list(range(len(pool.terms)))
-        whole = pool.fit(every).evidence
+        every = range(len(pool.terms))
+        whole = pool.whole.evidence
         kept = [
             pool.terms[c] for c in every if whole - pool.fit([o for o in every if o != c]).evidence > COST
         ]

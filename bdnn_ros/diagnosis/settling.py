@@ -31,7 +31,7 @@ def refined(candidates: Candidates, equations: Equations, pool: Pool, chosen: Se
 
 def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
     """Give the equations load and bodies as the pool's terms together have them."""
-    found = equations, pool, pool.fit(range(len(pool.terms)))
+    found = equations, pool, pool.whole
     equations.relieve(*candidates.load(*found), candidates.bodies(*found))
 
 
@@ -57,13 +57,13 @@ def _noise(equations: Equations, pool: Pool, floor: np.ndarray, beside: Sequence
     more = [t for t in beside if not any(t.place == one.place or contains(one, t) for one in pool.terms)]
     if more:
         pool = Pool(equations, pool.noise, [*pool.terms, *more], pool.link_error)
-    return equations.noise_of(pool.residual(pool.fit(range(len(pool.terms)))), floor)
+    return equations.noise_of(pool.residual(pool.whole), floor)
 
 
 def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
     """The pool with load, bodies and the points its columns are made at as its own fit has them; its noise is kept."""
     for _ in range(LAST_ROUNDS):
-        fit = pool.fit(range(len(pool.terms)))
+        fit = pool.whole
         terms = list(pool.terms)
         for chosen in fit.terms:
             term, coefficients = terms[chosen], pool.coefficients(fit, chosen)
@@ -78,11 +78,8 @@ def windows_anew(candidates: Candidates, equations: Equations, pool: Pool) -> Po
 
     What begins in a stretch that was left out can be timed only there.
     """
-    every = range(len(pool.terms))
     terms = [
-        candidates.refined(equations, pool, pool.fit(every), one)
-        if pool.terms[one].effect.timed
-        else pool.terms[one]
-        for one in every
+        candidates.refined(equations, pool, pool.whole, one) if term.effect.timed else term
+        for one, term in enumerate(pool.terms)
     ]
     return pool if terms == pool.terms else Pool(equations, pool.noise, terms, pool.link_error)

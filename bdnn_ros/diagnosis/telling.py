@@ -76,18 +76,15 @@ def _findings(
 ) -> tuple[list[Finding], bool]:
     """What is sure and large enough for a name, and whether something large is likely without being sure."""
     held = equations.usable & attempt.test[:, None]
-    taken, ever = (
-        removed(equations, attempt.fitted, attempt.extended, rows) for rows in (held, equations.usable)
-    )
+    taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
     scale = equations.effort_scale
     before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
     findings, doubtful, large = [], False, LARGE_ERROR * scale
-    for k, (estimate, judgement) in enumerate(zip(found, attempt.judgements, strict=True)):
-        effect, less = estimate.term.effect, taken[k].less
-        large_enough = ever[k].noticeable or taken[k].noticeable
-        # what lasts a moment may remove nothing in any held-out row
-        borne_out = effect.brief or effect.timed or float(np.sum(less / scale**2)) > 0.0
-        borne_out &= float(np.sum(ever[k].less / scale**2)) > 0.0
+    for estimate, judgement, (there, ever) in zip(found, attempt.judgements, taken, strict=True):
+        less, large_enough = there.less, there.noticeable or ever.noticeable
+        # a push may have come and gone outside the held-out rows
+        borne_out = estimate.term.effect.timed or float(np.sum(less / scale**2)) > 0.0
+        borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
         if not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
             continue
         if judgement.nothing <= DOUBTFUL:

@@ -39,8 +39,8 @@ class Parameter:
     upper: float = np.inf
     plausible: tuple[float, float] = (0.0, 1.0)
     of_effort: bool = False
-    default: float | None = None
-    """Taken where a specification leaves the parameter out; None where it must be given."""
+    default: float | str | None = None
+    """Taken where a specification leaves the parameter out, the name of another takes its value; None where it must be given."""
 
 
 class Effect(ABC):
@@ -94,6 +94,16 @@ class Effect(ABC):
 
     shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     """Range of each shape parameter that a search may refine; a shape parameter not named here is given."""
+
+    def with_defaults(self, given: Values) -> dict[str, float]:
+        """Values with the defaults of those that were left out; what has none may be missing."""
+        values = dict(given)
+        for parameter in self.parameters:
+            default = parameter.default
+            value = values.get(default) if isinstance(default, str) else default
+            if value is not None:
+                values.setdefault(parameter.name, value)
+        return values
 
     # -- simulation ------------------------------------------------------------------------------------------
 

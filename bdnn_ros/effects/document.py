@@ -60,7 +60,8 @@ def _row(parameter: Parameter) -> str:
     plausible = " to ".join(_number(edge) for edge in parameter.plausible)
     if parameter.plausible == Parameter("", "").plausible:
         plausible = ""
-    default = "" if parameter.default is None else _number(parameter.default)
+    default = parameter.default
+    default = f"`{default}`" if isinstance(default, str) else "" if default is None else _number(default)
     share = " of effort" if parameter.of_effort else ""
     return f"| `{parameter.name}` | {parameter.unit} | {low} to {high} | {plausible}{share} | {default} |"
 

@@ -16,13 +16,15 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
 EFFECTS_TRIED, SIZES_TRIED = 60, 40
+SIZINGS = 4
+"""An effect that is not linear in its size is scaled so many times more."""
 BEYOND_PLAUSIBLE = 1.5
 """A parameter may be scaled so far beyond its plausible range to reach the share asked for."""
 EFFORT_SHARE = 0.95
 """Largest effort per limit with the effect."""
 TELLING = 0.05
 """What an effect adds to a simpler one that it contains, per spread of the effort: less makes little difference."""
-NEVER_SCALED = ("start", "end", "mass", "nominal_mass", "transit", *POINT)
+NEVER_SCALED = ("start", "end", "mass", "nominal_mass", *POINT)
 CONTACT = 0.1
 """A hand pushes a link so far from its origin, along each axis [m]."""
 LEAST_SCALED = 0.2
@@ -127,7 +129,7 @@ def _values(
     if effect.name == "cogging":
         values["periods_per_rev"] = float(round(values["periods_per_rev"]))
     if effect.name == "backlash":
-        values["transit"] = 0.03
+        values["crossing"] = values["gap"]
     return completed(effect, values, motion.robot, link)
 
 
@@ -142,7 +144,13 @@ def _point(effect: Effect, robot: Robot, link: str | None, rng: np.random.Genera
 
 
 def _sized(
-    effect: Effect, target: int, link: str | None, values: dict[str, float], motion: Motion, share: float
+    effect: Effect,
+    target: int,
+    link: str | None,
+    values: dict[str, float],
+    motion: Motion,
+    share: float,
+    tries: int = SIZINGS,
 ) -> Installed | None:
     """The effect scaled to a share of the effort, or None where it cannot be or makes no sense."""
     if effect.kinematic:
@@ -156,6 +164,10 @@ def _sized(
     if reached < 1e-6:
         return None
     scaled = effect.values(coefficients * (share / reached), shape)
+    if effect.name == "backlash":  # a wider gap is crossed otherwise
+        scaled["crossing"] = scaled["gap"]
+        if tries and not 0.9 < share / reached < 1.1:
+            return _sized(effect, target, link, scaled, motion, share, tries - 1)
     if _told(effect, target, added, motion) * share / reached < TELLING:
         return None
     peak = np.abs(motion.load + added * (share / reached)).max(axis=0)

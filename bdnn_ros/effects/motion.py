@@ -13,6 +13,8 @@ from bdnn_ros.signals import Signals
 
 CALM = 2.2
 """What a motion does is slower than this many times its root mean square frequency."""
+LIGHTEST = 1e-9
+"""Some descriptions give their last links no inertia at all [kg·m²]."""
 SPARSE = 50
 """One sample in so many is enough for a mean."""
 OF_MOTION = ("regressor", "_pulls", "_calm")
@@ -109,7 +111,12 @@ class Motion:
     def usual_inertia(self) -> np.ndarray:
         """Mean of the mass matrix's diagonal along the motion, (n,) [kg·m²]."""
         matrices = self.robot.mass_matrix(self.position[::SPARSE])
-        return np.asarray(np.diagonal(matrices, axis1=1, axis2=2).mean(axis=0))
+        return np.maximum(np.diagonal(matrices, axis1=1, axis2=2).mean(axis=0), LIGHTEST)
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """The mass matrix's diagonal along the motion, (N, n) [kg·m²]."""
+        return np.maximum(np.diagonal(self._slopes[2], axis1=1, axis2=2), LIGHTEST)
 
     def joint_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
         """Columns (N,) that act on one joint only, as (N, n, k)."""

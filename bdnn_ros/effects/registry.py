@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from bdnn_ros.effects import actuation, environment, friction, rigid, sensing, transmission
+from bdnn_ros.effects import actuation, backlash, environment, friction, rigid, sensing, transmission
 from bdnn_ros.effects.base import Effect, Parameter, Where
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError, listed
@@ -34,7 +34,7 @@ ALL: tuple[Effect, ...] = (
     actuation.EffortScale(),
     actuation.EffortDelay(),
     actuation.Cogging(),
-    transmission.Backlash(),
+    backlash.Backlash(),
     transmission.JointElasticity(),
     sensing.PositionOffset(),
     sensing.VelocityFilter(),
@@ -230,9 +230,7 @@ def _checked(spec: str, effect: Effect, given: dict[str, str]) -> dict[str, floa
         except ValueError:
             raise UsageError(f"{key}={text} in {spec!r} is not a number.", "Give a number.") from None
         _refuse_outside(spec, known[key], values[key])
-    for key, parameter in known.items():
-        if key not in values and parameter.default is not None:
-            values[key] = parameter.default
+    values = effect.with_defaults(values)
     missing = [key for key in known if key not in values]
     if effect.name == "link_inertia" and {"mass", "scale"} & set(values):
         missing = []

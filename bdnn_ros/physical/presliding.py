@@ -9,7 +9,6 @@ import numpy as np
 from scipy.ndimage import binary_opening
 from scipy.special import erf
 
-from bdnn_ros.kernels import passed_noise
 from bdnn_ros.signals import Signals
 
 BREAKAWAYS = (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
@@ -64,7 +63,6 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
     width, count = signals.width, len(signals)
     noise = signals.position_noise / np.sqrt(max(signals.kernel_std * signals.raw_rate, 1.0))
     turned = np.maximum(TURNED, NOISE_WIDTHS * noise)
-    std = passed_noise(signals.position_noise, signals.kernel_std, signals.raw_rate, order=1)
     both = np.repeat(turned[1:] + turned[:-1], len(COUPLING_SIGNS)) / 2.0
     joints, doubt = np.empty((count, width, len(BREAKAWAYS))), np.empty((count, width))
     pairs = np.empty((count, (width - 1) * len(COUPLING_SIGNS)))
@@ -74,7 +72,7 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
         before = None if start is None else start.joints[:, 0]
         velocity = signals.velocity[rows]
         kept = _mean_around(turning(fine, turned, before))
-        joints[rows, :, 0], doubt[rows] = _expected(velocity, std, kept)
+        joints[rows, :, 0], doubt[rows] = _expected(velocity, signals.velocity_noise, kept)
         pairs[rows] = _mean_around(turning(motors, both, None if start is None else start.pairs.ravel()))
         state = joints[rows.start, :, :1] if start is None else start.joints[:, 1:]
         joints[rows, :, 1:] = _mean_around(slide(fine, BREAKAWAYS[1:], state))

@@ -1,0 +1,131 @@
+"""Loose transmissions: the measured position is the motor's, the link lies on one side of the gap or on its way across.
+
+A motor leaves its side when the load there is gone. From then on the link coasts, so that the two part as fast as the link
+would have to be accelerated to keep up with the motor: what the bodies ask for along the motor's motion, per inertia. That
+is known from the motion alone, whatever the rotor weighs and whatever the controller does meanwhile.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.plant import Plant
+
+CROSSINGS = (5e-4, 0.5)
+"""Shortest and longest way across that is looked for [rad]."""
+TRIED = (0.002, 0.0045, 0.01, 0.022, 0.05)
+EARLY = 2.0
+"""A motor's jump shows in the low-passed motion so many standard deviations of the low-pass before it begins."""
+FIRST_LOOK = 0.25
+"""Most crossings take less [s]."""
+
+
+class Backlash(Effect):
+    """Play between motor and link: the link lies half the gap behind, on the side the load pushes it to.
+
+    When the load changes its sign the motor, free of the link, crosses the gap: both part with the acceleration that the
+    link would need to follow the motor's motion, until `crossing` has been passed, which is the gap itself and what the
+    teeth give. The jumps of the motor are in the measured position; the measured effort tells when they begin.
+    """
+
+    name = "backlash"
+    title = "backlash"
+    on = "joint"
+    brief = True
+    parameters = (
+        Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),
+        Parameter("crossing", "rad", 0.0, CROSSINGS[1], plausible=(0.002, 0.03), default="gap"),
+    )
+    equation = "rigid effort of (q - gap / 2 * side(q, link load)) minus rigid effort of q, side from -1 to 1"
+    confused_with = ("joint_elasticity", "position_offset", "coulomb_friction", "hysteresis")
+    shown_by = "motion in which the load of the joint changes its sign often, in poses of small gravity load"
+    source = (
+        "Nordin, Gutman, Controlling mechanical systems with backlash - a survey, Automatica 38(10), 2002"
+    )
+    of_bodies = True
+    idealised = 0.04
+    coefficient_bounds = ((0.0, 0.5),)
+    shape_bounds = MappingProxyType({"crossing": CROSSINGS})
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        plant.gap[target] += values["gap"]
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        where = np.zeros(motion.position.shape)
+        where[:, target] = side(motion, target, shape["crossing"])
+        return -0.5 * motion.shifted(where)[..., None]
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"crossing": crossing} for crossing in TRIED]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"gap": float(coefficients[0]), "crossing": float(shape["crossing"])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["gap"]]), {"crossing": values["crossing"]}
+
+    def sentence(self, where: str, values: Values) -> str:
+        return f"{where} is loose: its transmission has a gap of {values['gap']:.3g} rad."
+
+
+def side(motion: Motion, target: int, crossing: float) -> np.ndarray:
+    """Where in its gap a motor is along a motion, from -1 to 1, (N,).
+
+    Args:
+        crossing: how far it is from one side to the other [rad].
+    """
+    signals, load = motion.signals, motion.gear_load[:, target]
+    parting = motion.link_load[:, target] / motion.inertia[:, target]
+    early, result = round(EARLY * signals.motion_std * signals.rate), np.empty(len(load))
+    for rows in signals.segments:
+        result[rows] = _sides(load[rows], parting[rows], crossing, early, 1.0 / signals.rate)
+    return result
+
+
+def _sides(load: np.ndarray, parting: np.ndarray, crossing: float, early: int, period: float) -> np.ndarray:
+    """Where a motor is in its gap, from -1 to 1, (M,), in one gap-free stretch.
+
+    Args:
+        load: on the gear, by the measured effort, (M,) [N·m].
+        parting: acceleration with which the motor leaves a link that coasts, (M,) [rad/s²].
+        crossing: way from one side to the other [rad].
+        early: samples by which the motor's jump may show before the load is gone.
+        period: of the samples [s].
+    """
+    count, result = len(load), np.empty(len(load))
+    gone = {at: np.flatnonzero(at * load < 0.0) for at in (1.0, -1.0)}
+    leaving = {at: np.flatnonzero(at * parting < 0.0) for at in (1.0, -1.0)}
+    at, k = 1.0 if load[0] >= 0.0 else -1.0, 0
+    while k < count:
+        unloaded = _next(gone[at], k, count)
+        begin = _next(leaving[at], max(unloaded - early, k), count) if unloaded < count else count
+        result[k : begin + 1] = at
+        way = _way(parting[begin:], at, 0.5 * crossing, period)
+        k = begin + 1 + len(way)
+        result[begin + 1 : k] = way[: count - begin - 1]
+        at = float(np.sign(way[-1])) if len(way) else at
+    return result
+
+
+def _way(parting: np.ndarray, at: float, half: float, period: float) -> np.ndarray:
+    """Where a motor goes in its gap of two halves after it left a side, until it meets one, in units of a half, (K,)."""
+    look = max(round(FIRST_LOOK / period), 2)
+    while True:
+        way = at + period**2 / half * np.cumsum(np.cumsum(parting[:look]))
+        met = np.flatnonzero(np.abs(way) >= 1.0)
+        if len(met):
+            way[met[0]] = np.sign(way[met[0]])
+            return way[: met[0] + 1]
+        if look >= len(parting):
+            return way
+        look *= 2
+
+
+def _next(samples: np.ndarray, first: int, none: int) -> int:
+    """The first of ascending samples that is not before another; `none` where there is none."""
+    where = int(np.searchsorted(samples, first))
+    return int(samples[where]) if where < len(samples) else none

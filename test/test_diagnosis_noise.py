@@ -1,0 +1,67 @@
+"""Noise of joints that may stick: where it is doubted, how much, and what stays sure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.building import turns
+from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.diagnosis.noise import Noise, slipping
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation import simulate
+from bdnn_ros.simulation.perturbation import wrong_robot
+from bdnn_ros.simulation.sensors import Noise as Sensors
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.3, 2.0])
+def test_what_a_joint_slips_by_is_found_beside_its_other_noise(slip):
+    rng = np.random.default_rng(0)
+    doubt = rng.uniform(0.0, 0.5, 4000) ** 2
+    values = 0.01 * rng.standard_normal(4000) + slip * doubt * rng.standard_normal(4000)
+    assert slipping(values, doubt, 0.01) == pytest.approx(slip, rel=0.15, abs=0.02)
+
+
+def test_rows_are_sure_where_slip_is_less_than_the_other_noise():
+    noise = Noise(np.zeros((2, 3)), np.array([0.1, 0.1]), np.array([1.0, 0.0]))
+    doubt = np.array([[0.05, 0.05], [0.2, 0.2]])
+    assert noise.sure(doubt).tolist() == [[True, True], [False, True]]
+    stds = noise.of(doubt, np.full((2, 2), 3))
+    assert stds == pytest.approx(np.sqrt([[0.0125, 0.01], [0.05, 0.01]]))
+
+
+def test_a_direction_is_doubted_at_reversals_and_not_between():
+    robot = Robot.bundled("arm2")
+    signals = prepare(simulate(robot, seed=1, duration=10.0, noise=Sensors.of(0.0)).recording)
+    doubt, sticking = turns(signals)
+    for j in range(2):
+        v = signals.velocity[:, j]
+        turning = np.flatnonzero(v[1:] * v[:-1] < 0.0)
+        far = np.min(np.abs(signals.time[:, None] - signals.time[turning]), axis=1) > 8.0 * signals.kernel_std
+        fast = far & (np.abs(v) > 0.3 * v.std())
+        assert fast.any() and doubt[fast, j].max() < 1e-3
+        assert doubt[turning, j].min() > 0.1
+        assert not sticking[fast, j].any()
+
+
+@pytest.fixture(scope="module")
+def sticky():
+    """An examination of a robot whose description knows its dry friction, which is most of two joints' effort."""
+    robot = Robot.bundled("arm6").with_joint_parameters(
+        armature=np.zeros(6), viscous=np.full(6, 0.1), coulomb=np.array([1.0, 1.0, 1.0, 1.0, 0.8, 0.8])
+    )
+    reality = wrong_robot(robot, 0.05, np.random.default_rng(4))
+    simulated = simulate(robot, reality=reality, seed=6, duration=30.0)
+    assert (np.abs(np.sign(simulated.motor_velocity[:, 4:])).mean(axis=0) < 0.99).all()
+    return examine([simulated.recording], robot)
+
+
+def test_friction_that_holds_a_joint_is_neither_a_finding_nor_an_error_of_the_model(sticky):
+    diagnosis = sticky.diagnosis
+    assert diagnosis.findings == () and diagnosis.verdict == "nothing_wrong"
+    sure, every = sticky.equations.usable, sticky.pool.noise
+    left = sticky.extended / sticky.equations.effort_scale
+    held = sticky.test[:, None] & sure
+    assert np.sqrt(np.mean(left[:, 4:][held[:, 4:]] ** 2)) < 0.02
+    assert every.slip[4:].min() > 0.05

@@ -1,0 +1,109 @@
+"""A motor on its way across its gap: closed forms, and a gap in another simulator's motor and link."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.effects.backlash import _sides
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import fourier
+
+PERIOD = 0.001
+STEP, RATE, DURATION = 0.0005, 500, 30.0
+BANDWIDTH = 2.0 * np.pi * 4.0
+
+
+def test_a_load_that_goes_on_at_its_rate_parts_motor_and_link_with_the_cube_of_time():
+    time = np.arange(-0.5, 0.5, PERIOD)
+    rate, crossing = -60.0, 0.02
+    where = _sides(-time, rate * time, crossing, early=0, period=PERIOD)
+    within = (6.0 * crossing / -rate) ** (1.0 / 3.0)
+    travel = np.where(time > 0.0, rate * np.maximum(time, 0.0) ** 3 / 6.0, 0.0)
+    expected = np.where(time < within, 1.0 + 2.0 * travel / crossing, -1.0)
+    assert where == pytest.approx(expected, abs=0.05)
+    assert (where[time > within + 0.01] == -1.0).all()
+
+
+def test_a_motor_that_turns_back_in_its_gap_meets_the_side_it_came_from():
+    time = np.arange(0.0, 2.0, PERIOD)
+    parting = -0.02 * np.sin(2.0 * np.pi * time)
+    load = np.where(time < 0.1, 1.0, np.where(time < 0.3, -1.0, 1.0))
+    where = _sides(load, parting + 0.05 * (time > 0.5), 0.02, early=0, period=PERIOD)
+    assert where[time < 0.1] == pytest.approx(1.0)
+    assert -0.9 < where.min() < 0.99
+    assert where[-1] == 1.0
+
+
+def test_a_jump_that_shows_before_the_load_is_gone_counts_from_where_the_motor_leaves():
+    time = np.arange(-0.5, 0.5, PERIOD)
+    parting = np.where(time < -0.02, 1.0, -50.0)
+    late, early = (_sides(-time, parting, 0.02, early=k, period=PERIOD) for k in (0, 40))
+    first = [float(time[np.flatnonzero(where < 0.99)[0]]) for where in (late, early)]
+    assert first == pytest.approx([0.003, -0.017], abs=0.002)
+
+
+def test_a_motor_that_is_never_unloaded_stays_on_its_side():
+    load = 2.0 + np.sin(np.arange(0.0, 3.0, PERIOD))
+    for sign in (1.0, -1.0):
+        assert (_sides(sign * load, sign * load, 0.02, early=20, period=PERIOD) == sign).all()
+
+
+def loose(robot: Robot, joint: int, gap: float, rotor: float, seed: int) -> Recording:
+    """A motor with a rotor of its own before a link that may lag by half the gap, under computed torque, as sensors see it."""
+    generator = np.random.default_rng(seed)
+    spec = mujoco.MjSpec.from_string(robot.urdf)
+    motor = spec.joint(robot.joints[joint])
+    motor.armature = rotor
+    motor.parent.add_joint(
+        name="gap",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=list(motor.axis),
+        pos=list(motor.pos),
+        range=[-0.5 * gap, 0.5 * gap],
+        limited=1,
+        solref_limit=[0.002, 1.0],
+    )
+    model = spec.compile()
+    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.body_mass *= 1.0 + generator.uniform(-0.05, 0.05, model.nbody)
+    names = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in robot.joints]
+    at, moving = model.jnt_qposadr[names], model.jnt_dofadr[names]
+    time = np.arange(round(DURATION / STEP)) * STEP
+    plan = fourier(robot, time, np.random.default_rng(seed + 100))
+    data = mujoco.MjData(model)
+    data.qpos[at] = plan.position[0]
+    rotors, rows = rotor * np.eye(robot.width)[joint], []
+    for k in range(len(time)):
+        if k % round(1.0 / (RATE * STEP)) == 0:
+            q, v = data.qpos[at], data.qvel[moving]
+            error, rate = plan.position[k] - q, plan.velocity[k] - v
+            wanted = plan.acceleration[k] + BANDWIDTH**2 * error + 2.0 * BANDWIDTH * rate
+            command = robot.rigid_effort(q[None], v[None], wanted[None])[0] + rotors * wanted
+            rows.append(np.concatenate([q, v, command]))
+        data.qfrc_applied[moving] = command
+        mujoco.mj_step(model, data)
+    position, velocity, effort = np.split(np.array(rows), 3, axis=1)
+    noise = generator.standard_normal((3, *position.shape))
+    return Recording(
+        np.arange(len(rows)) / RATE,
+        robot.joints,
+        position + 5e-5 * noise[0],
+        velocity + 1e-3 * noise[1],
+        effort + 0.005 * np.ptp(effort, axis=0) * noise[2],
+    )
+
+
+@pytest.mark.parametrize(
+    "name, joint, gap, rotor, seed", [("arm7", 6, 0.03, 0.003, 15), ("arm6", 0, 0.02, 0.37, 3)]
+)
+def test_a_gap_before_a_heavy_rotor_is_no_spring_and_no_delay(name, joint, gap, rotor, seed):
+    """Crossings take as long as controller and rotor make them: a tenth of a second and more."""
+    robot = Robot.bundled(name)
+    findings = diagnose([loose(robot, joint, gap, rotor, seed)], robot).findings
+    values = {finding.effect: next(iter(finding.parameters.values())).value for finding in findings}
+    assert {finding.joint for finding in findings} == {robot.joints[joint]}
+    assert values == {"backlash": pytest.approx(gap, rel=0.12), "armature": pytest.approx(rotor, rel=0.1)}
