@@ -32,11 +32,8 @@ HIDDEN = {0: 0.15, 1: 0.6, 2: 0.15, 3: 0.1}
 WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
 EXAMPLES = {
-    "baxter": (
-        "baxter_description/urdf/baxter.urdf",
-        ("left_s0", "left_s1", "left_e0", "left_e1", "left_w0", "left_w1", "left_w2"),
-    ),
-    "tiago": ("tiago_description/robots/tiago.urdf", tuple(f"arm_{k}_joint" for k in range(1, 8))),
+    "z1": ("z1_description/urdf/z1.urdf", tuple(f"joint{k}" for k in range(1, 7))),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", tuple(f"joint{k}" for k in range(1, 8))),
 }
 """Arms of example-robot-data, files and joints: none was looked at while the diagnosis was made."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15

@@ -241,3 +241,14 @@ def test_rows_are_thinned_to_what_the_low_pass_leaves(plain):
     spacing = np.diff(plain.motion.time[plain.rows])
     assert spacing.max() < 1.0 / (2.0 * CUTOFF)
     assert spacing.min() > 1.0 / (4.0 * CUTOFF)
+
+
+def test_what_acts_only_in_held_out_rows_is_believed_to_be_as_small_as_anywhere(robot):
+    equations = equations_of()
+    push, _ = term(f"external_wrench@{J1}:start=3,end=6,torque=2", robot)
+    columns = equations.columns(push)
+    everywhere = equations.spread(push, columns)
+    time = equations.motion.time[equations.rows]
+    equations.count(equations.usable & ~((time > 2.5) & (time < 6.5))[:, None])
+    assert np.abs(columns[equations.usable]).max() < 1e-3 * np.abs(columns).max()
+    assert equations.spread(push, columns) == pytest.approx(everywhere)

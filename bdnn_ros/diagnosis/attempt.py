@@ -76,8 +76,12 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
     return selection, judgements
 
 
-def surprised(attempt: Attempt, equations: Equations) -> bool:
-    """Whether a joint's held-out error is so far above that of the rest that the search cannot have seen its cause."""
+def surprise(attempt: Attempt, equations: Equations) -> float:
+    """The largest held-out error of a joint per error of the rest, of those large enough to matter.
+
+    Above `SURPRISING` the search cannot have seen its cause.
+    """
     test, sure = attempt.test[:, None], attempt.fitted.sure
     held, rest = rms(attempt.extended, sure & test), rms(attempt.extended, sure & ~test)
-    return bool(((held > SURPRISING * rest) & (held > MINIMUM_SHARE * equations.effort_scale)).any())
+    large = held > MINIMUM_SHARE * equations.effort_scale
+    return float(np.max(np.where(large, held / np.maximum(rest, 1e-12), 0.0)))

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bdnn_ros.diagnosis.attempt import attempted, surprised
+from bdnn_ros.diagnosis.attempt import SURPRISING, Attempt, attempted, surprise
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
@@ -20,6 +20,7 @@ from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Search
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
@@ -116,14 +117,7 @@ def examine(
             f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
             "Record at least 10 s of motion, better 30 s.",
         )
-    whole, motion = equations.usable, equations.motion
-    for phase in TEST_PHASES:
-        equations.take(motion)
-        search = Search(equations, Candidates.of(robot), say, LINK_ERRORS if known is None else DOUBTS)
-        attempt = attempted(search, whole, equations.block % EVERY_TEST_BLOCK == phase)
-        if not surprised(attempt, equations):
-            break
-        say("what was held out is not like the rest: again with other blocks")
+    attempt = _best_attempt(equations, robot, LINK_ERRORS if known is None else DOUBTS, say)
     fitted = attempt.fitted
     pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
     fit = pool.whole
@@ -144,3 +138,21 @@ def examine(
         remainder,
         model,
     )
+
+
+def _best_attempt(equations: Equations, robot: Robot, link_errors: Sequence[float], say: Progress) -> Attempt:
+    """The first attempt whose held-out rows are like the rest, or the one that they surprise least."""
+    whole, motion = equations.usable, equations.motion
+    made: list[tuple[float, Attempt, Motion]] = []
+    for phase in TEST_PHASES:
+        if made:
+            say("what was held out is not like the rest: again with other blocks")
+        equations.take(motion)
+        search = Search(equations, Candidates.of(robot), say, link_errors)
+        attempt = attempted(search, whole, equations.block % EVERY_TEST_BLOCK == phase)
+        made.append((surprise(attempt, equations), attempt, equations.motion))
+        if made[-1][0] <= SURPRISING:
+            break
+    _, attempt, motion = min(made, key=lambda one: one[0])
+    equations.take(motion)
+    return attempt

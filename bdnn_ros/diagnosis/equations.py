@@ -85,6 +85,11 @@ class Equations:
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
     _pasts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
+    ever_usable: np.ndarray = field(init=False)
+    """Rows that count unless they are held out, (R, n) bool: what acts only in held-out rows is still believed to be small."""
+
+    def __post_init__(self) -> None:
+        self.ever_usable = self.usable
 
     @property
     def width(self) -> int:
@@ -173,9 +178,8 @@ class Equations:
 
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
-        power = np.sqrt(
-            np.mean(np.where(self.usable[..., None], columns / self.effort_scale[:, None], 0.0) ** 2, axis=0)
-        )
+        seen = np.where(self.ever_usable[..., None], columns / self.effort_scale[:, None], 0.0)
+        power = np.sqrt(np.mean(seen**2, axis=0))
         strongest = power.max(axis=0)
         strongest = np.maximum(strongest, HARDLY_SEEN * strongest.max())
         return term.effect.spread(TYPICAL_SHARE / np.maximum(strongest, 1e-9), self.motion, term.target)
