@@ -32,6 +32,7 @@ from _physical_measures import (
     true_error,
 )
 from _physical_recordings import from_bag, recorded
+from _physical_solvers import solvers
 from _physical_speed import speed
 
 from bdnn_ros.online.identifier import Identifier
@@ -241,6 +242,7 @@ GROUPS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "bag": from_bag,
     **{name: globals()[name] for name in EFFECTS},
     "definite": definite,
+    "solvers": solvers,
     "forgetting": forgetting,
     "coverage": coverage,
     "agreement": agreeing,
