@@ -13,7 +13,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import fourier
 
 PERIOD = 0.001
-STEP, RATE, DURATION = 0.0005, 500, 30.0
+STEP, RATE, DURATION = 0.0005, 500, 16.0
 BANDWIDTH = 2.0 * np.pi * 4.0
 
 
