@@ -7,6 +7,7 @@ from collections import deque
 import mujoco
 import numpy as np
 import pytest
+from mujoco_cases import sensed
 
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.result import Diagnosis
@@ -63,15 +64,7 @@ def recorded(
         if push is not None:
             data.xfrc_applied[-1, :3] = push * (PUSH[0] <= time[k] < PUSH[1])
         mujoco.mj_step(model, data)
-    position, velocity, effort = np.split(np.array(rows), 3, axis=1)
-    noise = generator.standard_normal((3, *position.shape))
-    return Recording(
-        np.arange(len(rows)) / RATE,
-        robot.joints,
-        position + 2e-5 * noise[0],
-        velocity + 2e-3 * noise[1],
-        effort + 0.005 * effort.std(axis=0) * noise[2],
-    )
+    return sensed(robot, rows, RATE, generator)
 
 
 @pytest.fixture(scope="module")

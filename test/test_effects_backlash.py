@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from mujoco_cases import sensed
 
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.backlash import _sides
@@ -86,15 +87,7 @@ def loose(robot: Robot, joint: int, gap: float, rotor: float, seed: int) -> Reco
             rows.append(np.concatenate([q, v, command]))
         data.qfrc_applied[moving] = command
         mujoco.mj_step(model, data)
-    position, velocity, effort = np.split(np.array(rows), 3, axis=1)
-    noise = generator.standard_normal((3, *position.shape))
-    return Recording(
-        np.arange(len(rows)) / RATE,
-        robot.joints,
-        position + 5e-5 * noise[0],
-        velocity + 1e-3 * noise[1],
-        effort + 0.005 * np.ptp(effort, axis=0) * noise[2],
-    )
+    return sensed(robot, rows, RATE, generator)
 
 
 @pytest.mark.parametrize(
