@@ -145,4 +145,5 @@ def test_the_executor_sleeps_while_messages_come(offered):
             speaker.publish(String(data=str(k)))
             time.sleep(0.005)
         wait_until(lambda: len(offered.heard) == 200)
-    assert woken < silent + 100  # of 400 more; on a loaded machine either second is longer
+    # it would be twice a message; a loaded machine stretches the moments in which events are looked at
+    assert woken < silent + 200
