@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
@@ -26,8 +27,10 @@ LONGEST_WAIT = 500_000_000
 """So often the lane looks around where nothing comes [ns]."""
 MOST_AT_ONCE = 20
 """Messages taken in one go when they have piled up; then it is the requests' turn again."""
-EVENTS_EVERY, EVENTS_FOR = 0.5, 0.02
-"""The executor looks at events of what the lane has so often, and for so long [s]."""
+EVENTS_EVERY = 0.5
+"""The executor looks at events of what the lane has so often [s]."""
+EVENT_LOOKS = 2
+"""It asks whether to wait for an event, and again before it takes it."""
 PATIENCE = 5.0
 """Longest wait for the lane to let go of something [s]."""
 
@@ -35,14 +38,16 @@ PATIENCE = 5.0
 class Aside(MutuallyExclusiveCallbackGroup):
     """Callback group of entities that the executor passes by as soon as the lane has them.
 
-    Events of a subscription, as messages lost, are looked at now and then: the middleware wakes whoever waits
-    for one with every message. They stay until they are taken.
+    Events of a subscription, as messages lost, are looked at now and then, and once only: the middleware wakes
+    whoever waits for one with every message, over and over until the lane has taken it. They stay until they
+    are taken.
     """
 
     def __init__(self, lane: Lane) -> None:
         super().__init__()
         self._lane = lane
         self._looked = 0.0
+        self._looks: Counter[EventHandler] = Counter()
 
     def can_execute(self, entity: Any) -> bool:
         """Whether the executor may."""
@@ -50,7 +55,9 @@ class Aside(MutuallyExclusiveCallbackGroup):
             now = time.monotonic()
             if now - self._looked > EVENTS_EVERY:
                 self._looked = now
-            return now - self._looked < EVENTS_FOR and bool(super().can_execute(entity))
+                self._looks.clear()
+            self._looks[entity] += 1
+            return self._looks[entity] <= EVENT_LOOKS and bool(super().can_execute(entity))
         return not self._lane.holds(entity) and bool(super().can_execute(entity))
 
 
