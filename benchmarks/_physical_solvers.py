@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 from _physical_data import motions, real
-from scipy.optimize import minimize
+from _physical_speed import median_time
+from scipy.optimize import least_squares
 
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical import handover
@@ -19,13 +18,12 @@ from bdnn_ros.robot import PER_LINK
 
 PROBLEMS = ((0, 0.3), (1, 0.5), (2, 1.0))
 """Seeds and seconds of motion: after so little, the most probable bodies are none."""
-REPEATS = 5
-LONGEST = 5000
-"""Iterations that L-BFGS may take."""
+REPEATS = 10
+CLOSE = 1e-3
+"""Least squares end where a step would lower the cost by no more than this part of it."""
 LEAST = 1e-6
 """Friction and rotors start at so much at least; their logarithm is what is searched."""
 LOWER = np.tril_indices(4)
-DIAGONAL = np.flatnonzero(LOWER[0] == LOWER[1])
 
 Problem = tuple[np.ndarray, np.ndarray, int, np.ndarray]
 """Mean, information, number of bodies, parameters that cannot be negative."""
@@ -37,12 +35,15 @@ def solvers(args: argparse.Namespace) -> dict[str, Any]:
     print(f"{'seconds':>8} {'barrier':>10} {'log-Cholesky':>13} {'cost of feasibility':>20} {'and':>10}")
     for seed, seconds in PROBLEMS:
         problem = posed(seed, seconds)
-        ours, ours_s = _timed(lambda p=problem: handover.consistent(*p))
-        other, other_s = _timed(lambda p=problem: log_cholesky(*p))
-        costs = [_cost(values, *problem[:2]) for values in (ours, other)]
-        rows.append({"seconds": seconds, "times": [ours_s, other_s], "costs": costs})
+        found = [solve(*problem) for solve in (handover.consistent, log_cholesky)]
+        times = [
+            median_time(lambda s=solve, p=problem: s(*p), REPEATS)
+            for solve in (handover.consistent, log_cholesky)
+        ]
+        costs = [_cost(values, *problem[:2]) for values in found]
+        rows.append({"seconds": seconds, "times": times, "costs": costs})
         print(
-            f"{seconds:6g} s {1e3 * ours_s:7.0f} ms {1e3 * other_s:10.0f} ms {costs[0]:15.3f} nats {costs[1]:5.3f} nats"
+            f"{seconds:6g} s {1e3 * times[0]:7.0f} ms {1e3 * times[1]:10.0f} ms {costs[0]:15.3f} nats {costs[1]:5.3f} nats"
         )
     return {"rows": rows}
 
@@ -62,56 +63,49 @@ def posed(seed: int, seconds: float) -> Problem:
 
 
 def log_cholesky(mean: np.ndarray, information: np.ndarray, bodies: int, positive: np.ndarray) -> np.ndarray:
-    """The same by L-BFGS with exact gradients over factors of the pseudo-inertias, J = L Lᵀ with exp on L's diagonal.
+    """The same by least squares over factors of the pseudo-inertias, J = L Lᵀ with exp on L's diagonal.
 
-    Source: Rucker and Wensing, IEEE RA-L 7(2), 2022. What cannot be negative is searched by its logarithm.
+    Levenberg-Marquardt (MINPACK) with the exact Jacobian; what cannot be negative is searched by its logarithm.
+    Source: Rucker and Wensing, IEEE RA-L 7(2), 2022.
     """
-    size, inertial = len(LOWER[0]), bodies * PER_LINK
+    inertial, corner = bodies * PER_LINK, np.arange(4)
+    root = np.linalg.cholesky(information).T
     to_parameters = np.stack([inertial_parameters(_unit(*index)) for index in np.ndindex(4, 4)], axis=1)
 
-    def unfolded(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        factors = np.zeros((bodies, 4, 4))
-        factors[:, LOWER[0], LOWER[1]] = x[: bodies * size].reshape(bodies, size)
-        corner = np.arange(4)
-        factors[:, corner, corner] = np.exp(factors[:, corner, corner])
-        theta = np.concatenate([np.zeros(inertial), x[bodies * size :]])
-        theta[:inertial] = (
-            (factors @ factors.transpose(0, 2, 1)).reshape(bodies, 16) @ to_parameters.T
-        ).ravel()
-        theta[positive] = np.exp(theta[positive])
-        return theta, factors
+    def factors(x: np.ndarray) -> np.ndarray:
+        found = np.zeros((bodies, 4, 4))
+        found[:, LOWER[0], LOWER[1]] = x[:inertial].reshape(bodies, PER_LINK)
+        found[:, corner, corner] = np.exp(found[:, corner, corner])
+        return found
 
-    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
-        theta, factors = unfolded(x)
-        pull = information @ (theta - mean)
-        slope = (pull[:inertial].reshape(bodies, PER_LINK) @ to_parameters).reshape(bodies, 4, 4)
-        by_factor = _lower((slope + slope.transpose(0, 2, 1)) @ factors)
-        by_factor[:, DIAGONAL] *= _lower(factors)[:, DIAGONAL]
-        rest = pull.copy()
-        rest[positive] *= theta[positive]
-        gradient = np.concatenate([by_factor.ravel(), rest[inertial:]])
-        return 0.5 * float((theta - mean) @ pull), gradient
+    def parameters(x: np.ndarray) -> np.ndarray:
+        lower, theta = factors(x), x.copy()
+        theta[:inertial] = ((lower @ lower.transpose(0, 2, 1)).reshape(bodies, 16) @ to_parameters.T).ravel()
+        theta[positive] = np.exp(x[positive])
+        return theta
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        lower, slope = factors(x), np.eye(len(x))
+        for k, (row, column) in enumerate(zip(*LOWER, strict=True)):
+            step = np.zeros((bodies, 4, 4))
+            step[:, row, column] = lower[:, row, column] if row == column else 1.0
+            half = step @ lower.transpose(0, 2, 1)
+            change = (half + half.transpose(0, 2, 1)).reshape(bodies, 16) @ to_parameters.T
+            for body in range(bodies):
+                slope[PER_LINK * body : PER_LINK * (body + 1), PER_LINK * body + k] = change[body]
+        slope[positive, positive] = np.exp(x[positive])
+        return root @ slope
 
     start = mean.copy()
     start[positive] = np.log(np.maximum(mean[positive], LEAST))
-    first = []
-    for values in mean[:inertial].reshape(bodies, PER_LINK):
+    for body, values in enumerate(mean[:inertial].reshape(bodies, PER_LINK)):
         factor = np.linalg.cholesky(feasible_pseudo_inertia(pseudo_inertia(values)))
-        factor[np.diag_indices(4)] = np.log(np.diag(factor))
-        first.append(factor[LOWER])
-    found = minimize(
-        cost,
-        np.concatenate([*first, start[inertial:]]),
-        jac=True,
-        method="L-BFGS-B",
-        options={"maxiter": LONGEST, "maxfun": 2 * LONGEST, "ftol": 1e-12, "gtol": 1e-6, "maxcor": 50},
+        factor[corner, corner] = np.log(factor[corner, corner])
+        start[PER_LINK * body : PER_LINK * (body + 1)] = factor[LOWER]
+    found = least_squares(
+        lambda x: root @ (parameters(x) - mean), start, jac=slopes, method="lm", x_scale="jac", ftol=CLOSE
     )
-    return unfolded(found.x)[0]
-
-
-def _lower(factors: np.ndarray) -> np.ndarray:
-    """Entries of the lower triangles (bodies, 4, 4), row by row, (bodies, 10)."""
-    return np.asarray(factors[:, LOWER[0], LOWER[1]])
+    return parameters(found.x)
 
 
 def _unit(row: int, column: int) -> np.ndarray:
@@ -125,11 +119,3 @@ def _cost(values: np.ndarray, mean: np.ndarray, information: np.ndarray) -> floa
     """How much less probable than the most probable parameters, possible or not [nats]."""
     return 0.5 * float((values - mean) @ information @ (values - mean))
 
-
-def _timed(action: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
-    seconds = []
-    for _ in range(REPEATS):
-        start = time.process_time()
-        values = action()
-        seconds.append(time.process_time() - start)
-    return values, float(np.median(seconds))

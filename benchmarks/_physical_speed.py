@@ -47,14 +47,15 @@ def times(identifier: Identifier, recording: Recording) -> dict[str, float]:
     layout = identifier.parameter_layout
     return {
         "update_s": update,
-        "solution_s": _median(lambda: identifier.recursion.solve(layout, 0)),
-        "model_s": _median(lambda: identifier.model()),
+        "solution_s": median_time(lambda: identifier.recursion.solve(layout, 0)),
+        "model_s": median_time(lambda: identifier.model()),
     }
 
 
-def _median(action: Callable[[], object]) -> float:
+def median_time(action: Callable[[], object], repeats: int = REPEATS) -> float:
+    """Processor time of an action, the median of so many [s]."""
     seconds = []
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         start = time.process_time()
         action()
         seconds.append(time.process_time() - start)
