@@ -118,4 +118,3 @@ def _unit(row: int, column: int) -> np.ndarray:
 def _cost(values: np.ndarray, mean: np.ndarray, information: np.ndarray) -> float:
     """How much less probable than the most probable parameters, possible or not [nats]."""
     return 0.5 * float((values - mean) @ information @ (values - mean))
-
