@@ -172,7 +172,7 @@ def test_a_joint_held_still_by_its_friction_tells_nothing():
 
 
 def test_a_finding_is_worth_a_name_where_it_takes_much_or_what_is_brief_most_of_the_rest():
-    lasting, brief, scale = get("coulomb_friction"), get("backlash"), np.array([1.0, 10.0])
+    lasting, brief, scale = False, True, np.array([1.0, 10.0])
     assert noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.05, 0.5]), scale)
     assert not noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.07, 0.5]), scale)
     assert noticeable(brief, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
@@ -186,9 +186,30 @@ def test_a_finding_is_worth_a_name_where_it_takes_much_or_what_is_brief_most_of_
 )
 def test_what_acts_for_moments_again_and_again_is_judged_by_those(name, worth):
     """4 % of the effort in a twentieth of the rows is 0.9 % of it in all of them."""
-    rng = np.random.default_rng(0)
     part = np.where(np.arange(4000) % 100 < 5, 0.04, 0.0)[:, None]
-    left = 0.02 * rng.standard_normal((4000, 1))
+    left, (removal,) = removal_of(name, part, [np.ones((4000, 1), bool)])
+    assert removal.noticeable == worth
+    assert removal.less[0] == pytest.approx(np.mean((left + part) ** 2) - np.mean(left**2))
+
+
+@pytest.mark.parametrize("until, worth", [(400, True), (3000, False)])
+def test_a_push_over_most_of_a_recording_is_not_brief(until, worth):
+    """It must remove 2 % of the effort, as all else, not half a percent."""
+    part = np.where(np.arange(4000) < until, 0.015, 0.0)[:, None]
+    _, (removal,) = removal_of("external_wrench", part, [np.arange(4000)[:, None] < 400], 0.005)
+    assert removal.noticeable == worth
+
+
+def test_a_push_came_and_went_where_it_hardly_acts():
+    part = np.where(np.arange(4000) < 400, 0.04, 0.0)[:, None]
+    stretches = [np.arange(4000)[:, None] >= start for start in (380, 300)]
+    _, (elsewhere, here) = removal_of("external_wrench", part, stretches)
+    assert not elsewhere.there and here.there
+
+
+def removal_of(name, part, stretches, noise=0.02):
+    """What is left by an effect whose effort is known, and what it removes in some rows."""
+    left = noise * np.random.default_rng(0).standard_normal((4000, 1))
     pool = SimpleNamespace(
         terms=[SimpleNamespace(effect=get(name))],
         whole=SimpleNamespace(),
@@ -196,9 +217,8 @@ def test_what_acts_for_moments_again_and_again_is_judged_by_those(name, worth):
         coefficients=lambda fit, chosen: np.ones(1),
     )
     equations = SimpleNamespace(columns=lambda term: part[:, :, None], effort_scale=np.ones(1))
-    ((removal,),) = removed(equations, pool, left, np.ones((4000, 1), bool))
-    assert removal.noticeable == worth
-    assert removal.less[0] == pytest.approx(np.mean((left + part) ** 2) - np.mean(left**2))
+    (removals,) = removed(equations, pool, left, *stretches)
+    return left, removals
 
 
 def test_a_stribeck_velocity_that_the_motion_rushes_through_is_not_tried():

@@ -17,6 +17,10 @@ OVERSHADOWED = 0.5
 """Less than this share of what is left could as well be a part of that, and earns no name."""
 ACTING = 0.25
 """Share of an effect's largest effort that says when it acts."""
+LASTING = 0.5
+"""A push that lasts this share of the recording is not brief."""
+PASSING = 0.1
+"""An effect that does no more than this share of all it does at some rows came and went elsewhere."""
 LEAST_SHARE = 0.005
 """So is a brief one of this share that removes more than all that is left."""
 
@@ -28,10 +32,12 @@ class Removal:
     Attributes:
         less: mean squared error of each joint, (n,) [(N·m)²].
         noticeable: whether that is worth a name.
+        there: whether it acts at these rows at all.
     """
 
     less: np.ndarray
     noticeable: bool
+    there: bool
 
 
 def removed(
@@ -64,7 +70,12 @@ def _removal(
     # what lasts moments, again and again, is worth a name by what it does in those
     where = rows & _acting(part) if effect.brief and not effect.timed else rows
     there = rms(left + part, where) ** 2 - rms(left, where) ** 2
-    return Removal(less, noticeable(effect, there, rms(extended, where), equations.effort_scale))
+    brief = effect.brief and (not effect.timed or float(np.mean(part.any(axis=1))) < LASTING)
+    return Removal(
+        less,
+        noticeable(brief, there, rms(extended, where), equations.effort_scale),
+        float(np.sum(part[rows] ** 2)) > PASSING * float(np.sum(part**2)),
+    )
 
 
 def _acting(part: np.ndarray) -> np.ndarray:
@@ -73,18 +84,19 @@ def _acting(part: np.ndarray) -> np.ndarray:
     return np.asarray(size > ACTING * size.max(axis=0))
 
 
-def noticeable(effect: Effect, less: np.ndarray, after: np.ndarray, scale: np.ndarray) -> bool:
+def noticeable(brief: bool, less: np.ndarray, after: np.ndarray, scale: np.ndarray) -> bool:
     """Whether what an effect removes is worth a name.
 
     Args:
+        brief: whether it acts for moments only, so that the whole recording says little of its size.
         less: mean squared error removed, (n,) [(N·m)²].
         after: root mean square error left, (n,) [N·m].
         scale: the effort's spread, (n,) [N·m].
     """
     size = np.sqrt(np.maximum(less, 0.0))
-    brief = effect.brief & (size >= LEAST_SHARE * scale) & (size >= after)
+    outstanding = brief & (size >= LEAST_SHARE * scale) & (size >= after)
     large = (size >= MINIMUM_SHARE * scale) & (size >= OVERSHADOWED * after)
-    return bool((large | brief).any())
+    return bool((large | outstanding).any())
 
 
 def gain_of(

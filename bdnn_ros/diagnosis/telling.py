@@ -80,10 +80,11 @@ def _findings(
     scale = equations.effort_scale
     before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
     findings, doubtful, large = [], False, LARGE_ERROR * scale
-    for estimate, judgement, (there, ever) in zip(found, attempt.judgements, taken, strict=True):
-        less, large_enough = there.less, there.noticeable or ever.noticeable
+    for estimate, judgement, (held_out, ever) in zip(found, attempt.judgements, taken, strict=True):
+        less, large_enough = held_out.less, held_out.noticeable or ever.noticeable
         # a push may have come and gone outside the held-out rows
-        borne_out = estimate.term.effect.timed or float(np.sum(less / scale**2)) > 0.0
+        gone = estimate.term.effect.timed and not held_out.there
+        borne_out = gone or float(np.sum(less / scale**2)) > 0.0
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
         if not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
             continue

@@ -17,6 +17,8 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import PER_LINK
 
 AXES = ("x", "y", "z")
+CARRIED, OFF_CENTRE = 0.1, 0.1
+"""Arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
 REACH = 0.5
 """Nothing is carried further than this from its link's origin [m]."""
 CERTAIN = 2.0
@@ -94,8 +96,8 @@ class Payload(Effect):
         return {f"com_{axis}": found[f"com_{axis}"] for axis in AXES}
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
-        mass = float(motion.robot.inertials[:, 0].sum())  # nobody hangs more on an arm than it weighs
-        return np.minimum(typical, mass * np.array([1.0, REACH, REACH, REACH]))
+        mass = CARRIED * float(motion.robot.inertials[:, 0].sum())
+        return mass * np.array([1.0, OFF_CENTRE, OFF_CENTRE, OFF_CENTRE])
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
         mass = coefficients[0] + (0.0 if std is None else CERTAIN * std[0])
