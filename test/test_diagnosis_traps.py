@@ -254,38 +254,12 @@ def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it():
     assert better is not None and better.chosen == (1,)
 
 
-def test_a_payload_is_weighed_though_its_link_turns_about_its_origin():
-    """Its mass is in the second moment alone; a mass that carries them at a fixed centre gives way to that centre."""
-    robot = Robot.bundled("arm6")
-    one = parse_spec("payload@arm6_link2:mass=4,com_x=0.03,com_y=-0.05,com_z=0.12", robot)
-    equations = seen(simulate(robot, [one], seed=1, duration=20.0, noise=QUIET), robot)
-    candidates = Candidates.of(robot)
-    (term,) = (t for t in candidates.terms if (t.effect.name, t.link) == ("payload", "arm6_link2"))
-    noise = Noise(np.zeros((robot.width, 3)), 1e-3 * equations.effort_scale)
-    pool = Pool(equations, noise, [term.shaped({f"com_{axis}": 0.0 for axis in "xyz"})], 1e-3)
-    for _ in range(3):
-        pool = pool.replacing(0, candidates.refined(equations, pool, pool.fit([0]), 0))
-    found = pool.terms[0].effect.values(pool.coefficients(pool.fit([0]), 0), dict(pool.terms[0].shape))
-    for key, value in one.values.items():
-        assert found[key] == pytest.approx(value, rel=0.1), key
-
-
 def test_what_is_pressed_against_the_end_of_the_possible_is_something_else():
     scale = get("effort_scale")
     (low, high) = scale.coefficient_bounds[0]
     assert not scale.believable(np.array([low])) and not scale.believable(np.array([high]))
     assert scale.believable(np.array([0.5 * low])) and scale.believable(np.array([0.0]))
     assert get("coulomb_friction").believable(np.array([0.0]))
-
-
-def test_a_payload_is_within_reach_or_not_known_to_be_beyond_it():
-    payload = get("payload")
-    at = np.array([0.1, 0.0, 0.0, 0.2])
-    assert not payload.believable(at)
-    assert not payload.believable(at, np.array([0.1, 0.0, 0.0, 0.0]))
-    assert payload.believable(at, np.array([0.2, 0.0, 0.0, 0.0]))
-    values = payload.values(at, {})
-    assert values["com_z"] == pytest.approx(0.5) and values["mass"] == pytest.approx(0.4)
 
 
 def test_noise_does_not_stand_for_common_causes_that_are_still_to_be_found():

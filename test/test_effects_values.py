@@ -72,6 +72,18 @@ def test_rigid_effects_add_what_the_changed_bodies_do(name, arm, path):
     assert added == pytest.approx(changed, abs=1e-10)
 
 
+def test_a_payload_is_a_body_with_second_moments_of_its_own(arm, path):
+    one = parse_spec(next(spec for spec in SPECS if spec.startswith("payload")), arm)
+    coefficients, shape = linear(one)
+    general = one.effect.general(path, one.link)
+    origin = one.effect.columns(path, one.target, dict.fromkeys(shape, 0.0), one.link)
+    assert general[..., :4] == pytest.approx(origin)
+    exact = one.effect.columns(path, one.target, shape, one.link) @ coefficients
+    tall = general.reshape(-1, general.shape[2])
+    fitted, *_ = np.linalg.lstsq(tall, exact.ravel(), rcond=None)
+    assert tall @ fitted == pytest.approx(exact.ravel(), abs=1e-9)
+
+
 def test_a_tilted_base_turns_gravity_as_the_contract_says(arm):
     plant = Plant(arm)
     parse_spec("base_tilt:roll_deg=5,pitch_deg=-3", arm).install(plant)

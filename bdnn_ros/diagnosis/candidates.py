@@ -122,6 +122,21 @@ def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Ter
     """The term with columns that are exact where they fit best beside a fit; what they gain elsewhere is not real."""
     if not term.shape:
         return term
+    ends = [_consistent(pool, fit, start) for start in (term, *_generally(equations, pool, fit, term))]
+    return ends[0] if len(ends) == 1 else max(ends, key=lambda end: pool.gain_of(fit, end)[0])
+
+
+def _generally(equations: Equations, pool: Pool, fit: Fit, term: Term) -> list[Term]:
+    """Where something more general than the term would have its shape; empty where there is no such thing."""
+    columns = term.effect.general(equations.motion, term.link) if term.link else None
+    if columns is None:
+        return []
+    _, coefficients = pool.gain_of(fit, term, equations.reduced(columns))
+    return [term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))]
+
+
+def _consistent(pool: Pool, fit: Fit, term: Term) -> Term:
+    """The term whose columns are made with the shape that is found with them."""
     for _ in range(RELINEARISATIONS):
         _, coefficients = pool.gain_of(fit, term)
         moved = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))

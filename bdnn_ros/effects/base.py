@@ -201,6 +201,13 @@ class Effect(ABC):
         """The shape at which the columns are exact for these coefficients; the same where they always are."""
         return dict(shape)
 
+    def general(self, motion: Motion, link: str) -> np.ndarray | None:
+        """Columns (N, n, K) of something linear that is more than this effect; None where its first shape is good enough.
+
+        The first are those of the effect: a shape follows from their coefficients as from its own.
+        """
+        return None
+
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
         numbers = ", ".join(

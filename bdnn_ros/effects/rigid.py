@@ -17,6 +17,7 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import PER_LINK
 
 AXES = ("x", "y", "z")
+SHAPE = ("com_x", "com_y", "com_z")
 CARRIED, OFF_CENTRE = 0.1, 0.1
 """Arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
 REACH = 0.5
@@ -58,7 +59,8 @@ class Payload(Effect):
     """A mass fixed to a link, a point at its centre; its own rotational inertia is left out.
 
     Linear in mass and first moments; the second moments m·c·cᵀ are those of the tangent at the centre of mass that
-    the shape names: exact there, and the next centre found with them is nearer (Newton).
+    the shape names: exact there, and the next centre found with them is nearer (Newton). The first comes from a body
+    with any second moments: without them a light link's inertia leaves no room for a mass.
     """
 
     name = "payload"
@@ -89,31 +91,35 @@ class Payload(Effect):
         return body_regressor(motion, body) @ parameters
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{f"com_{axis}": 0.0 for axis in AXES}]
+        return [dict.fromkeys(SHAPE, 0.0)]
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         found = self.values(coefficients, shape)
-        return {f"com_{axis}": found[f"com_{axis}"] for axis in AXES}
+        return {name: found[name] for name in SHAPE}
+
+    def general(self, motion: Motion, link: str) -> np.ndarray:
+        body, parameters = payload_parameters(motion.robot.body_of(link), dict.fromkeys(SHAPE, 0.0))
+        columns = body_regressor(motion, body)
+        return np.concatenate([columns @ parameters, columns[..., 4:]], axis=2)
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         mass = CARRIED * float(motion.robot.inertials[:, 0].sum())
-        return mass * np.array([1.0, OFF_CENTRE, OFF_CENTRE, OFF_CENTRE])
+        powers = np.repeat([0, 1, 2], [1, 3, 6])[: len(typical)]
+        return mass * OFF_CENTRE ** powers.astype(float)
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
         mass = coefficients[0] + (0.0 if std is None else CERTAIN * std[0])
         return bool(np.linalg.norm(coefficients[1:]) <= REACH * mass)
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        moments = np.asarray(coefficients[1:])
+        moments = np.asarray(coefficients[1:4])
         mass = max(float(coefficients[0]), float(np.linalg.norm(moments)) / REACH)
         centre = moments / mass if mass > 1e-9 else np.zeros(3)
-        return {"mass": mass, **{f"com_{axis}": float(c) for axis, c in zip(AXES, centre, strict=True)}}
+        return {"mass": mass, **dict(zip(SHAPE, centre.tolist(), strict=True))}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        centre = np.array([values[f"com_{axis}"] for axis in AXES])
-        return values["mass"] * np.array([1.0, *centre]), {
-            f"com_{axis}": values[f"com_{axis}"] for axis in AXES
-        }
+        shape = {name: values[name] for name in SHAPE}
+        return values["mass"] * np.array([1.0, *shape.values()]), shape
 
 
 class LinkInertia(Effect):
@@ -221,7 +227,7 @@ class BaseTilt(Effect):
 def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values) -> tuple[int, np.ndarray]:
     """Body and its inertial parameters per unit of (m, m·cx, m·cy, m·cz) in the link frame, (PER_LINK, 4)."""
     body, rotation, translation = place
-    at = rotation @ np.array([shape[f"com_{axis}"] for axis in AXES]) + translation
+    at = rotation @ np.array([shape[name] for name in SHAPE]) + translation
     moments = np.column_stack([translation, rotation])
     parameters = np.zeros((PER_LINK, 4))
     parameters[0, 0] = 1.0

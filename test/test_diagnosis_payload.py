@@ -1,0 +1,74 @@
+"""What an arm carries: its mass and centre among links that are a little wrong themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.building import build
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.simulation.scenario import Scenario
+from bdnn_ros.simulation.sensors import Noise as SensorNoise
+from bdnn_ros.simulation.simulate import simulate
+
+QUIET = SensorNoise.of(0.0)
+LOW = 5.0
+"""A low-pass that diagnoses use [Hz]."""
+
+
+def test_a_payload_is_weighed_though_its_link_turns_about_its_origin():
+    """Its mass is in the second moment alone; a mass that carries them at a fixed centre gives way to that centre."""
+    robot = Robot.bundled("arm6")
+    one = parse_spec("payload@arm6_link2:mass=4,com_x=0.03,com_y=-0.05,com_z=0.12", robot)
+    recording = simulate(robot, [one], seed=1, duration=20.0, noise=QUIET).recording
+    equations = build(flattened(prepare(recording), LOW), robot)
+    candidates = Candidates.of(robot)
+    (term,) = (t for t in candidates.terms if (t.effect.name, t.link) == ("payload", "arm6_link2"))
+    noise = Noise(np.zeros((robot.width, 3)), 1e-3 * equations.effort_scale)
+    pool = Pool(equations, noise, [term.shaped({f"com_{axis}": 0.0 for axis in "xyz"})], 1e-3)
+    for _ in range(3):
+        pool = pool.replacing(0, candidates.refined(equations, pool, pool.fit([0]), 0))
+    found = pool.terms[0].effect.values(pool.coefficients(pool.fit([0]), 0), dict(pool.terms[0].shape))
+    for key, value in one.values.items():
+        assert found[key] == pytest.approx(value, rel=0.1), key
+
+
+def test_a_payload_is_within_reach_or_not_known_to_be_beyond_it():
+    payload = get("payload")
+    at = np.array([0.1, 0.0, 0.0, 0.2])
+    assert not payload.believable(at)
+    assert not payload.believable(at, np.array([0.1, 0.0, 0.0, 0.0]))
+    assert payload.believable(at, np.array([0.2, 0.0, 0.0, 0.0]))
+    values = payload.values(at, {})
+    assert values["com_z"] == pytest.approx(0.5) and values["mass"] == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("worn", [False, True])
+def test_a_payload_far_from_a_light_wrist_has_its_centre(worn):
+    """A point mass at the flange would turn the wrist less than this one does: no mass, says a search that begins there."""
+    robot = Robot.bundled("arm6")
+    carried = "payload@arm6_link6:mass=0.5,com_x=0.01,com_y=-0.051,com_z=0.128"
+    simulated, _ = Scenario(robot, effects=(carried,), seed=5, wrong=0.05, worn=worn).run()
+    (found,) = (f for f in diagnose([simulated.recording], robot).findings if f.effect == "payload")
+    assert found.link == "arm6_link6"
+    assert found.parameters["mass"].value == pytest.approx(0.5, rel=0.15)
+    assert found.parameters["com_z"].value == pytest.approx(0.128, abs=0.01)
+
+
+def test_what_an_arm_carries_is_not_believed_smaller_where_only_its_wrist_shows_it():
+    """A kilogram is twenty times what a light wrist does, and a twentieth of what the arm is."""
+    robot, masses = Robot.bundled("arm7"), []
+    for seed, mass in ((4, 3.0), (6, 2.0)):
+        carried = f"payload@arm7_link7:mass={mass},com_x=0.02,com_y=-0.03,com_z=0.08"
+        scenario = Scenario(robot, effects=(carried,), seed=seed, wrong=0.05, duration=15.0, rate=200.0)
+        simulated, _ = scenario.run()
+        (found,) = (f for f in diagnose([simulated.recording], robot).findings if f.effect == "payload")
+        assert np.hypot(found.parameters["com_x"].value - 0.02, found.parameters["com_y"].value + 0.03) < 0.01
+        masses.append(found.parameters["mass"].value / mass)
+    assert np.mean(masses) == pytest.approx(1.0, abs=0.05)
