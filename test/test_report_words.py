@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
-from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.effects.registry import EFFECTS, variants
 from bdnn_ros.report import words
 
 
@@ -87,8 +87,29 @@ def test_amounts_name_the_parameter_where_there_are_several_or_no_unit() -> None
     assert words.amounts(payload) == ["1.000 ± 0.020 kg"]
 
 
+def parameter(effect: str, name: str):
+    """A parameter of an effect by its name."""
+    return next(one for kind in variants(effect) for one in kind.parameters if one.name == name)
+
+
 def test_an_interval_stays_within_what_is_possible() -> None:
-    effect = EFFECTS["coulomb_friction"]
-    low, high = words.interval(Quantity(0.01, 0.05, "N*m"), effect, "coulomb")
-    assert float(low) == 0.0 and float(high) == pytest.approx(0.108, abs=0.01)
-    assert float(words.interval(Quantity(0.01, 0.05, "N*m"), None, "coulomb")[0].replace("−", "-")) < 0.0
+    quantity = Quantity(0.01, 0.05, "N*m")
+    within = words.interval("coulomb", quantity, parameter("coulomb_friction", "coulomb"))
+    assert within == "0.00 to 0.11"
+    assert words.interval("coulomb", quantity, None) == "−0.09 to 0.11"
+
+
+def test_what_the_motion_does_not_show_has_no_number() -> None:
+    """On a planar arm, a push across its plane may be anything."""
+    force, point = parameter("external_wrench", "force_y"), parameter("external_wrench", "point_x")
+    across = Quantity(0.0, 3.8e4, "N")
+    assert words.interval("force_y", across, force) == "not shown by this motion"
+    assert words.estimate("force_y", across, force) == "–"
+    pushed = Quantity(-42.3, 21.8, "N")
+    assert words.interval("force_y", pushed, force) == "−85 to 0"
+    assert words.estimate("force_y", pushed, force) == "−42"
+    heavy = parameter("link_inertia", "mass")
+    assert words.estimate("mass", Quantity(200.0, 8.0, "kg"), heavy) == "200"
+    placed = Quantity(0.0, 1e-6, "m")
+    assert words.interval("point_x", placed, point) == "–"
+    assert words.estimate("point_x", placed, point) == "0"

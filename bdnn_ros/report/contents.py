@@ -76,8 +76,7 @@ class ParameterRow:
     first: int
     name: str
     value: str
-    low: str
-    high: str
+    interval: str
     unit: str
 
 
@@ -147,18 +146,16 @@ def parameter_rows(causes: Sequence[Cause]) -> list[ParameterRow]:
     for cause in causes:
         finding = cause.finding
         for k, (name, quantity) in enumerate(finding.parameters.items()):
-            low, high = words.interval(quantity, cause.effect, name)
-            known = words.estimated(name, quantity)
-            decimals = words.decimals_of(words.INTERVAL * quantity.std)
+            parameters = cause.effect.parameters if cause.effect is not None else ()
+            known = next((one for one in parameters if one.name == name), None)
             rows.append(
                 ParameterRow(
                     title=words.title(finding.effect),
                     where=words.place(finding.joint, finding.link, finding.effect),
                     first=len(finding.parameters) if k == 0 else 0,
                     name=words.label(name),
-                    value=words.fixed(quantity.value, decimals) if known else words.number(quantity.value),
-                    low=low if known else "–",
-                    high=high if known else "–",
+                    value=words.estimate(name, quantity, known),
+                    interval=words.interval(name, quantity, known),
                     unit=words.unit(quantity.unit) or "–",
                 )
             )

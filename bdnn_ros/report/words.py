@@ -7,11 +7,15 @@ from collections import Counter
 from collections.abc import Sequence
 
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
-from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.base import Parameter
 from bdnn_ros.effects.registry import ALL, EFFECTS
 
 INTERVAL = 1.96
 """Standard deviations on each side of a 95 % interval."""
+UNSEEN = 10.0
+"""Half an interval of so many times what is met in practice says nothing."""
+PLACED = 1e-6
+"""Spread of what is zero because it was put there, as the point of a push."""
 MOST_IN_LINE = 3
 """So many parameters go into one line of the verdict; an effect with more has them in the table."""
 
@@ -109,8 +113,17 @@ def amounts(finding: Finding) -> list[str]:
 
 
 def estimated(name: str, quantity: Quantity) -> bool:
-    """Whether a parameter comes from the data, not from the description or the recording's length."""
-    return quantity.std > 0.0 and not name.startswith("nominal_")
+    """Whether a parameter comes from the data, not from the description, the recording's length, or where a point was put."""
+    placed = quantity.value == 0.0 and quantity.std <= PLACED
+    return quantity.std > 0.0 and not placed and not name.startswith("nominal_")
+
+
+def shown(quantity: Quantity, parameter: Parameter | None) -> bool:
+    """Whether the motion says anything of a parameter: that a force is below a hundred kilonewtons is nothing."""
+    if parameter is None or parameter.of_effort:
+        return True
+    usual = max(map(abs, parameter.plausible))
+    return usual == 0.0 or INTERVAL * quantity.std < UNSEEN * max(usual, abs(quantity.value))
 
 
 def label(name: str) -> str:
@@ -128,16 +141,25 @@ def with_spread(quantity: Quantity) -> str:
     return f"{fixed(quantity.value, decimals)} ± {fixed(half, decimals)}{space}{symbol}"
 
 
-def interval(quantity: Quantity, effect: Effect | None, name: str) -> tuple[str, str]:
-    """Ends of the 95 % interval, not beyond what is physically possible."""
+def interval(name: str, quantity: Quantity, parameter: Parameter | None) -> str:
+    """The 95 % interval, not beyond what is physically possible, or why there is none."""
+    if not estimated(name, quantity):
+        return "–"
+    if not shown(quantity, parameter):
+        return "not shown by this motion"
     low, high = (quantity.value + side * INTERVAL * quantity.std for side in (-1.0, 1.0))
-    for parameter in effect.parameters if effect is not None else ():
-        if parameter.name == name:
-            low, high = max(low, parameter.lower), min(high, parameter.upper)
-    decimals = decimals_of(INTERVAL * quantity.std) if quantity.std > 0.0 else None
-    return (
-        (fixed(low, decimals), fixed(high, decimals)) if decimals is not None else (number(low), number(high))
-    )
+    if parameter is not None:
+        low, high = max(low, parameter.lower), min(high, parameter.upper)
+    decimals = decimals_of(INTERVAL * quantity.std)
+    return f"{fixed(low, decimals)} to {fixed(high, decimals)}"
+
+
+def estimate(name: str, quantity: Quantity, parameter: Parameter | None) -> str:
+    """The value with as many decimals as are known; a dash where none is."""
+    if not estimated(name, quantity):
+        return number(quantity.value)
+    known = shown(quantity, parameter)
+    return fixed(quantity.value, decimals_of(INTERVAL * quantity.std)) if known else "–"
 
 
 def decimals_of(spread: float) -> int:
