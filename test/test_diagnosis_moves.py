@@ -28,7 +28,7 @@ def test_one_body_gives_way_to_the_rotors_of_two_joints(monkeypatch):
         for t in candidates.terms
         if (t.effect.name, t.link) == ("payload", "arm6_link2")
     ]
-    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.05 * equations.effort_scale), terms, 0.02)
+    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.03 * equations.effort_scale), terms, 0.02)
     start, moves = [len(terms) - 1], Moves(equations, candidates)
 
     def ended() -> set[str]:

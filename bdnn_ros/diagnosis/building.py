@@ -66,6 +66,7 @@ def build(
     motion = Motion(signals, robot, simulated, drive)
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
+    masses = (np.arange(len(relative)) % PER_LINK == 0) & (covariance is None)
     rigid = signals.smooth(motion.regressor)[rows] @ relative
     doubt, sticking = turns(signals)
     usable = ~(resting | sticking)[rows]
@@ -86,6 +87,7 @@ def build(
         runs,
         rigid,
         relative,
+        masses,
         scale,
     )
 

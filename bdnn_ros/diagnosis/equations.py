@@ -20,6 +20,8 @@ from bdnn_ros.robot import Robot
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
 
+USUAL_MASS_ERROR = 0.05
+"""What a description says of a link's mass is hardly ever better than this."""
 STICKING_LEAD = 0.003
 """How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
 STEADY = 1e-3
@@ -65,6 +67,7 @@ class Equations:
         runs: rows of each gap-free piece.
         rigid: columns of the links' relative errors, (R, n, n * PER_LINK), one unit = an error of 100 %.
         relative: from those relative errors to inertial parameters, (n * PER_LINK, n * PER_LINK).
+        masses: which of them are of a described link's mass, (n * PER_LINK,) bool.
         effort_scale: spread of each joint's effort, (n,) [N·m].
         lead: how far the recorded effort is known to be ahead of the motion [s].
     """
@@ -80,6 +83,7 @@ class Equations:
     runs: list[slice]
     rigid: np.ndarray
     relative: np.ndarray
+    masses: np.ndarray
     effort_scale: np.ndarray
     lead: float = 0.0
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
@@ -175,6 +179,13 @@ class Equations:
     def count(self, rows: np.ndarray) -> None:
         """Let these rows count from now on, (R, n) bool."""
         self.usable, self._pasts = rows, {}
+
+    def link_spread(self, link_error: float) -> np.ndarray:
+        """Prior standard deviations of the links' relative errors, (n * PER_LINK,).
+
+        Of a description that seems a little wrong, masses are believed half as well as shapes: those are drawn to scale.
+        """
+        return np.where(self.masses, max(link_error, min(2.0 * link_error, USUAL_MASS_ERROR)), link_error)
 
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""

@@ -50,7 +50,7 @@ class Pool:
         equations: the regression.
         noise: its noise model.
         terms: the candidates, each with a shape.
-        link_error: prior standard deviation of the links' relative errors.
+        link_error: prior standard deviation of the links' relative errors; see `Equations.link_spread`.
     """
 
     def __init__(self, equations: Equations, noise: Noise, terms: Sequence[Term], link_error: float) -> None:
@@ -62,7 +62,7 @@ class Pool:
         sizes = [c.shape[2] for c in columns]
         starts = self.base + np.cumsum([0, *sizes])
         self.slots = [np.arange(a, b) for a, b in zip(starts[:-1], starts[1:], strict=True)]
-        spread = [np.full(equations.rigid.shape[2], link_error), equations.nuisance_spread]
+        spread = [equations.link_spread(link_error), equations.nuisance_spread]
         spread += [equations.spread(t, c) for t, c in zip(self.terms, columns, strict=True)]
         self.precision = 1.0 / np.concatenate(spread) ** 2
         lower = [np.full(self.base, -np.inf)] + [
@@ -88,8 +88,8 @@ class Pool:
         other = copy(self)
         other._fits = {}
         other.link_error = link_error
-        links = self.equations.rigid.shape[2]
-        other.precision = np.concatenate([np.full(links, link_error**-2.0), self.precision[links:]])
+        spread = self.equations.link_spread(link_error)
+        other.precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
         return other
 
     def replacing(self, one: int, term: Term) -> Pool:
