@@ -87,7 +87,7 @@ def loose(robot: Robot, joint: int, gap: float, rotor: float, seed: int) -> Reco
             rows.append(np.concatenate([q, v, command]))
         data.qfrc_applied[moving] = command
         mujoco.mj_step(model, data)
-    return sensed(robot, rows, RATE, generator)
+    return sensed(robot, rows, RATE, generator, (5e-5, 1e-3, 0.005), np.ptp)
 
 
 @pytest.mark.parametrize(
