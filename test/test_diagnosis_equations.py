@@ -252,3 +252,11 @@ def test_what_acts_only_in_held_out_rows_is_believed_to_be_as_small_as_anywhere(
     equations.count(equations.usable & ~((time > 2.5) & (time < 6.5))[:, None])
     assert np.abs(columns[equations.usable]).max() < 1e-3 * np.abs(columns).max()
     assert equations.spread(push, columns) == pytest.approx(everywhere)
+
+
+def test_masses_of_a_description_are_believed_half_as_well_as_shapes_until_both_are_usual(plain, robot):
+    masses = np.arange(robot.width * PER_LINK) % PER_LINK == 0
+    for error, of_masses in ((0.01, 0.02), (0.02, 0.04), (0.05, 0.05), (0.1, 0.1)):
+        assert plain.link_spread(error) == pytest.approx(np.where(masses, of_masses, error))
+    known = build(plain.motion.signals, robot, covariance=np.eye(robot.width * PER_LINK))
+    assert known.link_spread(0.02) == pytest.approx(np.full(robot.width * PER_LINK, 0.02))
