@@ -31,16 +31,12 @@ Problem = tuple[np.ndarray, np.ndarray, int, np.ndarray]
 
 def solvers(args: argparse.Namespace) -> dict[str, Any]:
     """Processor time and cost of the most probable feasible parameters, seven links with friction and rotors."""
-    rows = []
+    rows, ways = [], (handover.consistent, log_cholesky)
     print(f"{'seconds':>8} {'barrier':>10} {'log-Cholesky':>13} {'cost of feasibility':>20} {'and':>10}")
     for seed, seconds in PROBLEMS:
         problem = posed(seed, seconds)
-        found = [solve(*problem) for solve in (handover.consistent, log_cholesky)]
-        times = [
-            median_time(lambda s=solve, p=problem: s(*p), REPEATS)
-            for solve in (handover.consistent, log_cholesky)
-        ]
-        costs = [_cost(values, *problem[:2]) for values in found]
+        costs = [_cost(solve(*problem), *problem[:2]) for solve in ways]
+        times = [median_time(lambda s=solve, p=problem: s(*p), REPEATS) for solve in ways]
         rows.append({"seconds": seconds, "times": times, "costs": costs})
         print(
             f"{seconds:6g} s {1e3 * times[0]:7.0f} ms {1e3 * times[1]:10.0f} ms {costs[0]:15.3f} nats {costs[1]:5.3f} nats"

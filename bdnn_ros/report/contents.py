@@ -145,17 +145,17 @@ def parameter_rows(causes: Sequence[Cause]) -> list[ParameterRow]:
     rows = []
     for cause in causes:
         finding = cause.finding
+        possible = {one.name: one for one in cause.effect.parameters} if cause.effect is not None else {}
         for k, (name, quantity) in enumerate(finding.parameters.items()):
-            parameters = cause.effect.parameters if cause.effect is not None else ()
-            known = next((one for one in parameters if one.name == name), None)
+            value, interval = words.estimate(name, quantity, possible.get(name))
             rows.append(
                 ParameterRow(
                     title=words.title(finding.effect),
                     where=words.place(finding.joint, finding.link, finding.effect),
                     first=len(finding.parameters) if k == 0 else 0,
                     name=words.label(name),
-                    value=words.estimate(name, quantity, known),
-                    interval=words.interval(name, quantity, known),
+                    value=value,
+                    interval=interval,
                     unit=words.unit(quantity.unit) or "–",
                 )
             )

@@ -141,25 +141,18 @@ def with_spread(quantity: Quantity) -> str:
     return f"{fixed(quantity.value, decimals)} ± {fixed(half, decimals)}{space}{symbol}"
 
 
-def interval(name: str, quantity: Quantity, parameter: Parameter | None) -> str:
-    """The 95 % interval, not beyond what is physically possible, or why there is none."""
+def estimate(name: str, quantity: Quantity, parameter: Parameter | None) -> tuple[str, str]:
+    """The value with as many decimals as are known, and its 95 % interval within what is possible or why there is none."""
     if not estimated(name, quantity):
-        return "–"
+        return number(quantity.value), "–"
     if not shown(quantity, parameter):
-        return "not shown by this motion"
-    low, high = (quantity.value + side * INTERVAL * quantity.std for side in (-1.0, 1.0))
+        return "–", "not shown by this motion"
+    half = INTERVAL * quantity.std
+    low, high = quantity.value - half, quantity.value + half
     if parameter is not None:
         low, high = max(low, parameter.lower), min(high, parameter.upper)
-    decimals = decimals_of(INTERVAL * quantity.std)
-    return f"{fixed(low, decimals)} to {fixed(high, decimals)}"
-
-
-def estimate(name: str, quantity: Quantity, parameter: Parameter | None) -> str:
-    """The value with as many decimals as are known; a dash where none is."""
-    if not estimated(name, quantity):
-        return number(quantity.value)
-    known = shown(quantity, parameter)
-    return fixed(quantity.value, decimals_of(INTERVAL * quantity.std)) if known else "–"
+    decimals = decimals_of(half)
+    return fixed(quantity.value, decimals), f"{fixed(low, decimals)} to {fixed(high, decimals)}"
 
 
 def decimals_of(spread: float) -> int:
