@@ -12,6 +12,7 @@ from typing import Any
 from _naming_judging import WORN
 
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
@@ -39,7 +40,7 @@ def evidence(
     pool = Pool(equations, examination.pool.noise, terms, examination.pool.link_error)
     for _ in range(ROUNDS):
         residual = pool.residual(pool.whole)
-        noise = equations.noise_of(residual, 1e-4 * equations.effort_scale)
+        noise = noise_of(equations, residual, 1e-4 * equations.effort_scale)
         relieve(Candidates.of(robot), equations, pool)
         pool = Pool(equations, noise, terms, pool.link_error)
     return {(term.effect.name, term.target): _gain(pool, k) for k, term in enumerate(own)}

@@ -10,6 +10,7 @@ from diagnosis_cases import CUTOFF, coloured, equations_of, signals_of, term, wh
 from scipy.linalg import toeplitz
 
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build, nominal_effort, relative_inertials
+from bdnn_ros.diagnosis.coloring import noise_of, without_trends
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
@@ -87,7 +88,7 @@ def test_whitening_gives_back_what_the_noise_was_made_of(plain):
 def test_the_noise_model_is_found_and_makes_the_residual_white():
     equations = equations_of(duration=40.0)
     residual = coloured(equations, AR, 0.2)
-    noise = equations.noise_of(residual, np.full(2, 1e-6))
+    noise = noise_of(equations, residual, np.full(2, 1e-6))
     rows = equations.full().sum(axis=0).min()
     np.testing.assert_allclose(noise.coefficients, np.tile(AR, (2, 1)), atol=4.0 / np.sqrt(rows))
     np.testing.assert_allclose(noise.std, 0.2, rtol=4.0 / np.sqrt(2.0 * rows))
@@ -101,13 +102,13 @@ def test_the_noise_model_is_found_and_makes_the_residual_white():
 
 def test_a_random_walk_stays_stable(plain):
     residual = np.cumsum(np.random.default_rng(2).standard_normal(plain.target.shape), axis=0)
-    noise = plain.noise_of(residual, np.full(2, 1e-6))
+    noise = noise_of(plain, residual, np.full(2, 1e-6))
     for a in noise.coefficients:
         assert np.abs(np.roots([1.0, *-a])).max() < 0.99
 
 
 def test_noise_never_falls_below_its_floor(plain):
-    noise = plain.noise_of(np.zeros_like(plain.target), np.array([0.1, 0.2]))
+    noise = noise_of(plain, np.zeros_like(plain.target), np.array([0.1, 0.2]))
     np.testing.assert_allclose(noise.std, [0.1, 0.2])
 
 
@@ -157,10 +158,10 @@ def test_a_straight_line_in_each_block_is_taken_out(plain):
         rows = np.flatnonzero(plain.block == b)
         lines[rows] = rng.normal(size=2) + np.outer(np.arange(len(rows)), rng.normal(size=2))
     noise, _ = white(plain, 1.0)
-    np.testing.assert_allclose(plain.without_trends(lines), 0.0, atol=1e-9)
-    once = plain.without_trends(noise + lines)
-    np.testing.assert_allclose(once, plain.without_trends(noise), atol=1e-9)
-    np.testing.assert_allclose(plain.without_trends(once), once, atol=1e-9)
+    np.testing.assert_allclose(without_trends(plain, lines), 0.0, atol=1e-9)
+    once = without_trends(plain, noise + lines)
+    np.testing.assert_allclose(once, without_trends(plain, noise), atol=1e-9)
+    np.testing.assert_allclose(without_trends(plain, once), once, atol=1e-9)
     assert noise.std() > once.std() > 0.8 * noise.std()
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
@@ -44,7 +45,7 @@ def elastic_gain(equations: Equations, robot: Robot, joint: int) -> float:
     white = Noise(np.zeros((robot.width, 3)), 0.01 * equations.effort_scale)
     pool = Pool(equations, white, common, 0.05)
     every = range(len(common))
-    noise = equations.noise_of(pool.residual(pool.fit(every)), 1e-6 * equations.effort_scale)
+    noise = noise_of(equations, pool.residual(pool.fit(every)), 1e-6 * equations.effort_scale)
     (term,) = (t for t in candidates.terms if (t.effect.name, t.target) == ("joint_elasticity", joint))
     pool = Pool(equations, noise, [*common, term], 0.05)
     return float(pool.gains(pool.fit(every), [len(common)])[0])

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from bdnn_ros.effects.friction import bristle
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.effects.rigid import slots
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,8 @@ def test_rigid_effects_add_what_the_changed_bodies_do(name, arm, path):
 def test_a_payload_is_a_body_with_second_moments_of_its_own(arm, path):
     one = parse_spec(next(spec for spec in SPECS if spec.startswith("payload")), arm)
     coefficients, shape = linear(one)
-    general = one.effect.general(path, one.link)
+    body, parameters = one.effect.general(arm, one.link)
+    general = path.regressor[:, :, slots(body)] @ parameters
     origin = one.effect.columns(path, one.target, dict.fromkeys(shape, 0.0), one.link)
     assert general[..., :4] == pytest.approx(origin)
     exact = one.effect.columns(path, one.target, shape, one.link) @ coefficients

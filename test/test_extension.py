@@ -10,6 +10,7 @@ import pytest
 
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.diagnosis.building import build, relative_inertials
+from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
@@ -216,7 +217,7 @@ def _examination(
 ) -> SimpleNamespace:
     """What `extend` reads of an examination, for terms that are known."""
     equations = build(signals, robot, None if model is None else model.predict(signals))
-    noise = equations.noise_of(1e-3 * equations.target, 1e-4 * equations.effort_scale)
+    noise = noise_of(equations, 1e-3 * equations.target, 1e-4 * equations.effort_scale)
     pool = Pool(equations, noise, terms, 0.06)
     fit = pool.whole
     return SimpleNamespace(

@@ -56,7 +56,7 @@ class Candidates:
             if term.effect.timed:
                 result.append(best_push(pool, fit, term, self.robot))
                 continue
-            shapes = term.effect.shapes(equations.motion, term.target)
+            shapes = term.effect.shapes(equations.motion, term.target, term.link)
             if len(shapes) == 1:
                 beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
                 result.append(_relinearised(equations, pool, beside, term.shaped(shapes[0])))
@@ -128,10 +128,10 @@ def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Ter
 
 def _generally(equations: Equations, pool: Pool, fit: Fit, term: Term) -> list[Term]:
     """Where something more general than the term would have its shape; empty where there is no such thing."""
-    columns = term.effect.general(equations.motion, term.link) if term.link else None
-    if columns is None:
+    body = term.effect.general(equations.motion.robot, term.link) if term.link else None
+    if body is None:
         return []
-    _, coefficients = pool.gain_of(fit, term, equations.reduced(columns))
+    _, coefficients = pool.gain_of(fit, term, equations.of_body(*body))
     return [term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))]
 
 

@@ -12,9 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting, rms, slipping, stable
+from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.rigid import slots
 from bdnn_ros.robot import Robot
 
 TYPICAL_SHARE = 0.3
@@ -24,10 +25,6 @@ USUAL_MASS_ERROR = 0.05
 """What a description says of a link's mass is hardly ever better than this."""
 STICKING_LEAD = 0.003
 """How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
-STEADY = 1e-3
-"""With less doubt of its direction a joint moves on."""
-LEAST_ROWS = 10 * ORDER
-"""So many rows tell how noise goes on."""
 HARDLY_SEEN = 1e-4
 """What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
 
@@ -125,7 +122,20 @@ class Equations:
 
     def made(self, term: Term) -> np.ndarray:
         """The same, made and not kept."""
-        return self.reduced(term.effect.columns(self.motion, term.target, dict(term.shape), term.link))
+        effect, shape = term.effect, dict(term.shape)
+        added = effect.inertials(self.motion.robot, shape, term.link) if term.link else None
+        if added is not None:
+            return self.of_body(*added)
+        return self.reduced(effect.columns(self.motion, term.target, shape, term.link))
+
+    def of_body(self, body: int, added: np.ndarray) -> np.ndarray:
+        """Columns of what adds to a body's inertial parameters (PER_LINK, k) as rows, (R, n, k) [N·m per unit]."""
+        return np.asarray(self._regressor[:, :, slots(body)] @ added)
+
+    @cached_property
+    def _regressor(self) -> np.ndarray:
+        """Regressor of all inertial parameters as rows, (R, n, n * PER_LINK)."""
+        return self.reduced(self.motion.regressor)
 
     @property
     def hold(self) -> float:
@@ -221,17 +231,6 @@ class Equations:
         )
         return float(white[:, 1] @ white[:, 0] / (white[:, 0] @ white[:, 0]))
 
-    def without_trends(self, values: np.ndarray) -> np.ndarray:
-        """Rows (R, n) less a straight line in every block."""
-        result = values.astype(float).copy()
-        for b in range(self.blocks):
-            rows = np.flatnonzero(self.block == b)
-            if len(rows) > 4:
-                slope = np.linspace(-1.0, 1.0, len(rows))
-                result[rows] -= values[rows].mean(axis=0)
-                result[rows] -= np.outer(slope, slope @ result[rows] / (slope @ slope))
-        return result
-
     def whiten(self, values: np.ndarray, noise: Noise) -> np.ndarray:
         """Rows (R, n, ...) in units of their noise; unusable ones are zero."""
         order = noise.coefficients.shape[1]
@@ -270,35 +269,3 @@ class Equations:
                     np.maximum(later, self.doubt[run.start : max(run.stop - lag, run.start)], out=later)
             self._pasts[order] = np.where(self.usable, length, -1), doubtful
         return self._pasts[order]
-
-    def white_noise_of(self, residual: np.ndarray, floor: np.ndarray) -> Noise:
-        """Noise of a residual (R, n) as if its rows were independent."""
-        std = np.array([rms(residual[self.usable[:, j], j]) for j in range(self.width)])
-        return Noise(np.zeros((self.width, ORDER)), np.maximum(std, floor))
-
-    def noise_of(self, residual: np.ndarray, floor: np.ndarray, steady: bool = False) -> Noise:
-        """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
-        if steady:
-            residual = self.without_trends(residual)
-        coefficients, full, doubt = np.zeros((self.width, ORDER)), self.full(), self.doubtful()
-        for j in range(self.width):
-            rows = np.flatnonzero(_steady(doubt[:, j], full[:, j]))
-            if len(rows) >= LEAST_ROWS:
-                y = residual[rows, j]
-                x = np.stack([residual[rows - lag, j] for lag in range(1, ORDER + 1)], axis=1)
-                ridge = 1e-3 * float(np.sum(y**2)) + 1e-18
-                coefficients[j] = stable(np.linalg.solve(x.T @ x + ridge * np.eye(ORDER), x.T @ y))
-        white = self.whiten(residual, Noise(coefficients, np.ones(self.width)))
-        std, slip = np.empty(self.width), np.empty(self.width)
-        for j in range(self.width):
-            moving = _steady(doubt[:, j], self.usable[:, j])
-            rest = self.usable[:, j] & ~moving
-            std[j] = max(rms(white[moving, j]), floor[j])
-            slip[j] = slipping(white[rest, j], doubt[rest, j], std[j])
-        return Noise(coefficients, std, slip)
-
-
-def _steady(doubt: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The rows (R,) bool in which a joint moves on, or the steadiest where too few do."""
-    known = np.sort(doubt[rows])
-    return rows & (doubt <= max(STEADY, known[min(LEAST_ROWS, len(known)) - 1] if len(known) else 0.0))

@@ -13,6 +13,8 @@ from bdnn_ros.effects.base import Effect
 RESAMPLES = 1000
 MINIMUM_SHARE = 0.02
 """An effect that removes an error of this share of the effort's spread at some joint is worth a name."""
+LEAST_SHARE = 0.005
+"""So is a brief one of this share that removes more than all that is left."""
 OVERSHADOWED = 0.5
 """Less than this share of what is left could as well be a part of that, and earns no name."""
 ACTING = 0.25
@@ -20,9 +22,7 @@ ACTING = 0.25
 LASTING = 0.5
 """A push that lasts this share of the recording is not brief."""
 PASSING = 0.1
-"""An effect that does no more than this share of all it does at some rows came and went elsewhere."""
-LEAST_SHARE = 0.005
-"""So is a brief one of this share that removes more than all that is left."""
+"""An effect whose moments lie no more than this share at some rows came and went elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,15 @@ def _removal(
 ) -> Removal:
     """What an effect whose effort is `part` removes where `left` is left, (R, n) [N·m] each."""
     less = rms(left + part, rows) ** 2 - rms(left, rows) ** 2
+    acting = _acting(part)
     # what lasts moments, again and again, is worth a name by what it does in those
-    where = rows & _acting(part) if effect.brief and not effect.timed else rows
-    there = rms(left + part, where) ** 2 - rms(left, where) ** 2
+    where = rows & acting if effect.brief and not effect.timed else rows
+    then = rms(left + part, where) ** 2 - rms(left, where) ** 2
     brief = effect.brief and (not effect.timed or float(np.mean(part.any(axis=1))) < LASTING)
     return Removal(
         less,
-        noticeable(brief, there, rms(extended, where), equations.effort_scale),
-        float(np.sum(part[rows] ** 2)) > PASSING * float(np.sum(part**2)),
+        noticeable(brief, then, rms(extended, where), equations.effort_scale),
+        float(np.sum(part[rows & acting] ** 2)) > PASSING * float(np.sum(part[acting] ** 2)),
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.coloring import noise_of, white_noise_of
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, UNSURE, Moves
@@ -93,7 +94,7 @@ class Search(Moves):
         """
         now = self._at_own_noise(selection.pool, selection.chosen)
         chosen = range(len(now.terms))
-        noise = self.equations.white_noise_of(now.residual(now.whole), self.floor)
+        noise = white_noise_of(self.equations, now.residual(now.whole), self.floor)
         pool = Pool(self.equations, noise, now.terms, self.link_error)
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(chosen))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
@@ -149,7 +150,7 @@ class Search(Moves):
         for _ in range(2):
             pool = Pool(equations, noise, common, self.link_errors[-1])
             fit = pool.fit(range(len(common)))
-            noise = equations.noise_of(pool.residual(fit), self.floor, steady=True)
+            noise = noise_of(equations, pool.residual(fit), self.floor, steady=True)
         equations.relieve(*self.candidates.load(equations, pool, fit))
         return noise, self._worn(Pool(equations, noise, common, self.link_errors[-1]))
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.noise import Noise
@@ -57,7 +58,7 @@ def _noise(equations: Equations, pool: Pool, floor: np.ndarray, beside: Sequence
     more = [t for t in beside if not any(t.place == one.place or contains(one, t) for one in pool.terms)]
     if more:
         pool = Pool(equations, pool.noise, [*pool.terms, *more], pool.link_error)
-    return equations.noise_of(pool.residual(pool.whole), floor)
+    return noise_of(equations, pool.residual(pool.whole), floor)
 
 
 def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:

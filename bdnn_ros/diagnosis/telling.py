@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -82,8 +83,8 @@ def _findings(
     findings, doubtful, large = [], False, LARGE_ERROR * scale
     for estimate, judgement, (held_out, ever) in zip(found, attempt.judgements, taken, strict=True):
         less, large_enough = held_out.less, held_out.noticeable or ever.noticeable
-        # a push may have come and gone outside the held-out rows
-        gone = estimate.term.effect.timed and not held_out.there
+        # a push, or the crossings of a gap, may have come and gone outside the held-out rows
+        gone = estimate.term.effect.brief and not held_out.there
         borne_out = gone or float(np.sum(less / scale**2)) > 0.0
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
         if not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
@@ -115,7 +116,6 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         )
         for rival, probability in judgement.rivals
     )
-    values = estimate.values
     where = link or joint or ("The base" if estimate.term.effect.on == "base" else "every joint")
     return Finding(
         effect=estimate.term.effect.name,
@@ -125,8 +125,17 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         share=share,
         probability=judgement.probability,
         rivals=rivals,
-        sentence=estimate.term.effect.sentence(where, values),
+        sentence=estimate.term.effect.sentence(where, _told(estimate)),
     )
+
+
+def _told(estimate: Estimate) -> dict[str, float]:
+    """Parameters as a sentence tells them: NaN for the part of a whole that the motion does not show."""
+    effect = estimate.term.effect
+    return {
+        p.name: q.value if p.name not in effect.parts or p.seen(q.value, q.std) else math.nan
+        for p, q in ((p, estimate.quantities[p.name]) for p in effect.parameters)
+    }
 
 
 def _place(robot: Robot, estimate: Estimate) -> tuple[str | None, str | None]:

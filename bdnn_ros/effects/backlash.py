@@ -17,7 +17,7 @@ from bdnn_ros.effects.plant import Plant
 
 CROSSINGS = (5e-4, 0.5)
 """Shortest and longest way across that is looked for [rad]."""
-TRIED = (0.002, 0.0045, 0.01, 0.022, 0.05)
+TRIED = (0.001, 0.002, 0.0045, 0.01, 0.022, 0.05)
 EARLY = 2.0
 """A motor's jump shows in the low-passed motion so many standard deviations of the low-pass before it begins."""
 FIRST_LOOK = 0.25

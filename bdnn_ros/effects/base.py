@@ -20,6 +20,8 @@ Values = Mapping[str, float]
 """Parameter values by name, in the units of the contract."""
 SHOWN = 2.0
 """So many standard deviations from nothing is what a recording shows."""
+UNSEEN = 5.0
+"""A standard deviation of so many times what is met in practice says nothing."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ class Parameter:
     of_effort: bool = False
     default: float | str | None = None
     """Taken where a specification leaves the parameter out, the name of another takes its value; None where it must be given."""
+
+    def seen(self, value: float, std: float) -> bool:
+        """Whether a recording says anything of it: that a force is below a hundred kilonewtons is nothing."""
+        usual = 0.0 if self.of_effort else max(map(abs, self.plausible))
+        return usual == 0.0 or std < UNSEEN * max(usual, abs(value))
 
 
 class Effect(ABC):
@@ -89,6 +96,8 @@ class Effect(ABC):
     """It acts for moments: its share of a whole recording says little of it."""
     timed: ClassVar[bool] = False
     """It acts between two times that only the data tell: its `start` and `end`."""
+    parts: ClassVar[tuple[str, ...]] = ()
+    """Parameters of which a motion may show some without the others; a sentence is given NaN for what is not shown."""
     kinematic: ClassVar[bool] = False
     """It shows in the reported velocity, not in the effort."""
 
@@ -201,10 +210,17 @@ class Effect(ABC):
         """The shape at which the columns are exact for these coefficients; the same where they always are."""
         return dict(shape)
 
-    def general(self, motion: Motion, link: str) -> np.ndarray | None:
-        """Columns (N, n, K) of something linear that is more than this effect; None where its first shape is good enough.
+    def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray] | None:
+        """A body, and what one unit of each coefficient adds to its inertial parameters, (PER_LINK, k).
 
-        The first are those of the effect: a shape follows from their coefficients as from its own.
+        None for what does not change one.
+        """
+        return None
+
+    def general(self, robot: Robot, link: str) -> tuple[int, np.ndarray] | None:
+        """As `inertials`, of a body that is more general than this effect; None where its first shape is good enough.
+
+        Its first coefficients are those of the effect: a shape follows from them as from its own.
         """
         return None
 

@@ -68,18 +68,16 @@ def draw(
     )
 
 
-def planned(
-    robot: Robot, time: np.ndarray, motion: Sequence[np.ndarray], effort: np.ndarray | None = None
-) -> Motion:
+def planned(robot: Robot, time: np.ndarray, motion: Sequence[np.ndarray]) -> Motion:
     """A planned motion as effects see it.
 
     Args:
         time: evenly spaced stamps, (N,) [s].
         motion: position, velocity, acceleration, (N, n) each.
-        effort: along it, (N, n) [N·m]; None computes the robot's.
     """
     position, velocity, acceleration = motion
-    load = robot.inverse_dynamics(position, velocity, acceleration) if effort is None else effort
+    drive = robot.drive_effort(velocity, acceleration, np.sign(velocity))
+    load = robot.rigid_effort(position, velocity, acceleration) + drive
     rate = 1.0 / float(time[1] - time[0])
     signals = Signals(
         time=time,
@@ -95,7 +93,7 @@ def planned(
         position_noise=np.full(robot.width, 1e-6),
         raw_rate=rate,
     )
-    return Motion(signals, robot, load)
+    return Motion(signals, robot, load, drive)
 
 
 def contribution(one: Installed, motion: Motion) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from types import MappingProxyType
 
@@ -60,6 +61,7 @@ class ExternalWrench(Push):
     )
     equation = "-J_point(q)' * (force, torque) where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
+    parts = COMPONENTS
     coefficient_bounds = ((-np.inf, np.inf),) * 6
     shape_bounds = MappingProxyType({**Push.shape_bounds, **dict.fromkeys(POINT, (-1.0, 1.0))})
 
@@ -105,8 +107,10 @@ class ExternalWrench(Push):
         return any(abs(values[c]) > SHOWN * stds[c] for c in COMPONENTS)
 
     def sentence(self, where: str, values: Values) -> str:
-        force = ", ".join(f"{values[c]:.2g}" for c in FORCE)
-        torque = ", ".join(f"{values[c]:.2g}" for c in TORQUE)
+        force, torque = (
+            ", ".join("?" if math.isnan(values[c]) else f"{values[c]:.2g}" for c in names)
+            for names in (FORCE, TORQUE)
+        )
         point = ", ".join(f"{values[c]:.3g}" for c in POINT)
         return (
             f"Something pushes {where} from {values['start']:.2f} s to {values['end']:.2f} s "

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
-CALM = 2.2
+CALM = 3.0
 """What a motion does is slower than this many times its root mean square frequency."""
 LIGHTEST = 1e-9
 """Some descriptions give their last links no inertia at all [kg·m²]."""

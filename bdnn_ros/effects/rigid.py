@@ -7,6 +7,7 @@ parameters, or rigid effort under another gravity.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
-from bdnn_ros.robot import PER_LINK
+from bdnn_ros.robot import PER_LINK, Robot
 
 AXES = ("x", "y", "z")
 SHAPE = ("com_x", "com_y", "com_z")
@@ -55,7 +56,28 @@ class Armature(Effect):
         return np.array([values["armature"]]), {}
 
 
-class Payload(Effect):
+class OnBody(Effect):
+    """What changes one body's inertial parameters: its columns are that body's part of the regressor."""
+
+    on = "link"
+    on_body = True
+
+    @abstractmethod
+    def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray]: ...
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        coefficients, shape = self.coefficients(values)
+        body, added = self.inertials(plant.robot, shape, needed_link(link))
+        inertials = plant.robot.inertials.copy()
+        inertials[body] += added @ coefficients
+        plant.robot = plant.robot.with_inertials(inertials)
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        body, added = self.inertials(motion.robot, shape, needed_link(link))
+        return motion.regressor[:, :, slots(body)] @ added
+
+
+class Payload(OnBody):
     """A mass fixed to a link, a point at its centre; its own rotational inertia is left out.
 
     Linear in mass and first moments; the second moments m·c·cᵀ are those of the tangent at the centre of mass that
@@ -65,8 +87,6 @@ class Payload(Effect):
 
     name = "payload"
     title = "a payload"
-    on = "link"
-    on_body = True
     parameters = (
         Parameter("mass", "kg", 0.0, plausible=(0.2, 3.0)),
         Parameter("com_x", "m", -1.0, 1.0, plausible=(-0.05, 0.05), default=0.0),
@@ -79,16 +99,8 @@ class Payload(Effect):
     source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, ICRA 2007"
     coefficient_bounds = ((0.0, np.inf), (-np.inf, np.inf), (-np.inf, np.inf), (-np.inf, np.inf))
 
-    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
-        coefficients, shape = self.coefficients(values)
-        body, parameters = payload_parameters(plant.robot.body_of(needed_link(link)), shape)
-        inertials = plant.robot.inertials.copy()
-        inertials[body] += parameters @ coefficients
-        plant.robot = plant.robot.with_inertials(inertials)
-
-    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        body, parameters = payload_parameters(motion.robot.body_of(needed_link(link)), shape)
-        return body_regressor(motion, body) @ parameters
+    def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray]:
+        return payload_parameters(robot.body_of(link), shape)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [dict.fromkeys(SHAPE, 0.0)]
@@ -97,10 +109,9 @@ class Payload(Effect):
         found = self.values(coefficients, shape)
         return {name: found[name] for name in SHAPE}
 
-    def general(self, motion: Motion, link: str) -> np.ndarray:
-        body, parameters = payload_parameters(motion.robot.body_of(link), dict.fromkeys(SHAPE, 0.0))
-        columns = body_regressor(motion, body)
-        return np.concatenate([columns @ parameters, columns[..., 4:]], axis=2)
+    def general(self, robot: Robot, link: str) -> tuple[int, np.ndarray]:
+        body, parameters = payload_parameters(robot.body_of(link), dict.fromkeys(SHAPE, 0.0))
+        return body, np.hstack([parameters, np.eye(PER_LINK)[:, 4:]])
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         mass = CARRIED * float(motion.robot.inertials[:, 0].sum())
@@ -122,13 +133,11 @@ class Payload(Effect):
         return values["mass"] * np.array([1.0, *shape.values()]), shape
 
 
-class LinkInertia(Effect):
+class LinkInertia(OnBody):
     """A link whose mass and inertia are `scale` times the described ones, its centre of mass unchanged."""
 
     name = "link_inertia"
     title = "wrong mass and inertia"
-    on = "link"
-    on_body = True
     parameters = (
         Parameter("mass", "kg", 0.0),
         Parameter("nominal_mass", "kg", 0.0),
@@ -144,18 +153,12 @@ class LinkInertia(Effect):
     coefficient_bounds = ((-0.95, 9.0),)
     coefficient_spread = 0.3
 
-    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
-        body, parameters = plant.robot.link_inertial(needed_link(link))
-        inertials = plant.robot.inertials.copy()
-        inertials[body] += (values["scale"] - 1.0) * parameters
-        plant.robot = plant.robot.with_inertials(inertials)
-
-    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        body, parameters = motion.robot.link_inertial(_link_of(motion, target, link))
-        return (body_regressor(motion, body) @ parameters)[..., None]
+    def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray]:
+        body, described = robot.link_inertial(link)
+        return body, described[:, None]
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"nominal_mass": float(motion.robot.link_inertial(_link_of(motion, target, link))[1][0])}]
+        return [{"nominal_mass": float(motion.robot.link_inertial(needed_link(link))[1][0])}]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         scale, nominal = 1.0 + float(coefficients[0]), float(shape["nominal_mass"])
@@ -241,9 +244,9 @@ def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values)
     return body, parameters
 
 
-def body_regressor(motion: Motion, body: int) -> np.ndarray:
-    """Columns of the regressor that belong to one body, (N, n, PER_LINK)."""
-    return motion.regressor[:, :, body * PER_LINK : (body + 1) * PER_LINK]
+def slots(body: int) -> slice:
+    """A body's columns of the regressor."""
+    return slice(body * PER_LINK, (body + 1) * PER_LINK)
 
 
 def _secant(angle: float) -> float:
@@ -260,8 +263,3 @@ def needed_link(link: str | None) -> str:
     if link is None:
         raise UsageError("This effect acts on a link, and none is named.", "Name it: effect@link.")
     return link
-
-
-def _link_of(motion: Motion, target: int, link: str | None) -> str:
-    """The link named, or the one that a joint moves."""
-    return motion.robot.moving_link(motion.robot.joints[target]) if link is None else link

@@ -12,8 +12,6 @@ from bdnn_ros.effects.registry import ALL, EFFECTS
 
 INTERVAL = 1.96
 """Standard deviations on each side of a 95 % interval."""
-UNSEEN = 10.0
-"""Half an interval of so many times what is met in practice says nothing."""
 PLACED = 1e-6
 """Spread of what is zero because it was put there, as the point of a push."""
 MOST_IN_LINE = 3
@@ -118,14 +116,6 @@ def estimated(name: str, quantity: Quantity) -> bool:
     return quantity.std > 0.0 and not placed and not name.startswith("nominal_")
 
 
-def shown(quantity: Quantity, parameter: Parameter | None) -> bool:
-    """Whether the motion says anything of a parameter: that a force is below a hundred kilonewtons is nothing."""
-    if parameter is None or parameter.of_effort:
-        return True
-    usual = max(map(abs, parameter.plausible))
-    return usual == 0.0 or INTERVAL * quantity.std < UNSEEN * max(usual, abs(quantity.value))
-
-
 def label(name: str) -> str:
     """A parameter's name in a text."""
     return name.removesuffix("_deg").replace("_", " ")
@@ -145,7 +135,7 @@ def estimate(name: str, quantity: Quantity, parameter: Parameter | None) -> tupl
     """The value with as many decimals as are known, and its 95 % interval within what is possible or why there is none."""
     if not estimated(name, quantity):
         return number(quantity.value), "–"
-    if not shown(quantity, parameter):
+    if parameter is not None and not parameter.seen(quantity.value, quantity.std):
         return "–", "not shown by this motion"
     half = INTERVAL * quantity.std
     low, high = quantity.value - half, quantity.value + half
