@@ -37,12 +37,19 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
 def convolved_at(values: np.ndarray, weights: np.ndarray, samples: np.ndarray, within: slice) -> np.ndarray:
     """Convolution of values (N, ...) with a symmetric kernel at those samples that lie within a segment, (R, ...).
 
-    The segment's first and last value go on beyond its ends.
+    The segment's first and last value go on beyond its ends. What is zero all around a sample is not added up.
     """
     inside = samples[(samples >= within.start) & (samples < within.stop)]
-    reach = np.arange(len(weights)) - len(weights) // 2
-    near = np.clip(inside[:, None] + reach, within.start, within.stop - 1)
-    return np.asarray(np.einsum("rt...,t->r...", np.asarray(values, float)[near], weights))
+    result = np.zeros((len(inside), *values.shape[1:]))
+    filled = (values[within] != 0.0).ravel()
+    first, after = int(filled.argmax()), len(filled) - int(filled[::-1].argmax())
+    if filled[first]:
+        half, width = len(weights) // 2, len(filled) // (within.stop - within.start)
+        low, high = within.start + first // width - half, within.start + (after - 1) // width + half
+        touched = (inside >= low) & (inside <= high)
+        near = np.clip(inside[touched, None] + np.arange(len(weights)) - half, within.start, within.stop - 1)
+        result[touched] = np.einsum("rt...,t->r...", np.asarray(values, float)[near], weights)
+    return result
 
 
 def passed_noise(

@@ -120,7 +120,7 @@ def test_a_point_of_a_link_pulls_by_its_jacobian():
     point = np.array([0.1, -0.2, 0.3])
     jacobian = ARM.link_jacobian(signals.position, "arm6_link6", point)
     expected = signals.soften(np.swapaxes(jacobian, 1, 2))
-    np.testing.assert_allclose(motion.soft_pull("arm6_link6", point), expected, atol=1e-12)
+    np.testing.assert_allclose(motion.soft_pull("arm6_link6", tuple(point)), expected, atol=1e-12)
 
 
 def test_a_push_that_no_part_of_is_known_is_told_all_the_same():

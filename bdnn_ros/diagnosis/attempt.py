@@ -9,7 +9,7 @@ import numpy as np
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
-from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier
+from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier, plainer
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.settling import settled, windows_anew
 
@@ -66,7 +66,7 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
     others = [term for term in found.pool.terms if term.place not in places]
     pool = Pool(search.equations, found.pool.noise, [*terms, *others], found.pool.link_error)
     chosen = tuple(search.reconsidered(pool, list(range(len(terms)))))
-    selection = Selection(pool, chosen, pool.fit(chosen))
+    selection = plainer(Selection(pool, chosen, pool.fit(chosen)))
     judgements = judge(search, selection)
     for _ in range(SWAPS):
         better = likelier(selection, judgements)

@@ -82,8 +82,10 @@ class Candidates:
         """Effort that really acts by the fit, and what drives take of it before the gear, at the working rate, (N, n) [N·m]."""
         motion = equations.motion
         links = equations.rigid.shape[2]
-        base = equations.simulated + motion.regressor @ (equations.relative @ fit.coefficients[:links])
-        drive = equations.drive.copy()
+        # what sticks turns round late, here as much as where it is measured ahead
+        late = motion.derivative(motion.signals.sign) * fit.coefficients[links + 2 : pool.base]
+        base = equations.simulated + motion.regressor @ (equations.relative @ fit.coefficients[:links]) + late
+        drive = equations.drive + late
         for chosen in fit.terms:
             term = pool.terms[chosen]
             if term.effect.at_sensor:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.equations import Term
-from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.gains import LEAST_SHARE
+from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped
 from bdnn_ros.diagnosis.search import Search, Selection
@@ -73,6 +75,33 @@ def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection
                 chosen = tuple(instead if c == one else c for c in selection.chosen)
                 return Selection(pool, chosen, pool.fit(chosen))
     return None
+
+
+def plainer(selection: Selection) -> Selection:
+    """The selection with every law given up for a part of it that says all it does but for what nobody would name."""
+    pool, chosen = selection.pool, list(selection.chosen)
+    for k, one in enumerate(chosen):
+        term = pool.terms[one]
+        parts = [
+            c
+            for c, other in enumerate(pool.terms)
+            if other.target == term.target and (contains(term, other) or _settles_into(term, other))
+        ]
+        left = {c: _beyond(pool, selection.fit, one, c) for c in parts if c not in chosen}
+        least = min(left, key=lambda c: left[c], default=one)
+        if left.get(least, np.inf) < LEAST_SHARE:
+            chosen[k] = least
+    return Selection(pool, tuple(chosen), pool.fit(chosen))
+
+
+def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
+    """What a term does that another on its joint cannot, root mean square per spread of the joint's effort."""
+    equations, joint = pool.equations, pool.terms[one].target
+    rows = equations.usable[:, joint]
+    does = (equations.columns(pool.terms[one])[rows, joint]) @ pool.coefficients(fit, one)
+    columns = equations.columns(pool.terms[part])[rows, joint]
+    left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]
+    return rms(left) / float(equations.effort_scale[joint])
 
 
 def _judge(search: Search, selection: Selection, one: int) -> Judgement:

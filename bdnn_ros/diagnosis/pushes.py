@@ -9,7 +9,8 @@ import numpy as np
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.windows import best_window
-from bdnn_ros.effects.environment import POINT, SAME_POINT, ExternalWrench
+from bdnn_ros.effects.environment import POINT, SAME_POINT, ExternalWrench, Push, window
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
 
 EDGES = ("start", "end")
@@ -69,25 +70,18 @@ def piece_of(small: Term, large: Term) -> bool:
 
 def between_rows(pool: Pool, fit: Fit, term: Term) -> Term:
     """A push with its times between rows, where they add most evidence to a fit, by Gauss-Newton."""
-    equations = pool.equations
-    step = 1.0 / equations.motion.signals.rate
+    effect, motion = term.effect, pool.equations.motion
+    if not isinstance(effect, Push):
+        return term
     gain, coefficients = pool.gain_of(fit, term)
+    always = effect.always(motion, term.target, dict(term.shape), term.link)
     for _ in range(STEPS):
-        shape = dict(term.shape)
-        edges = [
-            (
-                _pushed(pool, term, {**shape, edge: shape[edge] + step}, coefficients)
-                - _pushed(pool, term, {**shape, edge: shape[edge] - step}, coefficients)
-            )
-            / (2.0 * step)
-            for edge in EDGES
-        ]
-        columns = np.concatenate([equations.made(term), np.stack(edges, axis=2)], axis=2)
-        by = np.clip(pool.gain_of(fit, term, columns)[1][-2:], -NEAR, NEAR)
-        moved = term.shaped(
-            {**shape, **{edge: shape[edge] + float(b) for edge, b in zip(EDGES, by, strict=True)}}
-        )
-        if not term.effect.shape_allowed(dict(moved.shape)):
+        edges = always @ coefficients * _edge_rates(motion, dict(term.shape)).T[..., None]
+        columns = [pool.equations.made(term), pool.equations.reduced(np.moveaxis(edges, 0, 2))]
+        by = np.clip(pool.gain_of(fit, term, np.concatenate(columns, axis=2))[1][-2:], -NEAR, NEAR)
+        ends = {edge: at + float(b) for edge, at, b in zip(EDGES, _edges(term), by, strict=True)}
+        moved = term.shaped({**dict(term.shape), **ends})
+        if not effect.shape_allowed(dict(moved.shape)):
             break
         better, found = pool.gain_of(fit, moved)
         if better <= gain:
@@ -98,10 +92,19 @@ def between_rows(pool: Pool, fit: Fit, term: Term) -> Term:
     return term
 
 
-def _pushed(pool: Pool, term: Term, shape: dict[str, float], coefficients: np.ndarray) -> np.ndarray:
-    """Effort of a push with another shape, rows (R, n) [N·m]."""
-    motion = pool.equations.motion
-    return pool.equations.reduced(term.effect.columns(motion, term.target, shape, term.link) @ coefficients)
+def _edge_rates(motion: Motion, shape: dict[str, float]) -> np.ndarray:
+    """Change of a push's window per second that its start, and its end, come later, (N, 2) [1/s]."""
+    step = 1.0 / motion.signals.rate
+    later, earlier = (
+        np.stack([window(motion, {**shape, edge: shape[edge] + by}) for edge in EDGES], axis=1)
+        for by in (step, -step)
+    )
+    return (later - earlier) / (2.0 * step)
+
+
+def _edges(term: Term) -> list[float]:
+    shape = dict(term.shape)
+    return [shape[edge] for edge in EDGES]
 
 
 def _contact(pool: Pool, fit: Fit, term: Term) -> Term | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable
 from types import MappingProxyType
 
@@ -42,6 +43,13 @@ class Push(Effect):
     def shape_allowed(self, shape: Values) -> bool:
         return shape["end"] - shape["start"] >= SHORTEST
 
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return window(motion, shape)[:, None, None] * self.always(motion, target, shape, link)
+
+    @abstractmethod
+    def always(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        """The columns of one that never ends, (N, n, k) [N·m per unit]."""
+
 
 class ExternalWrench(Push):
     """A constant force and torque of the environment on a link, in the base's axes, between two times.
@@ -73,9 +81,8 @@ class ExternalWrench(Push):
             (needed_link(link), point, lambda time: wrench if start <= time < end else none)
         )
 
-    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        point = np.array([shape[c] for c in POINT])
-        return -window(motion, shape)[:, None, None] * motion.soft_pull(needed_link(link), point)
+    def always(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return -motion.soft_pull(needed_link(link), tuple(shape[c] for c in POINT))
 
     def displaced(self, motion: Motion, shape: Values, link: str, force: np.ndarray) -> np.ndarray:
         """What each metre of the point along the link's axes adds to the effort under a force (3,) [N], (N, n, 3)."""
@@ -135,8 +142,8 @@ class ExternalTorque(Push):
             (target, lambda time, position, velocity, load: -torque if start <= time < end else 0.0)
         )
 
-    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return motion.joint_column(target, -window(motion, shape))
+    def always(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return -motion.joint_column(target, np.ones(len(motion.time)))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return windows(motion)

@@ -17,7 +17,9 @@ LIGHTEST = 1e-9
 """Some descriptions give their last links no inertia at all [kg·m²]."""
 SPARSE = 50
 """One sample in so many is enough for a mean."""
-OF_MOTION = ("regressor", "_pulls", "_calm")
+POINTS_KEPT = 16
+"""So many points at which something pushes are tried in turn."""
+OF_MOTION = ("regressor", "_pulls", "_at_points", "_calm")
 """Cached, and the same whatever the bodies and the load are."""
 OF_BODIES = ("link_load", "_slopes", "gravity_pulls", "usual_inertia")
 """Cached, and the same whatever the load is."""
@@ -134,12 +136,18 @@ class Motion:
         """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
         return self.robot.regressor(self.position, self.velocity, self.acceleration)
 
-    def soft_pull(self, link: str, point: np.ndarray) -> np.ndarray:
+    def soft_pull(self, link: str, point: tuple[float, ...]) -> np.ndarray:
         """Effort per wrench at a point of a link, its Jacobian transposed, low-passed as the effort was, (N, n, 6)."""
         at_origin, arms = self._soft_pulls(link)
-        pull = at_origin.copy()
-        pull[..., :3] += arms @ point
-        return pull
+        if not any(point):
+            return at_origin
+        if (link, point) not in self._at_points:
+            pull = at_origin.copy()
+            pull[..., :3] += arms @ np.array(point)
+            while len(self._at_points) >= POINTS_KEPT:
+                self._at_points.pop(next(iter(self._at_points)))
+            self._at_points[link, point] = pull
+        return self._at_points[link, point]
 
     def soft_arms(self, link: str) -> np.ndarray:
         """What each metre along a link's axes adds to the effort per force at a point of it, (N, n, force, axis) [1]."""
@@ -155,6 +163,10 @@ class Motion:
 
     @cached_property
     def _pulls(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    @cached_property
+    def _at_points(self) -> dict[tuple[str, tuple[float, ...]], np.ndarray]:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
