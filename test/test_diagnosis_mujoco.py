@@ -72,13 +72,17 @@ def robot() -> Robot:
     return Robot.bundled("arm6")
 
 
-@pytest.fixture(scope="module")
-def usual(robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def usual_of(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Spread of each joint's effort, and that per velocity and per acceleration."""
     time = np.arange(0.0, DURATION, 0.01)
     plan = fourier(robot, time, np.random.default_rng(4))
     effort = robot.rigid_effort(plan.position, plan.velocity, plan.acceleration).std(axis=0)
     return effort, effort / plan.velocity.std(axis=0), effort / plan.acceleration.std(axis=0)
+
+
+@pytest.fixture(scope="module")
+def usual(robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return usual_of(robot)
 
 
 def of_kind(diagnosis: Diagnosis, effect: str) -> dict[str | None, float]:
@@ -129,3 +133,19 @@ def test_a_delay_is_as_long_as_it_is(robot):
     delay = finding.parameters["delay"]
     assert (finding.effect, finding.joint) == ("effort_delay", None)
     assert delay.value == pytest.approx(0.014, abs=0.5 / RATE) and delay.std < 0.5 / RATE
+
+
+def test_a_delay_of_worn_joints_leaves_their_friction_what_it_is():
+    """What sticks turns round late; ahead of the motion it does so earlier, and no bristle bends."""
+    robot = Robot.bundled("arm2")
+    friction, damping, armature = (
+        joint_values(robot, seed, 0.2, motion)
+        for seed, motion in zip((1, 2, 3), usual_of(robot), strict=True)
+    )
+    diagnosis = diagnose([recorded(robot, friction, damping, armature, np.zeros(2), late=19)], robot)
+    assert {finding.effect for finding in diagnosis.findings} == {
+        *("coulomb_friction", "viscous_friction", "armature", "effort_delay"),
+    }
+    assert of_kind(diagnosis, "coulomb_friction") == {
+        joint: pytest.approx(value, rel=0.1) for joint, value in zip(robot.joints, friction, strict=True)
+    }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +11,8 @@ from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import noticeable, removed
-from bdnn_ros.diagnosis.identifiability import Judgement, likelier
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST
 from bdnn_ros.diagnosis.settling import at_own_noise
@@ -172,56 +169,6 @@ def test_a_joint_held_still_by_its_friction_tells_nothing():
     assert diagnose([simulated.recording], robot).findings == ()
 
 
-def test_a_finding_is_worth_a_name_where_it_takes_much_or_what_is_brief_most_of_the_rest():
-    lasting, brief, scale = False, True, np.array([1.0, 10.0])
-    assert noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.05, 0.5]), scale)
-    assert not noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.07, 0.5]), scale)
-    assert noticeable(brief, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
-    assert not noticeable(lasting, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
-    assert not noticeable(brief, np.array([0.01, 0.01]) ** 2, np.array([0.02, 0.005]), scale)
-    assert not noticeable(brief, np.array([-0.03, 0.0]), np.array([0.0, 0.0]), scale)
-
-
-@pytest.mark.parametrize(
-    "name, worth", [("backlash", True), ("coulomb_friction", False), ("external_wrench", False)]
-)
-def test_what_acts_for_moments_again_and_again_is_judged_by_those(name, worth):
-    """4 % of the effort in a twentieth of the rows is 0.9 % of it in all of them."""
-    part = np.where(np.arange(4000) % 100 < 5, 0.04, 0.0)[:, None]
-    left, (removal,) = removal_of(name, part, [np.ones((4000, 1), bool)])
-    assert removal.noticeable == worth
-    assert removal.less[0] == pytest.approx(np.mean((left + part) ** 2) - np.mean(left**2))
-
-
-@pytest.mark.parametrize("until, worth", [(400, True), (3000, False)])
-def test_a_push_over_most_of_a_recording_is_not_brief(until, worth):
-    """It must remove 2 % of the effort, as all else, not half a percent."""
-    part = np.where(np.arange(4000) < until, 0.015, 0.0)[:, None]
-    _, (removal,) = removal_of("external_wrench", part, [np.arange(4000)[:, None] < 400], 0.005)
-    assert removal.noticeable == worth
-
-
-def test_a_push_came_and_went_where_it_hardly_acts():
-    part = np.where(np.arange(4000) < 400, 0.04, 0.0)[:, None]
-    stretches = [np.arange(4000)[:, None] >= start for start in (380, 300)]
-    _, (elsewhere, here) = removal_of("external_wrench", part, stretches)
-    assert not elsewhere.there and here.there
-
-
-def removal_of(name, part, stretches, noise=0.02):
-    """What is left by an effect whose effort is known, and what it removes in some rows."""
-    left = noise * np.random.default_rng(0).standard_normal((4000, 1))
-    pool = SimpleNamespace(
-        terms=[SimpleNamespace(effect=get(name))],
-        whole=SimpleNamespace(),
-        left=lambda: left,
-        coefficients=lambda fit, chosen: np.ones(1),
-    )
-    equations = SimpleNamespace(columns=lambda term: part[:, :, None], effort_scale=np.ones(1))
-    (removals,) = removed(equations, pool, left, *stretches)
-    return left, removals
-
-
 def test_a_stribeck_velocity_that_the_motion_rushes_through_is_not_tried():
     robot, stribeck = Robot.bundled("arm2"), get("stribeck_friction")
     signals = prepare(simulate(robot, seed=1, duration=10.0, noise=QUIET).recording)
@@ -230,29 +177,6 @@ def test_a_stribeck_velocity_that_the_motion_rushes_through_is_not_tried():
     assert stribeck.resolved(motion, 0, {"velocity": usual})
     assert not stribeck.resolved(motion, 0, {"velocity": 0.1 * usual})
     assert all(stribeck.resolved(motion, 0, shape) for shape in stribeck.shapes(motion, 0)[:-1])
-
-
-def test_a_finding_gives_way_to_a_rival_that_is_far_likelier():
-    one, other, third = Term(get("hysteresis"), 0), Term(get("cogging"), 0), Term(get("armature"), 1)
-    pool = SimpleNamespace(terms=[one, other, third], fit=lambda chosen: tuple(chosen))
-    selection = SimpleNamespace(pool=pool, chosen=(0, 2))
-    sure = Judgement(0.98, 0.0, ())
-    better = likelier(selection, [Judgement(0.01, 0.0, ((other, 0.97),)), sure])
-    assert better is not None and better.chosen == (1, 2) and better.fit == (1, 2)
-    assert likelier(selection, [Judgement(0.3, 0.0, ((other, 0.6),)), sure]) is None
-    assert likelier(selection, [Judgement(0.01, 0.9, ()), sure]) is None
-
-
-def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it():
-    rich, simple = Term(get("stribeck_friction"), 0), Term(get("coulomb_friction"), 0)
-    pool = SimpleNamespace(terms=[rich, simple], fit=lambda chosen: tuple(chosen))
-    better = likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.6, 0.0, ((simple, 0.4),))])
-    assert better is not None and better.chosen == (1,)
-    assert likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.9, 0.0, ((simple, 0.1),))]) is None
-    assert likelier(SimpleNamespace(pool=pool, chosen=(1,)), [Judgement(0.4, 0.0, ((rich, 0.6),))]) is None
-    pool.terms[0] = Term(get("hysteresis"), 0)
-    better = likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.6, 0.0, ((simple, 0.4),))])
-    assert better is not None and better.chosen == (1,)
 
 
 def test_what_is_pressed_against_the_end_of_the_possible_is_something_else():

@@ -9,9 +9,11 @@ from mujoco_cases import sensed
 
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.backlash import _sides
+from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import fourier
+from bdnn_ros.simulation.simulate import simulate
 
 PERIOD = 0.001
 STEP, RATE, DURATION = 0.0005, 500, 16.0
@@ -100,3 +102,11 @@ def test_a_gap_before_a_heavy_rotor_is_no_spring_and_no_delay(name, joint, gap, 
     values = {finding.effect: next(iter(finding.parameters.values())).value for finding in findings}
     assert {finding.joint for finding in findings} == {robot.joints[joint]}
     assert values == {"backlash": pytest.approx(gap, rel=0.12), "armature": pytest.approx(rotor, rel=0.1)}
+
+
+def test_a_gap_of_a_milliradian_is_looked_for():
+    robot = Robot.bundled("arm2")
+    loose = parse_spec("backlash@arm2_joint1:gap=0.001", robot)
+    (finding,) = diagnose([simulate(robot, [loose], seed=1, duration=30.0).recording], robot).findings
+    assert (finding.effect, finding.joint) == ("backlash", "arm2_joint1")
+    assert finding.parameters["gap"].value == pytest.approx(0.001, rel=0.2)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bdnn_ros.effects.friction import bristle
 from bdnn_ros.effects.plant import Plant
-from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.effects.rigid import slots
 
 
@@ -161,3 +161,20 @@ def test_the_bristle_stays_bounded_and_follows_dahl(steps, breakaway):
 def test_the_bristle_slides_after_its_breakaway():
     bend = bristle(np.array([0.0, 0.02, 0.5]), 0.02)
     assert bend[1:] == pytest.approx([1.0 - math.exp(-1.0), 1.0])
+
+
+def test_the_gear_of_a_planned_motion_carries_no_friction(arm):
+    """It is lost before: an elastic joint or a gap is sized by what bends it."""
+    worn = arm.with_joint_parameters(coulomb=np.full(arm.width, 3.0), armature=np.full(arm.width, 0.2))
+    path = motion(worn)
+    rigid = worn.rigid_effort(path.position, path.velocity, path.acceleration)
+    assert path.gear_load == pytest.approx(rigid)
+    assert not np.allclose(path.load, rigid)
+
+
+def test_what_a_motion_does_not_show_of_a_push_is_not_told_as_nothing():
+    values = dict.fromkeys(get("external_wrench").parts, 1.0) | {"start": 2.0, "end": 3.0}
+    values |= {"force_y": math.nan, **dict.fromkeys(("point_x", "point_y", "point_z"), 0.0)}
+    assert "(1, ?, 1) N and (1, 1, 1) N·m" in get("external_wrench").sentence("hand", values)
+    force = next(p for p in get("external_wrench").parameters if p.name == "force_y")
+    assert force.seen(0.0, 90.0) and force.seen(500.0, 900.0) and not force.seen(0.0, 2000.0)

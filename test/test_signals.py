@@ -254,10 +254,12 @@ def test_smoothing_at_some_samples_gives_what_smoothing_gives_there() -> None:
     time[700:] += 2.0
     signals = prepare(recording(time, np.sin(time)))
     values = np.random.default_rng(3).standard_normal((len(signals), 2, 3))
-    samples = np.array([0, 1, 40, 340, 345, 352, 360, len(signals) - 1])
-    np.testing.assert_allclose(
-        signals.smooth_at(values, samples), signals.smooth(values)[samples], atol=1e-12
-    )
+    brief = np.where(np.isin(np.arange(len(values)), [350, 358, 359]), 1.0, 0.0)
+    for some in (values, values * brief[:, None, None], brief, 0.0 * brief):
+        for samples in (np.array([0, 1, 40, 340, 345, 352, 360, len(signals) - 1]), np.arange(len(signals))):
+            np.testing.assert_allclose(
+                signals.smooth_at(some, samples), signals.smooth(some)[samples], atol=1e-12
+            )
 
 
 def test_rows_keep_the_pieces_apart() -> None:

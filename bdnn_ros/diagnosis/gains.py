@@ -67,20 +67,20 @@ def _removal(
 ) -> Removal:
     """What an effect whose effort is `part` removes where `left` is left, (R, n) [N·m] each."""
     less = rms(left + part, rows) ** 2 - rms(left, rows) ** 2
-    acting = _acting(part)
+    moments = acting(part)
     # what lasts moments, again and again, is worth a name by what it does in those
-    where = rows & acting if effect.brief and not effect.timed else rows
+    where = rows & moments if effect.brief and not effect.timed else rows
     then = rms(left + part, where) ** 2 - rms(left, where) ** 2
     brief = effect.brief and (not effect.timed or float(np.mean(part.any(axis=1))) < LASTING)
     return Removal(
         less,
         noticeable(brief, then, rms(extended, where), equations.effort_scale),
-        float(np.sum(part[rows & acting] ** 2)) > PASSING * float(np.sum(part[acting] ** 2)),
+        float(np.sum(part[rows & moments] ** 2)) > PASSING * float(np.sum(part[moments] ** 2)),
     )
 
 
-def _acting(part: np.ndarray) -> np.ndarray:
-    """Rows at which an effect's effort (R, n) is more than a share of its largest."""
+def acting(part: np.ndarray) -> np.ndarray:
+    """Rows at which an effect's effort (R, ...) is more than a share of its largest."""
     size = np.abs(part)
     return np.asarray(size > ACTING * size.max(axis=0))
 

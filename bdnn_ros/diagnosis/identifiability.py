@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.gains import LEAST_SHARE
+from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped
@@ -26,6 +26,8 @@ PLAINLY = 4.0
 """What contains a simpler law must be so many times as probable, or the simpler one is named."""
 TIE = 0.1
 """A rival at least this probable makes the finding a tie, and earns advice."""
+SLIGHT = 0.01
+"""What does less than this share of the effort beyond a part of it, where it does anything, is that part."""
 SETTLES_INTO = {"hysteresis": "coulomb_friction", "backlash": "position_offset"}
 """What becomes of it: hysteresis is dry friction once a joint has broken away, a gap that is never crossed an offset."""
 SAME_PHYSICS = {
@@ -89,19 +91,19 @@ def plainer(selection: Selection) -> Selection:
         ]
         left = {c: _beyond(pool, selection.fit, one, c) for c in parts if c not in chosen}
         least = min(left, key=lambda c: left[c], default=one)
-        if left.get(least, np.inf) < LEAST_SHARE:
+        if left.get(least, np.inf) < SLIGHT:
             chosen[k] = least
     return Selection(pool, tuple(chosen), pool.fit(chosen))
 
 
 def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
-    """What a term does that another on its joint cannot, root mean square per spread of the joint's effort."""
+    """What a term does that another on its joint cannot, root mean square where it does so, per spread of the effort."""
     equations, joint = pool.equations, pool.terms[one].target
     rows = equations.usable[:, joint]
     does = (equations.columns(pool.terms[one])[rows, joint]) @ pool.coefficients(fit, one)
     columns = equations.columns(pool.terms[part])[rows, joint]
     left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]
-    return rms(left) / float(equations.effort_scale[joint])
+    return rms(left[acting(left)]) / float(equations.effort_scale[joint])
 
 
 def _judge(search: Search, selection: Selection, one: int) -> Judgement:

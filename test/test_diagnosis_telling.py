@@ -1,0 +1,140 @@
+"""What is worth a name: how much it does, when it acts, and whether a simpler law says as much."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis_cases import equations_of
+
+from bdnn_ros.diagnosis import telling
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Term
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.gains import Removal, noticeable, removed
+from bdnn_ros.diagnosis.identifiability import Judgement, likelier, plainer
+from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.search import Selection
+from bdnn_ros.effects.registry import get
+from bdnn_ros.robot import Robot
+
+
+def test_a_finding_is_worth_a_name_where_it_takes_much_or_what_is_brief_most_of_the_rest():
+    lasting, brief, scale = False, True, np.array([1.0, 10.0])
+    assert noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.05, 0.5]), scale)
+    assert not noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.07, 0.5]), scale)
+    assert noticeable(brief, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
+    assert not noticeable(lasting, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
+    assert not noticeable(brief, np.array([0.01, 0.01]) ** 2, np.array([0.02, 0.005]), scale)
+    assert not noticeable(brief, np.array([-0.03, 0.0]), np.array([0.0, 0.0]), scale)
+
+
+@pytest.mark.parametrize(
+    "name, worth", [("backlash", True), ("coulomb_friction", False), ("external_wrench", False)]
+)
+def test_what_acts_for_moments_again_and_again_is_judged_by_those(name, worth):
+    """4 % of the effort in a twentieth of the rows is 0.9 % of it in all of them."""
+    part = np.where(np.arange(4000) % 100 < 5, 0.04, 0.0)[:, None]
+    left, (removal,) = removal_of(name, part, [np.ones((4000, 1), bool)])
+    assert removal.noticeable == worth
+    assert removal.less[0] == pytest.approx(np.mean((left + part) ** 2) - np.mean(left**2))
+
+
+@pytest.mark.parametrize("until, worth", [(400, True), (3000, False)])
+def test_a_push_over_most_of_a_recording_is_not_brief(until, worth):
+    """It must remove 2 % of the effort, as all else, not half a percent."""
+    part = np.where(np.arange(4000) < until, 0.015, 0.0)[:, None]
+    _, (removal,) = removal_of("external_wrench", part, [np.arange(4000)[:, None] < 400], 0.005)
+    assert removal.noticeable == worth
+
+
+def test_a_push_came_and_went_where_it_hardly_acts():
+    part = np.where(np.arange(4000) < 400, 0.04, 0.0)[:, None]
+    stretches = [np.arange(4000)[:, None] >= start for start in (380, 300)]
+    _, (elsewhere, here) = removal_of("external_wrench", part, stretches)
+    assert not elsewhere.there and here.there
+
+
+def removal_of(name, part, stretches, noise=0.02):
+    """What is left by an effect whose effort is known, and what it removes in some rows."""
+    left = noise * np.random.default_rng(0).standard_normal((4000, 1))
+    pool = SimpleNamespace(
+        terms=[SimpleNamespace(effect=get(name))],
+        whole=SimpleNamespace(),
+        left=lambda: left,
+        coefficients=lambda fit, chosen: np.ones(1),
+    )
+    equations = SimpleNamespace(columns=lambda term: part[:, :, None], effort_scale=np.ones(1))
+    (removals,) = removed(equations, pool, left, *stretches)
+    return left, removals
+
+
+def test_a_finding_gives_way_to_a_rival_that_is_far_likelier():
+    one, other, third = Term(get("hysteresis"), 0), Term(get("cogging"), 0), Term(get("armature"), 1)
+    pool = SimpleNamespace(terms=[one, other, third], fit=lambda chosen: tuple(chosen))
+    selection = SimpleNamespace(pool=pool, chosen=(0, 2))
+    sure = Judgement(0.98, 0.0, ())
+    better = likelier(selection, [Judgement(0.01, 0.0, ((other, 0.97),)), sure])
+    assert better is not None and better.chosen == (1, 2) and better.fit == (1, 2)
+    assert likelier(selection, [Judgement(0.3, 0.0, ((other, 0.6),)), sure]) is None
+    assert likelier(selection, [Judgement(0.01, 0.9, ()), sure]) is None
+
+
+def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it():
+    rich, simple = Term(get("stribeck_friction"), 0), Term(get("coulomb_friction"), 0)
+    pool = SimpleNamespace(terms=[rich, simple], fit=lambda chosen: tuple(chosen))
+    better = likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.6, 0.0, ((simple, 0.4),))])
+    assert better is not None and better.chosen == (1,)
+    assert likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.9, 0.0, ((simple, 0.1),))]) is None
+    assert likelier(SimpleNamespace(pool=pool, chosen=(1,)), [Judgement(0.4, 0.0, ((rich, 0.6),))]) is None
+    pool.terms[0] = Term(get("hysteresis"), 0)
+    better = likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.6, 0.0, ((simple, 0.4),))])
+    assert better is not None and better.chosen == (1,)
+
+
+@pytest.mark.parametrize(
+    "name, there, less, told",
+    [
+        ("backlash", False, 0.0, True),
+        ("backlash", True, 0.0, False),
+        ("external_wrench", False, 0.0, True),
+        ("coulomb_friction", False, 0.0, False),
+        ("coulomb_friction", True, 0.1, True),
+    ],
+)
+def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, name, there, less, told):
+    held_out, ever = Removal(np.array([less]), less > 0.0, there), Removal(np.array([0.1]), True, True)
+    monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
+    monkeypatch.setattr(telling, "_finding", lambda robot, estimate, judgement, share: estimate)
+    equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
+    attempt = SimpleNamespace(
+        test=np.arange(9) < 2, judgements=[Judgement(1.0, 0.0, ())], fitted=None, extended=None
+    )
+    estimate = SimpleNamespace(term=Term(get(name), 0), shown=True)
+    findings, _ = telling._findings(Robot.bundled("arm2"), equations, attempt, [estimate])
+    assert (findings == [estimate]) is told
+
+
+@pytest.mark.parametrize(
+    "spec, law",
+    [
+        ("asymmetric_friction@arm2_joint1:positive=0.3,negative=0.299", "coulomb_friction"),
+        ("asymmetric_friction@arm2_joint1:positive=0.3,negative=0.1", "asymmetric_friction"),
+        ("hysteresis@arm2_joint1:force=0.1,breakaway=0.0005", "coulomb_friction"),
+        ("hysteresis@arm2_joint1:force=0.3,breakaway=0.05", "hysteresis"),
+        ("viscous_friction@arm2_joint1:viscous=0.3", "viscous_friction"),
+    ],
+)
+def test_a_law_gives_way_to_a_part_of_it_that_says_as_much(spec, law):
+    """However surely it is the better one: nobody would name the difference."""
+    robot, equations = Robot.bundled("arm2"), equations_of([spec])
+    terms = [t for t in Candidates.of(robot).terms if t.target == 0 and not t.effect.timed]
+    terms = [t.shaped(t.effect.shapes(equations.motion, 0, t.link)[0]) for t in terms]
+    name = spec.partition("@")[0]
+    shape = {"breakaway": float(spec.rpartition("=")[2])} if name == "hysteresis" else {}
+    one = next(k for k, t in enumerate(terms) if t.effect.name == name)
+    terms[one] = terms[one].shaped(shape)
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-4 * equations.effort_scale), terms, 0.02)
+    (found,) = plainer(Selection(pool, (one,), pool.fit([one]))).terms
+    assert found.effect.name == law
