@@ -7,43 +7,67 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis import diagnose as module
+from bdnn_ros.diagnosis import attempt as module
 from bdnn_ros.diagnosis.attempt import SURPRISING, Attempt, surprise
 
 
-def attempt_with(held: float, rest: float) -> Attempt:
-    test = np.arange(100) % 5 == 2
-    left = np.where(test, held, rest)[:, None]
-    return Attempt(test, [], SimpleNamespace(sure=np.ones((100, 1), bool)), left)
-
-
-def equations(**more: object) -> SimpleNamespace:
-    return SimpleNamespace(effort_scale=np.ones(1), **more)
+def left_by(test: np.ndarray, held: float) -> np.ndarray:
+    """Errors that are 0.1 but for the rows that were held out."""
+    return np.where(test, held, 0.1)[:, None]
 
 
 def test_a_surprise_is_a_held_out_error_above_the_rest_that_is_large_enough_to_matter():
-    assert surprise(attempt_with(0.3, 0.1), equations()) == pytest.approx(3.0)
-    assert surprise(attempt_with(0.003, 0.001), equations()) == 0.0
+    sure, test = np.ones((100, 1), bool), np.arange(100) % 5 == 2
+    assert surprise(left_by(test, 0.3), sure, test, np.ones(1)) == pytest.approx(3.0)
+    assert surprise(0.01 * left_by(test, 0.3), sure, test, np.ones(1)) == 0.0
+    assert surprise(left_by(test, 0.3), sure & ~test[:, None], test, np.ones(1)) == 0.0
 
 
 @pytest.mark.parametrize(
-    "errors, tried, taken",
-    [((0.15, 0.9), 1, 0), ((0.9, 0.15), 2, 1), ((0.3, 0.9), 2, 0), ((0.9, 0.3), 2, 1)],
+    "at_first, in_the_end, looks, tried, taken",
+    [
+        (0.15, {2: 0.15, 4: 0.9}, [2], [2], 2),
+        (0.15, {2: 0.9, 4: 0.15}, [2, 4], [2, 4], 4),
+        (0.15, {2: 0.3, 4: 0.9}, [2, 4], [2, 4], 2),
+        (0.15, {2: 0.9, 4: 0.3}, [2, 4], [2, 4], 4),
+        (0.9, {2: 0.15, 4: 0.15}, [2, 4], [4], 4),
+        (0.9, {2: 0.15, 4: 0.9}, [2, 4, 2], [4, 2], 2),
+    ],
 )
-def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(monkeypatch, errors, tried, taken):
-    attempts = [attempt_with(held, 0.1) for held in errors]
+def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(
+    monkeypatch, at_first, in_the_end, looks, tried, taken
+):
+    """At each look, and at each attempt, the rows that were held out tell which of the blocks those are."""
     assert 1.5 < SURPRISING < 3.0
-    motions, seen = ["first", "second"], []
+    block, sure = np.arange(100) % 10, np.ones((100, 1), bool)
+    looked, attempts = [], []
+    equations = SimpleNamespace(
+        usable=sure, motion="at first", block=block, effort_scale=np.ones(1), doubt=np.zeros((100, 1))
+    )
+    equations.take = lambda motion: setattr(equations, "motion", motion)
+    equations.count = lambda rows: setattr(equations, "usable", rows)
 
-    def attempted(search, whole, test):
-        seen.append(test)
-        one.motion = motions[len(seen) - 1]
-        return attempts[len(seen) - 1]
+    class Looking:
+        def __init__(self, *given: object) -> None:
+            self.test = ~equations.usable[:, 0]
 
-    one = equations(usable=None, motion="at first", block=np.zeros(100, int))
-    one.take = lambda motion: setattr(one, "motion", motion)
+        def first(self) -> SimpleNamespace:
+            looked.append(int(block[self.test][0] % 5))
+            left = left_by(self.test, at_first)
+            pool = SimpleNamespace(
+                noise=SimpleNamespace(sure=lambda doubt: sure), residual=lambda fit, blur: left
+            )
+            return SimpleNamespace(pool=pool, fit=None)
+
+    def attempted(search, first, whole, test):
+        assert whole is sure and (search.test == test).all()
+        phase = looked[-1]
+        attempts.append(phase)
+        equations.motion = f"of {phase}"
+        return Attempt(test, [], SimpleNamespace(sure=sure), left_by(test, in_the_end[phase]))
+
+    monkeypatch.setattr(module, "Search", Looking)
     monkeypatch.setattr(module, "attempted", attempted)
-    monkeypatch.setattr(module, "Search", lambda *given: None)
-    monkeypatch.setattr(module.Candidates, "of", lambda robot: None)
-    best = module._best_attempt(one, None, (0.1,), lambda text: None)
-    assert len(seen) == tried and best is attempts[taken] and one.motion == motions[taken]
+    best = module.best_attempt(equations, None, (0.1,), lambda text: None)
+    assert (looked, attempts) == (looks, tried)
+    assert (best.test == (block % 5 == taken)).all() and equations.motion == f"of {taken}"

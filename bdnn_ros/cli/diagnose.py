@@ -12,10 +12,11 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bdnn_ros.cli import options
-from bdnn_ros.diagnosis.diagnose import Examination, Progress, examine
+from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.extension import extend
 from bdnn_ros.diagnosis.files import write_extension
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
+from bdnn_ros.diagnosis.search import Progress
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.models import load_model, save_model

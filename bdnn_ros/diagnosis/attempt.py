@@ -1,18 +1,25 @@
-"""One search in all rows but some, and how well what it found predicts those."""
+"""A search in all rows but some, which those are, and how well what it found predicts them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier, plainer
-from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.search import Progress, Search, Selection
 from bdnn_ros.diagnosis.settling import settled, windows_anew
+from bdnn_ros.effects.motion import Motion
 
+EVERY_TEST_BLOCK = 5
+"""One block in so many is kept out of the search and of the fit that the gain is measured with."""
+TEST_PHASES = (2, 4)
+"""Which one of them; the second where the first held something out that shows nowhere else."""
 SURPRISING = 2.0
 """Held-out error per error of the rest that says so."""
 SWAPS = 5
@@ -37,15 +44,54 @@ class Attempt:
     extended: np.ndarray
 
 
-def attempted(search: Search, whole: np.ndarray, test: np.ndarray) -> Attempt:
+def best_attempt(
+    equations: Equations, candidates: Candidates, link_errors: Sequence[float], say: Progress
+) -> Attempt:
+    """The first attempt whose held-out rows are like the rest, or the one that they surprise least.
+
+    A first look tells which blocks to begin with: for what acts in held-out rows alone a search looks long, and in vain.
+    """
+    whole, motion, noticed = equations.usable, equations.motion, equations.effort_scale
+    tests = [equations.block % EVERY_TEST_BLOCK == phase for phase in TEST_PHASES]
+    made: list[tuple[float, Attempt, Motion]] = []
+
+    def begun(test: np.ndarray) -> tuple[Search, Selection]:
+        equations.take(motion)
+        equations.count(whole & ~test[:, None])
+        say("first look")
+        search = Search(equations, candidates, say, link_errors)
+        return search, search.first()
+
+    search, first = begun(tests[0])
+    sure = whole & first.pool.noise.sure(equations.doubt)
+    if surprise(first.pool.residual(first.fit, blur=False), sure, tests[0], noticed) > SURPRISING:
+        say("what was held out is not like the rest: other blocks instead")
+        tests.reverse()
+        search, first = begun(tests[0])
+    for test in tests:
+        if made:
+            say("what was held out is not like the rest: again with other blocks")
+            search, first = begun(test)
+        attempt = attempted(search, first, whole, test)
+        surprising = surprise(attempt.extended, attempt.fitted.sure, test, noticed)
+        made.append((surprising, attempt, equations.motion))
+        if surprising <= SURPRISING:
+            break
+    _, attempt, motion = min(made, key=lambda one: one[0])
+    equations.take(motion)
+    return attempt
+
+
+def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndarray) -> Attempt:
     """What a search finds without the test rows (R,), and what all `whole` rows (R, n) make of it.
 
     In all of them the windows of wrenches are found anew, and terms give way to rivals or go; nothing is added.
+
+    Args:
+        first: what the search began with.
     """
     equations = search.equations
-    equations.count(whole & ~test[:, None])
-    search.progress("first look")
-    found = search.run()
+    found = search.run(first)
     search.progress("weighing rivals")
     equations.count(whole)
     noise, link_error = found.pool.noise, found.pool.link_error
@@ -76,12 +122,16 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
     return selection, judgements
 
 
-def surprise(attempt: Attempt, equations: Equations) -> float:
+def surprise(left: np.ndarray, sure: np.ndarray, test: np.ndarray, scale: np.ndarray) -> float:
     """The largest held-out error of a joint per error of the rest, of those large enough to matter.
 
     Above `SURPRISING` the search cannot have seen its cause.
+
+    Args:
+        left: error, rows (R, n) [N·m].
+        sure: rows that count, (R, n) bool.
+        test: those that were held out, (R,) bool.
+        scale: spread of each joint's effort, (n,) [N·m].
     """
-    test, sure = attempt.test[:, None], attempt.fitted.sure
-    held, rest = rms(attempt.extended, sure & test), rms(attempt.extended, sure & ~test)
-    large = held > MINIMUM_SHARE * equations.effort_scale
-    return float(np.max(np.where(large, held / np.maximum(rest, 1e-12), 0.0)))
+    held, rest = rms(left, sure & test[:, None]), rms(left, sure & ~test[:, None])
+    return float(np.max(np.where(held > MINIMUM_SHARE * scale, held / np.maximum(rest, 1e-12), 0.0)))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from bdnn_ros.diagnosis.attempt import SURPRISING, Attempt, attempted, surprise
+from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, best_attempt
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
@@ -17,21 +17,13 @@ from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
 from bdnn_ros.diagnosis.result import Diagnosis
-from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Search
+from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
-from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals, flattened, prepare
-
-EVERY_TEST_BLOCK = 5
-"""One block in so many is kept out of the search and of the fit that the gain is measured with."""
-TEST_PHASES = (2, 4)
-"""Which one of them; the second where the first held something out that shows nowhere else."""
-
-Progress = Callable[[str], None]
 
 
 class Predicts(Protocol):
@@ -117,7 +109,7 @@ def examine(
             f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
             "Record at least 10 s of motion, better 30 s.",
         )
-    attempt = _best_attempt(equations, robot, LINK_ERRORS if known is None else DOUBTS, say)
+    attempt = best_attempt(equations, Candidates.of(robot), LINK_ERRORS if known is None else DOUBTS, say)
     fitted = attempt.fitted
     pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
     fit = pool.whole
@@ -138,21 +130,3 @@ def examine(
         remainder,
         model,
     )
-
-
-def _best_attempt(equations: Equations, robot: Robot, link_errors: Sequence[float], say: Progress) -> Attempt:
-    """The first attempt whose held-out rows are like the rest, or the one that they surprise least."""
-    whole, motion = equations.usable, equations.motion
-    made: list[tuple[float, Attempt, Motion]] = []
-    for phase in TEST_PHASES:
-        if made:
-            say("what was held out is not like the rest: again with other blocks")
-        equations.take(motion)
-        search = Search(equations, Candidates.of(robot), say, link_errors)
-        attempt = attempted(search, whole, equations.block % EVERY_TEST_BLOCK == phase)
-        made.append((surprise(attempt, equations), attempt, equations.motion))
-        if made[-1][0] <= SURPRISING:
-            break
-    _, attempt, motion = min(made, key=lambda one: one[0])
-    equations.take(motion)
-    return attempt

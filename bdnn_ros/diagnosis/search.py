@@ -71,10 +71,13 @@ class Search(Moves):
         self.link_error = self.link_errors[2]
         self.floor = NOISE_FLOOR * equations.effort_scale
 
-    def run(self) -> Selection:
-        """The best set of effects."""
+    def first(self) -> Selection:
+        """A first look: what stands out at the noise that the commonest causes leave."""
         noise, worn = self._start()
-        selection = self._select(noise, worn, OUTSTANDING)
+        return self._select(noise, worn, OUTSTANDING)
+
+    def run(self, selection: Selection) -> Selection:
+        """The best set of effects, from a first look on."""
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
             previous = {t.place for t in selection.terms}
