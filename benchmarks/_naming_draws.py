@@ -32,8 +32,14 @@ HIDDEN = {0: 0.15, 1: 0.6, 2: 0.15, 3: 0.1}
 WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
 EXAMPLES = {
-    "z1": ("z1_description/urdf/z1.urdf", tuple(f"joint{k}" for k in range(1, 7))),
-    "xarm7": ("xarm_description/urdf/xarm7.urdf", tuple(f"joint{k}" for k in range(1, 8))),
+    "so101": (
+        "so_arm_description/urdf/so101.urdf",
+        ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
+    ),
+    "tiago_pro": (
+        "tiago_pro_description/robots/tiago_pro.urdf",
+        tuple(f"arm_left_{k}_joint" for k in range(1, 8)),
+    ),
 }
 """Arms of example-robot-data, files and joints: none was looked at while the diagnosis was made."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15

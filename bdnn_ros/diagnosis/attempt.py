@@ -51,7 +51,7 @@ def best_attempt(
 
     A first look tells which blocks to begin with: for what acts in held-out rows alone a search looks long, and in vain.
     """
-    whole, motion, noticed = equations.usable, equations.motion, equations.effort_scale
+    whole, motion, scale = equations.usable, equations.motion, equations.effort_scale
     tests = [equations.block % EVERY_TEST_BLOCK == phase for phase in TEST_PHASES]
     made: list[tuple[float, Attempt, Motion]] = []
 
@@ -64,7 +64,7 @@ def best_attempt(
 
     search, first = begun(tests[0])
     sure = whole & first.pool.noise.sure(equations.doubt)
-    if surprise(first.pool.residual(first.fit, blur=False), sure, tests[0], noticed) > SURPRISING:
+    if surprise(first.pool.residual(first.fit, blur=False), sure, tests[0], scale) > SURPRISING:
         say("what was held out is not like the rest: other blocks instead")
         tests.reverse()
         search, first = begun(tests[0])
@@ -73,7 +73,7 @@ def best_attempt(
             say("what was held out is not like the rest: again with other blocks")
             search, first = begun(test)
         attempt = attempted(search, first, whole, test)
-        surprising = surprise(attempt.extended, attempt.fitted.sure, test, noticed)
+        surprising = surprise(attempt.extended, attempt.fitted.sure, test, scale)
         made.append((surprising, attempt, equations.motion))
         if surprising <= SURPRISING:
             break

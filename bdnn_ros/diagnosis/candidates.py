@@ -82,7 +82,7 @@ class Candidates:
         """Effort that really acts by the fit, and what drives take of it before the gear, at the working rate, (N, n) [N·m]."""
         motion = equations.motion
         links = equations.rigid.shape[2]
-        # what sticks turns round late, here as much as where it is measured ahead
+        # what sticks turns round late: part of the load, so that a delay puts it ahead like all else
         late = motion.derivative(motion.signals.sign) * fit.coefficients[links + 2 : pool.base]
         base = equations.simulated + motion.regressor @ (equations.relative @ fit.coefficients[:links]) + late
         drive = equations.drive + late

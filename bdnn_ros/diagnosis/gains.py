@@ -22,7 +22,7 @@ ACTING = 0.25
 LASTING = 0.5
 """A push that lasts this share of the recording is not brief."""
 PASSING = 0.1
-"""An effect whose moments lie no more than this share at some rows came and went elsewhere."""
+"""An effect of whose moments no more than this share lies in some rows came and went elsewhere."""
 
 
 @dataclass(frozen=True)
