@@ -1,0 +1,123 @@
+"""Naming causes hidden in MuJoCo's robots: another simulator's joints, integrator and friction.
+
+Every finished draw is appended to results/naming_mujoco.jsonl at once; docs/naming.md shows what they add up to.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import json
+import multiprocessing
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from _naming_judging import judge
+from _naming_mujoco import drawn, made
+from _naming_simulator import RECORDS, in_words, table
+from _naming_text import text
+from naming import fingerprint, rounded
+
+from bdnn_ros import bags
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.errors import BdnnError
+from bdnn_ros.robot import Robot
+
+FIRST_SEED, DRAWS, BUDGET = 20000, 84, 120.0
+
+
+def main() -> None:
+    args = _arguments()
+    args.results.parent.mkdir(parents=True, exist_ok=True)
+    records = []
+    try:
+        with args.results.open("a", encoding="utf-8") as file:
+            for record in _finished(args):
+                records.append(rounded(record | {"code": fingerprint()}))
+                file.write(json.dumps(records[-1]) + "\n")
+                file.flush()
+                print(_line(record), flush=True)
+    except KeyboardInterrupt:
+        print("stopped; finished draws are kept", file=sys.stderr)
+    if records:
+        print(f"\n{in_words(records)}\n\n{text(table(records))}")
+
+
+def done(deadline: float, seed: int) -> dict[str, Any] | None:
+    """The record of a draw: moved by MuJoCo, written as a bag, diagnosed from the bag; None after the deadline."""
+    if time.monotonic() > deadline:
+        return None
+    draw = drawn(seed)
+    recording, truth = made(draw)
+    record: dict[str, Any] = {"draw": asdict(draw), "truth": truth["effects"]}
+    start = time.process_time()
+    with tempfile.TemporaryDirectory(prefix="naming") as folder:
+        bag = bags.write(recording, Path(folder) / "bag")
+        try:
+            report = diagnose([bags.read(bag)], Robot.bundled(draw.robot)).as_json()
+        except BdnnError as error:
+            return {**record, "status": "refused", "why": str(error)}
+    outcome = judge(truth, report["findings"], Robot.bundled(draw.robot))
+    seconds = round(time.process_time() - start, 2)
+    return {
+        **record,
+        "status": "diagnosed",
+        "cpu_seconds": seconds,
+        "verdict": report["verdict"],
+        "outcome": outcome,
+    }
+
+
+def _finished(args: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
+    seeds = range(args.seed0, args.seed0 + args.draws)
+    if args.jobs == 1:
+        records = map(partial(done, deadline), seeds)
+        yield from (record for record in records if record is not None)
+        return
+    with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
+        for record in pool.imap(partial(done, deadline), seeds):
+            if record is not None:
+                yield record
+
+
+def _line(record: dict[str, Any]) -> str:
+    """One draw in words."""
+    draw = record["draw"]
+    start = f"{draw['seed']} {draw['robot']}{', worn' if draw['worn'] else ''}, {draw['rate']} Hz: "
+    if record["status"] != "diagnosed":
+        return f"{start}{record['status']}: {record['why']}"
+    outcome = record["outcome"]
+    said = [f"{o['effect']} {'named' if o['named'] else '-> ' + o['as']}" for o in outcome["hidden"]]
+    false = [f"false: {', '.join(outcome['false'])}"] if outcome["false"] else []
+    return start + "; ".join([*(said or ["nothing hidden"]), *false, f"{record['cpu_seconds']:.1f} s"])
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--draws", type=int, default=DRAWS, help="default: %(default)s")
+    parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="first seed (default: %(default)s)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
+    parser.add_argument(
+        "--budget",
+        metavar="SECONDS",
+        type=float,
+        default=BUDGET,
+        help="begin no draw after so long, 0 for no limit (default: %(default)s)",
+    )
+    parser.add_argument("--results", type=Path, default=RECORDS, help="default: results/naming_mujoco.jsonl")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
