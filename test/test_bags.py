@@ -31,6 +31,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 
 from bdnn_ros import bags
+from bdnn_ros.bags.description import movable_joints
 from bdnn_ros.errors import BagError, BdnnError, RecordingError, UsageError
 from bdnn_ros.recording import Recording
 
@@ -156,6 +157,29 @@ def test_reads_what_the_mcap_library_writes(
 def test_reads_big_endian(tmp_path: Path) -> None:
     recording = motion(joints=ARM)
     assert_equal(bags.read(write_bag(tmp_path / "bag", states(recording, little=False))), recording)
+
+
+JOINTS_FROM_THE_TIP = (
+    ("grip", "fixed", "hand", "pad"),
+    ("c", "revolute", "forearm", "hand"),
+    ("look", "revolute", "base", "head"),
+    ("b", "continuous", "arm", "forearm"),
+    ("a", "revolute", "base", "arm"),
+)
+
+
+def test_joints_come_from_the_base_outwards_whatever_their_order_in_the_description(tmp_path: Path) -> None:
+    """One limb after another: SO-101's description, for one, begins at the gripper."""
+    rows = (
+        f'<joint name="{n}" type="{t}"><parent link="{p}"/><child link="{c}"/></joint>'
+        for n, t, p, c in JOINTS_FROM_THE_TIP
+    )
+    urdf = f'<robot name="arm">{"".join(rows)}</robot>'
+    assert movable_joints(urdf) == ("look", "a", "b", "c")
+    assert movable_joints("<robot/>") == movable_joints("<robot") == movable_joints(None) == ()
+    recording = replace(motion(joints=ARM).select(["c", "a", "b"]), urdf=urdf)
+    bags.write(recording, tmp_path / "bag")
+    assert bags.read(tmp_path / "bag").joints == ("a", "b", "c")
 
 
 def test_joints_may_change_their_order(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bdnn_ros.bags.cdr import MalformedMessage, decode_float64_multi_array, decode_string
+from bdnn_ros.bags.description import movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
 from bdnn_ros.bags.storage import Storage, Topic
 from bdnn_ros.errors import BagError, RecordingError, UsageError, listed
@@ -18,7 +18,6 @@ from bdnn_ros.recording import Recording, cleaned, renamed
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 STRING = "std_msgs/msg/String"
-MOVABLE = ("revolute", "continuous", "prismatic")
 MOVES = 0.01
 """A joint that covers this much [rad] and reports a velocity of zero throughout does not report it."""
 REPORT_EVERY = 2048
@@ -86,7 +85,9 @@ def read(
             f"{name}: {_why_none(states, joint_states)}.", "Record a driver that names its joints."
         )
     new = renamed(old, rename)
-    chosen = _choose(name, states, dict(zip(old, new, strict=True)), joints, robot_joints or _movable(urdf))
+    chosen = _choose(
+        name, states, dict(zip(old, new, strict=True)), joints, robot_joints or movable_joints(urdf)
+    )
     main = tuple(new[old.index(joint)] for joint in states.groups[0])
     samples = states.samples([old[new.index(joint)] for joint in chosen])
     if not len(samples):
@@ -178,15 +179,6 @@ def _choose(
         common = tuple(joint for joint in robot_joints if joint in held)
         best = common if len(common) > len(best) else best
     return best or tuple(renaming[joint] for joint in groups[0])
-
-
-def _movable(urdf: str | None) -> tuple[str, ...]:
-    """Names of the movable joints of a URDF, in the order of the text; none where it does not parse."""
-    try:
-        root = ElementTree.fromstring(urdf or "<none/>")
-    except ElementTree.ParseError:
-        return ()
-    return tuple(str(joint.get("name")) for joint in root.iter("joint") if joint.get("type") in MOVABLE)
 
 
 def _notes(name: str, states: JointStates, samples: Samples, unused: Sequence[str]) -> list[str]:
