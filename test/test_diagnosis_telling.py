@@ -124,6 +124,7 @@ def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, nam
         ("hysteresis@arm2_joint1:force=0.1,breakaway=0.0005", "coulomb_friction"),
         ("hysteresis@arm2_joint1:force=0.3,breakaway=0.05", "hysteresis"),
         ("viscous_friction@arm2_joint1:viscous=0.3", "viscous_friction"),
+        ("backlash@arm2_joint1:gap=0.0002,crossing=0.0005", "backlash"),
     ],
 )
 def test_a_law_gives_way_to_a_part_of_it_that_says_as_much(spec, law):
@@ -132,7 +133,8 @@ def test_a_law_gives_way_to_a_part_of_it_that_says_as_much(spec, law):
     terms = [t for t in Candidates.of(robot).terms if t.target == 0 and not t.effect.timed]
     terms = [t.shaped(t.effect.shapes(equations.motion, 0, t.link)[0]) for t in terms]
     name = spec.partition("@")[0]
-    shape = {"breakaway": float(spec.rpartition("=")[2])} if name == "hysteresis" else {}
+    key = {"hysteresis": "breakaway", "backlash": "crossing"}.get(name)
+    shape = {key: float(spec.rpartition("=")[2])} if key else {}
     one = next(k for k, t in enumerate(terms) if t.effect.name == name)
     terms[one] = terms[one].shaped(shape)
     pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-4 * equations.effort_scale), terms, 0.02)

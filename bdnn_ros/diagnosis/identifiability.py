@@ -80,10 +80,15 @@ def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection
 
 
 def plainer(selection: Selection) -> Selection:
-    """The selection with every law given up for a part of it that says all it does but for what nobody would name."""
+    """The selection with every law given up for a part of it that says all it does but for what nobody would name.
+
+    Not what acts for moments: those are what tells it.
+    """
     pool, chosen = selection.pool, list(selection.chosen)
     for k, one in enumerate(chosen):
         term = pool.terms[one]
+        if term.effect.brief:
+            continue
         parts = [
             c
             for c, other in enumerate(pool.terms)
