@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from _naming_draws import EXAMPLES, Choices, Draw, done
+from _naming_options import run_options
 from _naming_recordings import in_words, recorded, tables
 from _naming_simulator import section
 from _naming_tables import by_condition, by_effect, confusion, shows, summary
@@ -275,16 +276,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--noise", choices=("white", "coloured"), help="default: by the seed")
     parser.add_argument("--duration", type=float, help="seconds of motion (default: by the seed)")
     parser.add_argument("--excitation", choices=("rich", "poor"), help="default: by the seed")
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
-    parser.add_argument(
-        "--budget",
-        metavar="SECONDS",
-        type=float,
-        default=BUDGET,
-        help="begin no draw after so long, 0 for no limit (default: %(default)s)",
-    )
+    run_options(parser, RECORDS, BUDGET)
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
-    parser.add_argument("--results", type=Path, default=RECORDS, help="default: results/naming.jsonl")
     parser.add_argument("--write-docs", action="store_true", help="write docs/naming.md from the results")
     parser.add_argument("--recordings", metavar="DIR", type=Path, help="diagnose real recordings instead")
     args = parser.parse_args()

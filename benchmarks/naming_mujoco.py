@@ -24,6 +24,7 @@ from typing import Any
 
 from _naming_judging import judge
 from _naming_mujoco import drawn, made
+from _naming_options import run_options
 from _naming_simulator import RECORDS, in_words, table
 from _naming_text import text
 from naming import fingerprint, rounded
@@ -107,15 +108,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--draws", type=int, default=DRAWS, help="default: %(default)s")
     parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="first seed (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
-    parser.add_argument(
-        "--budget",
-        metavar="SECONDS",
-        type=float,
-        default=BUDGET,
-        help="begin no draw after so long, 0 for no limit (default: %(default)s)",
-    )
-    parser.add_argument("--results", type=Path, default=RECORDS, help="default: results/naming_mujoco.jsonl")
+    run_options(parser, RECORDS, BUDGET)
     return parser.parse_args()
 
 
