@@ -34,8 +34,9 @@ HIDDEN = (
     "position_offset",
 )
 SHARE = (0.08, 0.4)
-"""Size of what is hidden, and of each part of the wear, per spread of the joint's effort."""
+"""Size of what is hidden, per spread of the joint's effort."""
 WEAR = (0.05, 0.2)
+"""The same of each part of the wear."""
 WORN = 0.5
 """Share of robots that are worn."""
 CREEP = 0.05
@@ -95,9 +96,9 @@ class Real:
     @classmethod
     def like(cls, width: int) -> Real:
         """As described."""
-        none = [np.zeros(width) for _ in range(9)]
-        none[7] += 1.0
-        return cls(*none, ripple=np.zeros((width, 3)))
+        wear, more, sensors = (np.zeros((count, width)) for count in (3, 3, 2))
+        offset, shift = sensors
+        return cls(*wear, *more, offset, np.ones(width), shift, np.zeros((width, 3)))
 
 
 @dataclass(frozen=True)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from _naming_text import Rows, markdown, percent, share
+from _naming_tables import Record, Totals
+from _naming_text import Rows, markdown, percent
 
 RECORDS = Path(__file__).resolve().parent / "results" / "naming_mujoco.jsonl"
 NOTHING = "nothing"
-
-Record = Mapping[str, Any]
 
 
 def table(records: Sequence[Record]) -> Rows:
@@ -22,25 +19,15 @@ def table(records: Sequence[Record]) -> Rows:
     kinds = dict.fromkeys(record["draw"]["hidden"] for record in records)
     for kind in [*sorted(kinds, key=lambda name: (name == NOTHING, name)), "all"]:
         some = [record for record in records if kind in (record["draw"]["hidden"], "all")]
-        told = [record["outcome"] for record in some if record["status"] == "diagnosed"]
-        hidden = [one for outcome in told for one in outcome["hidden"]]
-        unheard = sum(
-            record["status"] != "diagnosed" and record["draw"]["hidden"] != NOTHING for record in some
-        )
-        parameters = [p for one in hidden for p in one["parameters"].values()]
-        errors = [p["error"] for p in parameters]
-        shares = [
-            share([*(one[key] for one in hidden), *[False] * unheard])
-            for key in ("named", "first", "abstained")
-        ]
+        totals = Totals(some)
         rows.append(
             [
                 kind,
                 str(len(some)),
-                *map(percent, shares),
-                str(sum(len(outcome["false"]) for outcome in told)),
-                percent(float(np.median(errors)) if errors else np.nan, 1),
-                percent(share([p["covered"] for p in parameters])),
+                *(percent(totals.named(key)) for key in ("named", "first", "abstained")),
+                str(len(totals.false)),
+                percent(totals.error(), 1),
+                percent(totals.covered()),
             ]
         )
     return rows
@@ -48,9 +35,7 @@ def table(records: Sequence[Record]) -> Rows:
 
 def in_words(records: Sequence[Record]) -> str:
     """How many draws there are, and how many of all findings are false."""
-    told = [record["outcome"] for record in records if record["status"] == "diagnosed"]
-    false = sum(len(outcome["false"]) for outcome in told)
-    true = sum(len(outcome[key]) for outcome in told for key in ("true", "links"))
+    false, true = (len(names) for names in (Totals(records).false, Totals(records).true))
     worn = sum(record["draw"]["worn"] for record in records)
     return (
         f"{len(records)} draws, {worn} of them of worn robots; {false} of {false + true} findings are false."

@@ -142,11 +142,15 @@ def line(record: Mapping[str, Any]) -> str:
     start = f"{draw['seed']} {', '.join(conditions)}: "
     if record["status"] != "diagnosed":
         return start + f"{record['status']}: {str(record['why']).strip().splitlines()[-1]}"
-    outcome = record["outcome"]
-    said = [f"{o['effect']} {'named' if o['named'] else '-> ' + o['as']}" for o in outcome["hidden"]]
-    false = [f"false: {', '.join(outcome['false'])}"] if outcome["false"] else []
     floor = f"{record['over_floor']:.2f} floors, {record['cpu_seconds']:.1f} s"
-    return start + "; ".join([*(said or ["nothing hidden"]), *false, floor])
+    return start + "; ".join([*said(record["outcome"]), floor])
+
+
+def said(outcome: Mapping[str, Any]) -> list[str]:
+    """What a diagnosis made of what was hidden, in words, and what it named falsely."""
+    hidden = [f"{o['effect']} {'named' if o['named'] else '-> ' + o['as']}" for o in outcome["hidden"]]
+    false = [f"false: {', '.join(outcome['false'])}"] if outcome["false"] else []
+    return [*(hidden or ["nothing hidden"]), *false]
 
 
 def tell_recordings(data: Path) -> None:

@@ -27,7 +27,7 @@ from _naming_mujoco import drawn, made
 from _naming_options import run_options
 from _naming_simulator import RECORDS, in_words, table
 from _naming_text import text
-from naming import fingerprint, rounded
+from naming import fingerprint, rounded, said
 
 from bdnn_ros import bags
 from bdnn_ros.diagnosis.diagnose import diagnose
@@ -98,10 +98,7 @@ def _line(record: dict[str, Any]) -> str:
     start = f"{draw['seed']} {draw['robot']}{', worn' if draw['worn'] else ''}, {draw['rate']} Hz: "
     if record["status"] != "diagnosed":
         return f"{start}{record['status']}: {record['why']}"
-    outcome = record["outcome"]
-    said = [f"{o['effect']} {'named' if o['named'] else '-> ' + o['as']}" for o in outcome["hidden"]]
-    false = [f"false: {', '.join(outcome['false'])}"] if outcome["false"] else []
-    return start + "; ".join([*(said or ["nothing hidden"]), *false, f"{record['cpu_seconds']:.1f} s"])
+    return start + "; ".join([*said(record["outcome"]), f"{record['cpu_seconds']:.1f} s"])
 
 
 def _arguments() -> argparse.Namespace:
