@@ -49,37 +49,63 @@ def best_attempt(
 ) -> Attempt:
     """The first attempt whose held-out rows are like the rest, or the one that they surprise least.
 
-    A first look tells which blocks to begin with: for what acts in held-out rows alone a search looks long, and in vain.
+    First looks tell which blocks to begin with: for what acts in held-out rows alone a search looks long, and in vain.
     """
     whole, motion, scale = equations.usable, equations.motion, equations.effort_scale
-    tests = [equations.block % EVERY_TEST_BLOCK == phase for phase in TEST_PHASES]
+    looks: dict[int, _Look] = {}
+
+    def look_at(phase: int) -> _Look:
+        if phase not in looks:
+            say("first look")
+            equations.take(motion)
+            search = Search(equations, candidates, say, link_errors)
+            looks[phase] = _looked(search, whole, equations.block % EVERY_TEST_BLOCK == phase)
+        return looks[phase]
+
+    phases = list(TEST_PHASES)
+    if look_at(phases[0]).surprise > SURPRISING:
+        say("what was held out is not like the rest: other blocks as well")
+        phases.sort(key=lambda phase: look_at(phase).surprise)
     made: list[tuple[float, Attempt, Motion]] = []
-
-    def begun(test: np.ndarray) -> tuple[Search, Selection]:
-        equations.take(motion)
-        equations.count(whole & ~test[:, None])
-        say("first look")
-        search = Search(equations, candidates, say, link_errors)
-        return search, search.first()
-
-    search, first = begun(tests[0])
-    sure = whole & first.pool.noise.sure(equations.doubt)
-    if surprise(first.pool.residual(first.fit, blur=False), sure, tests[0], scale) > SURPRISING:
-        say("what was held out is not like the rest: other blocks instead")
-        tests.reverse()
-        search, first = begun(tests[0])
-    for test in tests:
+    for phase in phases:
         if made:
             say("what was held out is not like the rest: again with other blocks")
-            search, first = begun(test)
-        attempt = attempted(search, first, whole, test)
-        surprising = surprise(attempt.extended, attempt.fitted.sure, test, scale)
+        look = look_at(phase)
+        equations.take(look.motion)
+        attempt = attempted(look.search, look.found, whole, look.test)
+        surprising = surprise(attempt.extended, attempt.fitted.sure, look.test, scale)
         made.append((surprising, attempt, equations.motion))
         if surprising <= SURPRISING:
             break
     _, attempt, motion = min(made, key=lambda one: one[0])
     equations.take(motion)
     return attempt
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A first look at all rows but those of a test, (R,) bool.
+
+    Attributes:
+        found: what stands out.
+        motion: with the load that the look left.
+        surprise: of the test rows, see `surprise`.
+    """
+
+    test: np.ndarray
+    search: Search
+    found: Selection
+    motion: Motion
+    surprise: float
+
+
+def _looked(search: Search, whole: np.ndarray, test: np.ndarray) -> _Look:
+    equations = search.equations
+    equations.count(whole & ~test[:, None])
+    found = search.first()
+    sure = whole & found.pool.noise.sure(equations.doubt)
+    left = found.pool.residual(found.fit, blur=False)
+    return _Look(test, search, found, equations.motion, surprise(left, sure, test, equations.effort_scale))
 
 
 def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndarray) -> Attempt:
@@ -91,6 +117,7 @@ def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndar
         first: what the search began with.
     """
     equations = search.equations
+    equations.count(whole & ~test[:, None])
     found = search.run(first)
     search.progress("weighing rivals")
     equations.count(whole)

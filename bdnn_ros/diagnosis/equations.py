@@ -231,16 +231,22 @@ class Equations:
         )
         return float(white[:, 1] @ white[:, 0] / (white[:, 0] @ white[:, 0]))
 
-    def whiten(self, values: np.ndarray, noise: Noise) -> np.ndarray:
-        """Rows (R, n, ...) in units of their noise; unusable ones are zero."""
+    def whiten(self, values: np.ndarray, noise: Noise, joints: np.ndarray | None = None) -> np.ndarray:
+        """Rows (R, n, ...) in units of their noise; unusable ones are zero.
+
+        Args:
+            joints: those of which the values are, (n,) int; None is all.
+        """
         order = noise.coefficients.shape[1]
         history = self.history(order)
         seen = np.maximum(history, 0)
-        shape = (-1, self.width) + (1,) * (values.ndim - 2)
-        white, weights = values.astype(float), noise.weights(seen)
+        weights, keep = noise.weights(seen), (history >= 0) / noise.of(self.doubtful(order), seen)
+        if joints is not None:
+            weights, keep = weights[:, joints], keep[:, joints]
+        shape = values.shape[:2] + (1,) * (values.ndim - 2)
+        white = values.astype(float)
         for lag in range(1, order + 1):
-            white[lag:] -= weights[lag:, :, lag - 1].reshape(shape) * values[:-lag]
-        keep = (history >= 0) / noise.of(self.doubtful(order), seen)
+            white[lag:] -= weights[lag:, :, lag - 1].reshape(len(values) - lag, *shape[1:]) * values[:-lag]
         return white * keep.reshape(shape)
 
     def history(self, order: int = ORDER) -> np.ndarray:

@@ -155,6 +155,13 @@ class Pool:
         volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor[0])))
         return Fit(tuple(chosen), best, factor[0], float(volume - loss - self._scale), float(loss))
 
+    def most(self, candidates: Sequence[int]) -> float:
+        """What the evidence of any set of some terms, with these shapes, cannot exceed: all of them at once and for nothing."""
+        gram, moment, power = self.total
+        index = self.columns_of(candidates)
+        factor = cho_factor(gram[np.ix_(index, index)] + np.diag(self.precision[index]), lower=True)
+        return float(0.5 * (moment[index] @ cho_solve(factor, moment[index]) - power) - self._scale)
+
     def columns_of(self, chosen: Sequence[int]) -> np.ndarray:
         """Column indices of the links, the nuisances and these terms."""
         return np.concatenate([np.arange(self.base), *(self.slots[c] for c in chosen)]).astype(int)
@@ -192,9 +199,9 @@ class Pool:
             columns = self.equations.made(term)
         elif columns.shape[2] != len(bounds):
             bounds = np.tile([-np.inf, np.inf], (columns.shape[2], 1))
-        white = self.equations.whiten(columns, self.noise)
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
-        tall = white[:, joints].reshape(-1, white.shape[2])
+        white = self.equations.whiten(columns[:, joints], self.noise, joints)
+        tall = white.reshape(-1, white.shape[2])
         index = self.columns_of(fit.terms)
         known = self.white[:, joints][:, :, index].reshape(-1, len(index))
         cross = known.T @ tall

@@ -64,13 +64,19 @@ class Moves:
     # -- moves --------------------------------------------------------------------------------------------------
 
     def _add(
-        self, pool: Pool, chosen: list[int], least: float, barred: Sequence[int] = ()
+        self,
+        pool: Pool,
+        chosen: list[int],
+        least: float,
+        barred: Sequence[int] = (),
+        wanted: float = -np.inf,
     ) -> tuple[Pool, list[int]]:
+        """Add what pays, the best first, as long as it may still come to a wanted score."""
         refused, largest = set(barred), 0.0
         while True:
             fit = pool.fit(chosen)
             open_ = [c for c in self.open_to(pool, chosen) if c not in refused]
-            if not open_:
+            if not open_ or pool.most([*chosen, *open_]) < wanted:
                 return pool, chosen
             gains = pool.gains(fit, open_) - self.costs(pool, chosen)[open_]
             best = int(np.argmax(gains))
@@ -127,8 +133,9 @@ class Moves:
         """Give the place of what acts on several joints to as many terms as it takes: one body may pass for many rotors."""
         for wide in [c for c in chosen if pool.terms[c].effect.on_body or pool.terms[c].target < 0]:
             rest = [c for c in chosen if c != wide]
-            other, grown = self._add(pool, rest, least, barred=[wide])
-            if self.score(other, grown) > self.score(pool, chosen) + BETTER:
+            wanted = self.score(pool, chosen) + BETTER
+            other, grown = self._add(pool, rest, least, [wide], wanted)
+            if self.score(other, grown) > wanted:
                 pool, chosen = other, grown
         return pool, chosen
 
