@@ -18,6 +18,8 @@ BLOCK_SECONDS = 2.0
 """Held-out blocks are about this long."""
 IDENTIFIED = 0.01
 """One standard deviation of identified links, where errors of a description's links are relative."""
+THIN = 0.3
+"""No link is described better across than this share of its length would tell."""
 TURNING_WIDTHS = 2.0
 """The low-pass reaches so many of its standard deviations."""
 SLOW_SHARE = 0.02
@@ -137,28 +139,34 @@ def _rigid_effort(robot: Robot, signals: Signals) -> np.ndarray:
 def relative_inertials(robot: Robot) -> np.ndarray:
     """Map from relative errors of each link to its inertial parameters, (n * PER_LINK, n * PER_LINK).
 
-    Of each link's ten units the first scales mass and inertia together, the next three move the centre of mass, one unit by
-    the link's size (root mean square distance of its mass from the joint's frame), and the last six change the inertia about
-    the centre by its own size. So an error of 0.1 is "10 % off" in each of these senses.
+    Of each link's ten units the first scales mass and inertia together, the next three move the centre of mass, each by how
+    far the link's mass reaches from the joint's frame in that direction, and the last six change its second moments about
+    the centre, each by its own size. So an error of 0.1 is "10 % off" in each of these senses: of a rod, along it.
     """
     result = np.zeros((robot.width * PER_LINK, robot.width * PER_LINK))
     for i, values in enumerate(robot.inertials):
         pseudo = feasible_pseudo_inertia(pseudo_inertia(values))
         mass = float(pseudo[3, 3])
         centre = pseudo[:3, 3] / mass
-        size = float(np.sqrt(np.trace(pseudo[:3, :3]) / mass))
-        spread = float(np.trace(pseudo[:3, :3]) - mass * centre @ centre)
         columns = [pseudo]
-        for axis in np.eye(3):
+        for step_of_centre in _axes(pseudo[:3, :3] / mass).T:
             step = np.zeros((4, 4))
-            step[:3, :3] = mass * (np.outer(centre, axis) + np.outer(axis, centre))
-            step[:3, 3] = step[3, :3] = mass * axis
-            columns.append(step * size / np.sqrt(3.0))
+            step[:3, :3] = mass * (np.outer(centre, step_of_centre) + np.outer(step_of_centre, centre))
+            step[:3, 3] = step[3, :3] = mass * step_of_centre
+            columns.append(step)
+        axes = _axes(pseudo[:3, :3] - mass * np.outer(centre, centre))
         for row in range(3):
             for column in range(row + 1):
                 step = np.zeros((4, 4))
-                step[row, column] = step[column, row] = spread / 3.0
+                along = np.outer(axes[:, row], axes[:, column])
+                step[:3, :3] = along if row == column else along + along.T
                 columns.append(step)
         rows = slice(i * PER_LINK, (i + 1) * PER_LINK)
         result[rows, rows] = np.stack([inertial_parameters(column) for column in columns], axis=1)
     return result
+
+
+def _axes(moments: np.ndarray) -> np.ndarray:
+    """Principal axes of second moments (3, 3) as columns, as long as they reach, no link being thinner than `THIN`."""
+    reach, axes = np.linalg.eigh(moments)
+    return np.asarray(axes * np.sqrt(np.maximum(reach, THIN**2 * reach.max())))

@@ -27,6 +27,8 @@ STICKING_LEAD = 0.003
 """How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
 HARDLY_SEEN = 1e-4
 """What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
+BLURS = slice(1, 3)
+"""Which nuisances blur; before them comes a lead, after them each joint's sticking."""
 
 
 @dataclass(frozen=True)
@@ -144,18 +146,26 @@ class Equations:
 
     @property
     def nuisances(self) -> np.ndarray:
-        """What is never a finding: columns of a lead, of a blur and of each joint's sticking, (R, n, 2 + n).
+        """What is never a finding: columns of a lead, of two blurs and of each joint's sticking, (R, n, 3 + n).
 
-        The first is the load's rate: an effort that is held for a sample leads by half of one. The second is its curvature:
-        it weighs down what noise of the position adds at high frequencies, and stands for a slow effort sensor. The others
-        are the rates of the joints' directions: a joint that sticks while it turns round leaves slowly, so that its dry
-        friction turns before its low-passed velocity does.
+        The first is the load's rate: an effort that is held for a sample leads by half of one. The second is its curvature,
+        that of a slow effort sensor. The third is the curvature of what is faster than the motion: it weighs down what noise
+        of the position adds to the bodies' effort, and leaves the effort alone. The others are the rates of the joints'
+        directions: a joint that sticks while it turns round leaves slowly, so that its dry friction turns before its
+        low-passed velocity does.
         """
         if self._nuisances is None:
             rate = self.motion.load_rate
             general = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1))
-            self._nuisances = np.concatenate([general, self._sticking], axis=2)
+            self._nuisances = np.concatenate([general, self._jitter, self._sticking], axis=2)
         return self._nuisances
+
+    @cached_property
+    def _jitter(self) -> np.ndarray:
+        """Curvature of the bodies' effort as far as it is faster than the motion, (R, n, 1) [N·m/s²]."""
+        motion = self.motion
+        fast = motion.link_load - motion.calmed(motion.link_load)
+        return self.reduced(motion.derivative(motion.derivative(fast)))[..., None]
 
     @cached_property
     def _sticking(self) -> np.ndarray:
@@ -165,10 +175,9 @@ class Equations:
 
     @property
     def nuisance_spread(self) -> np.ndarray:
-        """Prior standard deviations of the lead [s], of the blur [s²] and of the friction's leads [N·m·s], (2 + n,)."""
-        signals = self.motion.signals
-        general = [0.5 * self.hold, signals.kernel_std**2]
-        return np.array([*general, *(STICKING_LEAD * self.effort_scale)])
+        """Prior standard deviations of the lead [s], of the blurs [s²] and of the friction's leads [N·m·s], (3 + n,)."""
+        blur = self.motion.signals.kernel_std**2
+        return np.array([0.5 * self.hold, blur, blur, *(STICKING_LEAD * self.effort_scale)])
 
     def relieve(self, load: np.ndarray, drive: np.ndarray, robot: Robot | None = None) -> None:
         """Take better estimates of the load and of what the drives take of it, (N, n) each, and of the bodies."""

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bdnn_ros.diagnosis.bounded import gains_of, held
-from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.equations import BLURS, Equations, Term
 from bdnn_ros.diagnosis.noise import Noise
 
 
@@ -129,7 +129,7 @@ class Pool:
         return self.fit(range(len(self.terms)))
 
     def left(self) -> np.ndarray:
-        """What all its terms leave, without the nuisance that only weighs down noise, rows (R, n) [N·m]."""
+        """What all its terms leave, without the nuisances that only weigh down noise, rows (R, n) [N·m]."""
         return self.residual(self.whole, blur=False)
 
     def fit(self, chosen: Sequence[int], left_out: int | None = None) -> Fit:
@@ -235,13 +235,13 @@ class Pool:
         """What the links' errors, the nuisances and the terms of a fit add to the effort, rows (R, n) [N·m].
 
         Args:
-            blur: count the nuisance that only weighs down noise, which no model could predict.
+            blur: count the nuisances that only weigh down noise, which no model could predict.
         """
         equations = self.equations
         links = equations.rigid.shape[2]
         total = equations.rigid @ fit.coefficients[:links]
         nuisances = fit.coefficients[links : self.base].copy()
-        nuisances[1] *= blur
+        nuisances[BLURS] *= blur
         total = total + equations.nuisances @ nuisances
         at = self.base
         for chosen in fit.terms:
