@@ -142,7 +142,7 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
     selection = plainer(Selection(pool, chosen, pool.fit(chosen)))
     judgements = judge(search, selection)
     for _ in range(SWAPS):
-        better = likelier(selection, judgements)
+        better = likelier(search, selection, judgements)
         if better is None:
             break
         selection, judgements = better, judge(search, better)

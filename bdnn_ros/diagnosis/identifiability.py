@@ -58,25 +58,37 @@ def judge(search: Search, selection: Selection) -> list[Judgement]:
     return [_judge(search, selection, one) for one in selection.chosen]
 
 
-def likelier(selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
+def likelier(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
     """The selection with one finding given up for a rival; None where there is none to give up.
 
-    One that hardly can be gives way to its likeliest rival, and one that is hardly more likely than a part of it to that part.
+    One that hardly can be gives way to its likeliest rival, and one that is hardly more likely than a part of it to that
+    part. What is part of a law that is plainly likelier gives way where blocks that had no say of the fit bear that out.
     """
     pool = selection.pool
     for one, judgement in zip(selection.chosen, judgements, strict=True):
+        term = pool.terms[one]
         for rival, probability in judgement.rivals:
             hardly = judgement.probability < HARDLY and probability > judgement.nothing
-            hardly &= not contains(rival, pool.terms[one])
-            richer = contains(pool.terms[one], rival) or _settles_into(pool.terms[one], rival)
-            simpler = richer and judgement.probability < PLAINLY * probability
-            if hardly or simpler:
-                instead = [term.place for term in pool.terms].index(rival.place)
-                if pool.terms[instead] != rival:
-                    pool = pool.replacing(instead, rival)
-                chosen = tuple(instead if c == one else c for c in selection.chosen)
-                return Selection(pool, chosen, pool.fit(chosen))
+            richer = contains(rival, term)
+            simpler = contains(term, rival) or _settles_into(term, rival)
+            simpler &= judgement.probability < PLAINLY * probability
+            plainly = richer and probability > PLAINLY * judgement.probability
+            if plainly or simpler or (hardly and not richer):
+                other = _instead(selection, one, rival)
+                if not plainly or search.predicts_better(other.pool, other.chosen, selection.chosen):
+                    return other
     return None
+
+
+def _instead(selection: Selection, one: int, rival: Term) -> Selection:
+    """The selection with a rival in the place of one term and of all that it says as well."""
+    pool = selection.pool
+    instead = [term.place for term in pool.terms].index(rival.place)
+    if pool.terms[instead] != rival:
+        pool = pool.replacing(instead, rival)
+    rest = [c for c in selection.chosen if c != one and not contains(rival, pool.terms[c])]
+    chosen = (*rest, instead)
+    return Selection(pool, chosen, pool.fit(chosen))
 
 
 def plainer(selection: Selection) -> Selection:

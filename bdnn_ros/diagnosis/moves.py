@@ -208,8 +208,12 @@ class Moves:
         without = [c for c in grown if c != candidate]
         if self._left(pool, grown) > WORSE * self._left(pool, without):
             return False
-        gained = pool.held_out(without) - pool.held_out(grown)
-        gained += (pool.disbelief(without) - pool.disbelief(grown)) / len(gained)
+        return self.predicts_better(pool, grown, without)
+
+    def predicts_better(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
+        """Whether one set predicts blocks that it was not fitted to surely better than another, belief weighed in."""
+        gained = pool.held_out(other) - pool.held_out(one)
+        gained += (pool.disbelief(other) - pool.disbelief(one)) / len(gained)
         if gained.sum() <= 0.0:
             return False
         return bool(gained.sum() > 1.645 * gained.std() * np.sqrt(len(gained)) or (gained > 0).mean() >= WINS)
