@@ -212,6 +212,11 @@ class Robot:
         """Pinocchio's body (joint id - 1) that moves with each joint, (n,)."""
         return np.array([self._model.getJointId(name) - 1 for name in self.joints])
 
+    @cached_property
+    def carried(self) -> np.ndarray:
+        """How many of the other joints each joint carries, (n,) int."""
+        return np.array([len(self._model.subtrees[int(body) + 1]) - 1 for body in self._bodies])
+
     def link_jacobian(self, position: np.ndarray, link: str, point: np.ndarray | None = None) -> np.ndarray:
         """Jacobian of a point of a link, world-aligned, linear over angular rows, (N, 6, n).
 

@@ -174,13 +174,13 @@ class Moves:
         return (
             fit.evidence
             - against
-            - sum(log_odds(pool.terms[one], having, self.equations.width) for one in chosen)
+            - sum(log_odds(pool.terms[one], having, self.candidates.robot.carried) for one in chosen)
         )
 
     def costs(self, pool: Pool, company: Sequence[int]) -> np.ndarray:
         """Log prior odds against each pool term beside some company."""
         having = having_each(pool, company)
-        return np.array([log_odds(term, having, self.equations.width) for term in pool.terms])
+        return np.array([log_odds(term, having, self.candidates.robot.carried) for term in pool.terms])
 
     def open_to(self, pool: Pool, chosen: Sequence[int], where: int = -1) -> list[int]:
         """Candidates that the chosen do not say already: not at the same place, nor contained in one of them.

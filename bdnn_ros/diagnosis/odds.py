@@ -26,7 +26,7 @@ RARE_COST = 2.0
 LINK_COST = 6.5
 """The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
 INNER_COST, FIRST_COST = 2.0, 6.0
-"""What a payload costs that does not hang from the last joint; on the first it is hardly more than a rotor or a spring."""
+"""What a payload costs on a link with joints after it; before all others it is hardly more than a rotor or a spring."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
 LINK_ERROR_COST = 400.0
@@ -40,18 +40,19 @@ def near(term: Term) -> int:
     return -1 if term.effect.name in ELSEWHERE else term.target
 
 
-def log_odds(term: Term, having: dict[str, set[int]], width: int) -> float:
+def log_odds(term: Term, having: dict[str, set[int]], carried: np.ndarray) -> float:
     """Log prior odds against a term: a kind that most other joints have is expected on this one.
 
     Args:
         having: joints that have each kind already.
-        width: number of joints.
+        carried: how many other joints each joint carries, (n,).
     """
+    width = len(carried)
     cost = LINK_COST if term.effect.name == "link_inertia" else COST
     alone = term.effect.on == "all" and term.target >= 0  # on one joint of what mostly all have
     cost += RARE_COST if alone or term.effect.name in RARE else 0.0
-    if term.effect.name == "payload" and term.target < width - 1:
-        cost += INNER_COST if term.target > 0 else FIRST_COST
+    if term.effect.name == "payload" and carried[term.target]:
+        cost += INNER_COST if carried[term.target] < width - 1 else FIRST_COST
     if term.effect.name not in COMMON or width <= 2:
         return cost
     share = len(having.get(term.effect.name, set()) - {term.target}) / (width - 1)
