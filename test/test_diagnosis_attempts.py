@@ -26,12 +26,13 @@ def test_a_surprise_is_a_held_out_error_above_the_rest_that_is_large_enough_to_m
 @pytest.mark.parametrize(
     "at_first, in_the_end, looks, tried, taken",
     [
-        (0.15, {2: 0.15, 4: 0.9}, [2], [2], 2),
-        (0.15, {2: 0.9, 4: 0.15}, [2, 4], [2, 4], 4),
-        (0.15, {2: 0.3, 4: 0.9}, [2, 4], [2, 4], 2),
-        (0.15, {2: 0.9, 4: 0.3}, [2, 4], [2, 4], 4),
-        (0.9, {2: 0.15, 4: 0.15}, [2, 4], [4], 4),
-        (0.9, {2: 0.15, 4: 0.9}, [2, 4, 2], [4, 2], 2),
+        ({2: 0.15, 4: 0.9}, {2: 0.15, 4: 0.9}, [2], [2], 2),
+        ({2: 0.15, 4: 0.9}, {2: 0.9, 4: 0.15}, [2, 4], [2, 4], 4),
+        ({2: 0.15, 4: 0.9}, {2: 0.3, 4: 0.9}, [2, 4], [2, 4], 2),
+        ({2: 0.15, 4: 0.9}, {2: 0.9, 4: 0.3}, [2, 4], [2, 4], 4),
+        ({2: 0.9, 4: 0.3}, {2: 0.15, 4: 0.15}, [2, 4], [4], 4),
+        ({2: 0.3, 4: 0.9}, {2: 0.15, 4: 0.15}, [2, 4], [2], 2),
+        ({2: 0.9, 4: 0.3}, {2: 0.15, 4: 0.9}, [2, 4], [4, 2], 2),
     ],
 )
 def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(
@@ -49,11 +50,14 @@ def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(
 
     class Looking:
         def __init__(self, *given: object) -> None:
-            self.test = ~equations.usable[:, 0]
+            self.equations = equations
 
         def first(self) -> SimpleNamespace:
-            looked.append(int(block[self.test][0] % 5))
-            left = left_by(self.test, at_first)
+            self.test = ~equations.usable[:, 0]
+            phase = int(block[self.test][0] % 5)
+            looked.append(phase)
+            equations.motion = f"as {phase} looks"
+            left = left_by(self.test, at_first[phase])
             pool = SimpleNamespace(
                 noise=SimpleNamespace(sure=lambda doubt: sure), residual=lambda fit, blur: left
             )
@@ -61,7 +65,8 @@ def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(
 
     def attempted(search, first, whole, test):
         assert whole is sure and (search.test == test).all()
-        phase = looked[-1]
+        phase = int(block[test][0] % 5)
+        assert equations.motion == f"as {phase} looks"
         attempts.append(phase)
         equations.motion = f"of {phase}"
         return Attempt(test, [], SimpleNamespace(sure=sure), left_by(test, in_the_end[phase]))

@@ -210,6 +210,18 @@ def test_the_evidence_prefers_what_is_true(pool):
         assert pool.fit((VISCOUS, OFFSET2, more)).evidence < best
 
 
+def test_no_set_of_terms_exceeds_the_most_that_all_of_them_can(pool):
+    most = pool.most(range(len(pool.terms)))
+    for chosen in (
+        (),
+        (VISCOUS, OFFSET2),
+        (VISCOUS, OFFSET2, DRIFT, STRIBECK),
+        tuple(range(len(pool.terms))),
+    ):
+        assert pool.fit(chosen).evidence < most
+    assert pool.most(()) < pool.fit((VISCOUS, OFFSET2)).evidence
+
+
 def test_errors_of_the_links_of_the_believed_size_leave_nothing_to_find(terms):
     errors = LINK_ERROR * np.random.default_rng(7).standard_normal(20)
     equations = equations_of(errors=errors)
@@ -233,7 +245,7 @@ def test_contributions_add_up(pool, terms):
         total = total + equations.columns(terms[c]) @ coefficients
     np.testing.assert_allclose(pool.contribution(fit), total, atol=1e-9)
     np.testing.assert_allclose(pool.residual(fit), equations.target - total, atol=1e-9)
-    blur = equations.nuisances[:, :, 1] * fit.coefficients[links + 1]
+    blur = equations.nuisances[:, :, 1:3] @ fit.coefficients[links + 1 : links + 3]
     np.testing.assert_allclose(pool.contribution(fit) - pool.contribution(fit, blur=False), blur, atol=1e-9)
     with pytest.raises(KeyError):
         pool.part(fit, COULOMB)

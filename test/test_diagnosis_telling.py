@@ -72,25 +72,54 @@ def removal_of(name, part, stretches, noise=0.02):
 
 def test_a_finding_gives_way_to_a_rival_that_is_far_likelier():
     one, other, third = Term(get("hysteresis"), 0), Term(get("cogging"), 0), Term(get("armature"), 1)
-    pool = SimpleNamespace(terms=[one, other, third], fit=lambda chosen: tuple(chosen))
-    selection = SimpleNamespace(pool=pool, chosen=(0, 2))
     sure = Judgement(0.98, 0.0, ())
-    better = likelier(selection, [Judgement(0.01, 0.0, ((other, 0.97),)), sure])
-    assert better is not None and better.chosen == (1, 2) and better.fit == (1, 2)
-    assert likelier(selection, [Judgement(0.3, 0.0, ((other, 0.6),)), sure]) is None
-    assert likelier(selection, [Judgement(0.01, 0.9, ()), sure]) is None
+    assert told_of([one, other, third], (0, 2), Judgement(0.01, 0.0, ((other, 0.97),)), sure) == {
+        "cogging",
+        "armature",
+    }
+    assert told_of([one, other, third], (0, 2), Judgement(0.3, 0.0, ((other, 0.6),)), sure) is None
+    assert told_of([one, other, third], (0, 2), Judgement(0.01, 0.9, ()), sure) is None
 
 
-def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it():
-    rich, simple = Term(get("stribeck_friction"), 0), Term(get("coulomb_friction"), 0)
-    pool = SimpleNamespace(terms=[rich, simple], fit=lambda chosen: tuple(chosen))
-    better = likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.6, 0.0, ((simple, 0.4),))])
-    assert better is not None and better.chosen == (1,)
-    assert likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.9, 0.0, ((simple, 0.1),))]) is None
-    assert likelier(SimpleNamespace(pool=pool, chosen=(1,)), [Judgement(0.4, 0.0, ((rich, 0.6),))]) is None
-    pool.terms[0] = Term(get("hysteresis"), 0)
-    better = likelier(SimpleNamespace(pool=pool, chosen=(0,)), [Judgement(0.6, 0.0, ((simple, 0.4),))])
-    assert better is not None and better.chosen == (1,)
+@pytest.mark.parametrize(
+    "probabilities, borne_out, told",
+    [
+        ((0.6, 0.4), False, "coulomb_friction"),
+        ((0.9, 0.1), False, None),
+        ((0.4, 0.6), False, "coulomb_friction"),
+    ],
+)
+@pytest.mark.parametrize("law", ["stribeck_friction", "hysteresis"])
+def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it(
+    law, probabilities, borne_out, told
+):
+    terms = [Term(get(law), 0), Term(get("coulomb_friction"), 0)]
+    judgement = Judgement(probabilities[0], 0.0, ((terms[1], probabilities[1]),))
+    assert told_of(terms, (0,), judgement, borne_out=borne_out) == (told and {told})
+
+
+@pytest.mark.parametrize(
+    "probabilities, borne_out, told",
+    [
+        ((0.4, 0.6), True, None),
+        ((0.1, 0.9), False, None),
+        ((0.1, 0.9), True, "stribeck_friction"),
+        ((0.01, 0.99), False, None),
+    ],
+)
+def test_a_plainly_likelier_law_takes_over_where_held_out_blocks_bear_it_out(probabilities, borne_out, told):
+    terms = [Term(get("coulomb_friction"), 0), Term(get("stribeck_friction"), 0), Term(get("armature"), 1)]
+    judgement = Judgement(probabilities[0], 0.0, ((terms[1], probabilities[1]),))
+    found = told_of(terms, (0, 2), judgement, Judgement(0.98, 0.0, ()), borne_out=borne_out)
+    assert found == (told and {told, "armature"})
+
+
+def told_of(terms, chosen, *judgements, borne_out=True):
+    """What is told once the likelier has taken its place; None where nothing gives way."""
+    pool = SimpleNamespace(terms=terms, fit=lambda chosen: tuple(chosen))
+    search = SimpleNamespace(predicts_better=lambda pool, one, other: borne_out)
+    better = likelier(search, SimpleNamespace(pool=pool, chosen=chosen), judgements)
+    return None if better is None else {terms[c].effect.name for c in better.chosen}
 
 
 @pytest.mark.parametrize(

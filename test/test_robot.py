@@ -116,6 +116,11 @@ def test_order_of_a_tree_does_not_matter() -> None:
         np.testing.assert_array_equal(getattr(turned.limits, name), getattr(whole.limits, name)[order])
 
 
+def test_a_joint_carries_those_after_it() -> None:
+    assert Robot.bundled("arm6").carried.tolist() == [5, 4, 3, 2, 1, 0]
+    assert Robot.bundled("arm6", ("arm6_joint6", "arm6_joint2")).carried.tolist() == [0, 1]
+
+
 def test_the_regressor_is_linear_in_the_inertials(robot: Robot) -> None:
     rng = np.random.default_rng(2)
     q, v, a = states(robot)
