@@ -103,6 +103,16 @@ def test_the_report_opens(diagnosed):
     assert not [value for value in links if value.startswith(("http:", "https:", "//"))]
 
 
+def test_what_is_odd_about_the_data_is_said_and_reported(recording, tmp_path, capsys):
+    bag = changed_bag(recording, tmp_path / "fast", lambda r: replace(r, velocity=3.0 * r.velocity))
+    assert main(["diagnose", str(bag), "--out", str(tmp_path / "out")]) == 0
+    printed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Data check: ")]
+    assert len(printed) == 2 and all("3.00 times its position's derivative" in line for line in printed)
+    text = " ".join((tmp_path / "out" / "report.html").read_text(encoding="utf-8").split())
+    check = text[text.index('id="data"') :]
+    assert all(line.removeprefix("Data check: ").split("'")[0] in check for line in printed)
+
+
 def test_the_model_and_the_robot_predict_what_was_found(diagnosed, recording, capsys):
     out, _ = diagnosed
     extended = Robot.from_file(out / "extended.urdf")

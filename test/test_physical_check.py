@@ -68,6 +68,23 @@ def test_every_remark_says_what_to_do(robot, recording):
         assert str(remark) == f"{remark.problem} {remark.remedy}"
 
 
+def test_degrees_are_beyond_the_limits(robot, recording):
+    position = recording.position.copy()
+    position[:, 2] = np.degrees(position[:, 2])
+    (found,) = check.beyond(replace(recording, position=position), robot)
+    assert found.about == robot.joints[2] and "radians" in found.remedy
+    assert f"{position[:, 2].max():.3g}, its limits are" in found.problem
+    assert list(check.beyond(recording, robot)) == []
+
+
+def test_data_is_checked_without_a_model_as_with_one(robot, recording):
+    assert check.check_data([recording], robot) == []
+    odd = replace(recording, position=recording.position * [1, 1, 100, 1, 1, 0], velocity=None)
+    found = check.check_data([odd], robot)
+    assert [one.about for one in found] == ["", robot.joints[2]]
+    assert "hard to tell apart" in found[0].problem and "limits" in found[1].problem
+
+
 @pytest.mark.parametrize("resting", [[3], [1, 4]], ids=["one", "two"])
 def test_joints_at_rest_are_named_in_one_sentence_with_all_that_is_unknown(robot, resting):
     plan = fourier(robot, np.arange(0.0, 20.0, 1.0 / RATE), np.random.default_rng(1))

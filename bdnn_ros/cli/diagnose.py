@@ -20,6 +20,7 @@ from bdnn_ros.diagnosis.search import Progress
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.physical.check import check_data
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
 from bdnn_ros.robot import Robot
@@ -28,7 +29,7 @@ HELP = "name what the simulation gets wrong, with the gain of mending it"
 SLIGHT_GAIN = 0.1
 """A gain above this without a cause is the links' alone, and is said to be."""
 MANY = 3
-"""Places at which one kind of cause is said in one line."""
+"""Places at which one kind of cause is said in one line, and remarks on the data that are said one by one."""
 VERDICTS = {
     "nothing_wrong": "Nothing wrong was found: no cause is needed to explain the data.",
     "explained": "Root causes identified; with them the model agrees with the data:",
@@ -69,10 +70,15 @@ def run(args: argparse.Namespace) -> int:
         args.out.mkdir(parents=True, exist_ok=True)
         save_model(args.out, extend(examination))
         write_extension(examination, args.out)
-        write_report(examination, args.out / "report.html")
+        remarks = [str(remark) for remark in check_data(recordings, robot, args.cutoff)]
+        write_report(examination, args.out / "report.html", remarks)
         effort_figure(examination, args.out / "effort.png")
         examination.diagnosis.save(args.out / "diagnosis.json")
     print("\n".join(verdict_lines(examination)))
+    for remark in remarks[:MANY]:
+        print(f"Data check: {remark}")
+    if len(remarks) > MANY:
+        print(f"Data check: {len(remarks) - MANY} more in the report.")
     print(f"report: {args.out / 'report.html'}")
     return 0
 

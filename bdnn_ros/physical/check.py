@@ -38,6 +38,8 @@ AT_LIMIT = 0.98
 """An effort this near its limit is saturated, unless it goes beyond as well: then the limit does not cut."""
 SATURATED = 0.01
 """Share of saturated samples that is worth a word."""
+BEYOND = 0.05
+"""A joint that leaves its range by this share of it is another, or in another unit."""
 EXAMPLES = 3
 REMEDIES = {
     "armature": "Let it accelerate harder.",
@@ -84,8 +86,24 @@ def check(
     found = [*unexcited(robot, model, spread), *conditioned(value)]
     if value < HOPELESS:
         found += delayed(model, recordings)
+    return found + _oddities(recordings, robot, signals)
+
+
+def check_data(recordings: Sequence[Recording], robot: Robot, cutoff: float | None = None) -> list[Remark]:
+    """What these recordings leave open or do oddly by themselves, whatever is made of them.
+
+    Args:
+        robot: the simulation's.
+        cutoff: of the low-pass [Hz].
+    """
+    signals = [prepare(recording, cutoff) for recording in recordings]
+    return [*conditioned(condition(robot, signals)), *_oddities(recordings, robot, signals)]
+
+
+def _oddities(recordings: Sequence[Recording], robot: Robot, signals: Sequence[Signals]) -> list[Remark]:
+    found: list[Remark] = []
     for recording, one in zip(recordings, signals, strict=True):
-        found += [*saturated(recording, robot), *odd_velocity(recording, one)]
+        found += [*beyond(recording, robot), *saturated(recording, robot), *odd_velocity(recording, one)]
     return found
 
 
@@ -188,6 +206,19 @@ def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[R
             "",
             f"The effort is {1e3 * abs(model.lead):.1f} ms {side} the motion.",
             "Stamp position and effort where they are measured; the model allows for it.",
+        )
+
+
+def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:
+    """Joints whose positions are far beyond what the description allows."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    low, high = recording.position.min(axis=0), recording.position.max(axis=0)
+    for k in np.flatnonzero(np.maximum(lower - low, high - upper) > BEYOND * (upper - lower)):
+        yield Remark(
+            robot.joints[k],
+            f"{recording.name}: {robot.joints[k]} moves from {low[k]:.3g} to {high[k]:.3g}, its limits are "
+            f"{lower[k]:.3g} and {upper[k]:.3g}.",
+            "Check its unit (radians, metres), its zero, and that this is the robot's description.",
         )
 
 
