@@ -296,9 +296,7 @@ class Robot:
 
     def with_inertials(self, inertials: np.ndarray) -> Robot:
         """The same robot with other inertial parameters, (n, PER_LINK) or flat."""
-        return replace(
-            self, inertials=np.reshape(np.asarray(inertials, float), (self.width, PER_LINK)).copy()
-        )
+        return replace(self, inertials=np.array(inertials, float).reshape(self.width, PER_LINK))
 
     def with_joint_parameters(
         self,
@@ -307,12 +305,9 @@ class Robot:
         coulomb: np.ndarray | None = None,
     ) -> Robot:
         """The same robot with other per-joint parameters, (n,) each; None keeps."""
-        return replace(
-            self,
-            armature=self.armature if armature is None else np.asarray(armature, float).copy(),
-            viscous=self.viscous if viscous is None else np.asarray(viscous, float).copy(),
-            coulomb=self.coulomb if coulomb is None else np.asarray(coulomb, float).copy(),
-        )
+        given = {"armature": armature, "viscous": viscous, "coulomb": coulomb}
+        kept = {name: np.asarray(v, float).copy() for name, v in given.items() if v is not None}
+        return replace(self, **kept)
 
     def tilted(self, roll: float, pitch: float) -> Robot:
         """The same robot on a base turned by Ry(pitch)·Rx(roll) from level [rad]."""

@@ -99,7 +99,7 @@ def test_information_adds_up(robot: Robot, tmp_path: Path) -> None:
 def test_a_motion_settles_what_was_open(robot: Robot, tmp_path: Path) -> None:
     payload = finding(
         place("payload", link="arm2_link2"),
-        {"mass": 0.3, "com_x": 0.0, "com_y": 0.0, "com_z": -0.1},
+        {"mass": 0.5, "com_x": 0.0, "com_y": 0.0, "com_z": -0.1},
         place("base_tilt", p=0.3),
     )
     friction = finding(

@@ -299,7 +299,9 @@ def test_what_changed_since_comes_on_top_of_the_earlier_model() -> None:
     model = extend(_examination(earlier.robot, signals, terms, earlier))
     assert [e.effect.name for e in model.effects] == ["effort_offset", "payload"]
     np.testing.assert_allclose(model.robot.gravity_vector, earlier.robot.gravity_vector)
-    assert model.effects[1].values["mass"] == pytest.approx(0.5, rel=0.1)
+    std = model.stds[1]["mass"]
+    # the links, believed to be 6 % off, take their share of it
+    assert model.effects[1].values["mass"] == pytest.approx(0.5, abs=0.5 * std) and std < 0.4
     assert model.lead == pytest.approx(0.001, abs=1e-4)
     assert not model.stds[0] and model.stds[1]["mass"] > 0.0
     left = signals.smooth(model.predict(signals) - signals.effort)[signals.interior]

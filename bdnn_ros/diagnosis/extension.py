@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bdnn_ros.diagnosis.equations import BLURS
 from bdnn_ros.diagnosis.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of, tilt_of
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.effects.registry import Installed, get
@@ -53,7 +54,10 @@ def extend(examination: Examination) -> ExtendedModel:
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
     effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
-    lead, sticking = parted(examination.pool, fit)[0], fit.coefficients[links + 2 :][: robot.width]
+    lead, sticking = (
+        parted(examination.pool, fit)[0],
+        fit.coefficients[links + BLURS.stop : examination.pool.base],
+    )
     if earlier.sticking:
         sticking = sticking + earlier.sticking
     return ExtendedModel(

@@ -22,6 +22,8 @@ MARGIN_COST = 1e-7
 NEWTON_STEPS = 40
 SMALLEST_MARGIN = 1e-9
 """Smallest eigenvalue of a pseudo-inertia, relative to its largest, that counts as positive-definite."""
+RAISED = 1e-3
+"""Eigenvalues of a start are at least this share of the largest."""
 _TRACE = np.array([1.0 if row == column else 0.0 for row in range(4) for column in range(row + 1)])
 
 
@@ -51,19 +53,28 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
     inertials = mean[: bodies * PER_LINK].reshape(bodies, PER_LINK)
     if feasible(inertials) and (mean[positive] >= 0.0).all():
         return mean.copy()
-    point = mean.copy()
-    for body, values in enumerate(inertials):
-        # start well inside: the barrier's Newton steps are slow from a point on the edge
-        pseudo = feasible_pseudo_inertia(pseudo_inertia(values))
-        point[body * PER_LINK : (body + 1) * PER_LINK] = inertial_parameters(pseudo)
     deviation = 1.0 / np.sqrt(np.diagonal(information))
-    point[positive] = np.maximum(point[positive], 1e-3 * deviation[positive] + 1e-12)
-    cost = 0.5 * float((point - mean) @ information @ (point - mean))
-    for first in (max(FIRST_BARRIER, cost / bodies), FIRST_BARRIER):
-        found = _descended(point, mean, information, bodies, positive, _barriers(first, cost))
-        if found is not None:
-            return found
+    # a body of hardly any mass reaches far where its first moment is kept: then the second start is the better one
+    for inside in (feasible_pseudo_inertia, _raised):
+        point = mean.copy()
+        for body, values in enumerate(inertials):
+            # start well inside: the barrier's Newton steps are slow from a point on the edge
+            rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
+            point[rows] = inertial_parameters(inside(pseudo_inertia(values)))
+        point[positive] = np.maximum(point[positive], 1e-3 * deviation[positive] + 1e-12)
+        cost = 0.5 * float((point - mean) @ information @ (point - mean))
+        for first in (max(FIRST_BARRIER, cost / bodies), FIRST_BARRIER):
+            found = _descended(point, mean, information, bodies, positive, _barriers(first, cost))
+            if found is not None:
+                return found
     return point
+
+
+def _raised(pseudo: np.ndarray) -> np.ndarray:
+    """A pseudo-inertia (4, 4) with every eigenvalue raised to a share of its largest."""
+    values, vectors = np.linalg.eigh(pseudo)
+    values = np.maximum(values, RAISED * max(values[-1], RAISED))
+    return np.asarray(vectors * values @ vectors.T)
 
 
 def _barriers(first: float, cost: float) -> Iterator[float]:
