@@ -54,6 +54,11 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
     if feasible(inertials) and (mean[positive] >= 0.0).all():
         return mean.copy()
     deviation = 1.0 / np.sqrt(np.diagonal(information))
+
+    def cost(point: np.ndarray) -> float:
+        return 0.5 * float((point - mean) @ information @ (point - mean))
+
+    possible = []
     # a body of hardly any mass reaches far where its first moment is kept: then the second start is the better one
     for inside in (feasible_pseudo_inertia, _raised):
         point = mean.copy()
@@ -62,12 +67,13 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
             rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
             point[rows] = inertial_parameters(inside(pseudo_inertia(values)))
         point[positive] = np.maximum(point[positive], 1e-3 * deviation[positive] + 1e-12)
-        cost = 0.5 * float((point - mean) @ information @ (point - mean))
-        for first in (max(FIRST_BARRIER, cost / bodies), FIRST_BARRIER):
-            found = _descended(point, mean, information, bodies, positive, _barriers(first, cost))
+        if feasible(point[: inertials.size].reshape(bodies, PER_LINK)):
+            possible.append(point)
+        for first in (max(FIRST_BARRIER, cost(point) / bodies), FIRST_BARRIER):
+            found = _descended(point, mean, information, bodies, positive, _barriers(first, cost(point)))
             if found is not None:
-                return found
-    return point
+                return min([*possible, found], key=cost)
+    return min(possible, key=cost)
 
 
 def _raised(pseudo: np.ndarray) -> np.ndarray:
