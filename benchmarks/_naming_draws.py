@@ -31,15 +31,10 @@ from bdnn_ros.simulation.simulate import Simulated
 HIDDEN = {0: 0.15, 1: 0.6, 2: 0.15, 3: 0.1}
 WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
+PR2 = "shoulder_pan shoulder_lift upper_arm_roll elbow_flex forearm_roll wrist_flex wrist_roll"
 EXAMPLES = {
-    "so101": (
-        "so_arm_description/urdf/so101.urdf",
-        ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
-    ),
-    "tiago_pro": (
-        "tiago_pro_description/robots/tiago_pro.urdf",
-        tuple(f"arm_left_{k}_joint" for k in range(1, 8)),
-    ),
+    "pr2": ("pr2_description/urdf/pr2.urdf", tuple(f"r_{name}_joint" for name in PR2.split())),
+    "talos": ("talos_data/robots/talos_full_v2.urdf", tuple(f"arm_left_{k}_joint" for k in range(1, 8))),
 }
 """Arms of example-robot-data, files and joints: none was looked at while the diagnosis was made."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15
