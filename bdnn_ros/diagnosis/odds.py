@@ -23,10 +23,12 @@ RARE = (
 )
 RARE_COST = 2.0
 """Log prior odds against kinds that a simpler one may stand for."""
-LINK_COST = 6.5
+LINK_COST = 3.5
 """The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
-INNER_COST, FIRST_COST = 2.0, 6.0
-"""What a payload costs on a link with joints after it; before all others it is hardly more than a rotor or a spring."""
+PAYLOAD_COST = 5.5
+"""The same against a payload at the end of an arm: there tools are changed."""
+INNER_COST, FIRST_COST = 4.5, 8.5
+"""What it costs more on a link with joints after it; before all others it is hardly more than a rotor or a spring."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
 LINK_ERROR_COST = 400.0
@@ -48,7 +50,7 @@ def log_odds(term: Term, having: dict[str, set[int]], carried: np.ndarray) -> fl
         carried: how many other joints each joint carries, (n,).
     """
     width = len(carried)
-    cost = LINK_COST if term.effect.name == "link_inertia" else COST
+    cost = {"link_inertia": LINK_COST, "payload": PAYLOAD_COST}.get(term.effect.name, COST)
     alone = term.effect.on == "all" and term.target >= 0  # on one joint of what mostly all have
     cost += RARE_COST if alone or term.effect.name in RARE else 0.0
     if term.effect.name == "payload" and carried[term.target]:
