@@ -215,7 +215,7 @@ def test_a_link_that_may_be_far_off_is_no_all_clear():
 
 def test_links_far_off_throughout_are_no_all_clear():
     """No single cause stands out, yet nobody would call such a description right."""
-    robot = Robot.bundled("arm2")
+    robot = Robot.bundled("arm6")  # of two links, motion shows too little for all of them to stand out
     reality = wrong_robot(robot, 0.3, np.random.default_rng(2))
     diagnosis = diagnose([simulate(robot, [], seed=2, duration=30.0, reality=reality).recording], robot)
     assert diagnosis.findings == () and diagnosis.verdict == "cannot_tell"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -53,27 +53,38 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
     inertials = mean[: bodies * PER_LINK].reshape(bodies, PER_LINK)
     if feasible(inertials) and (mean[positive] >= 0.0).all():
         return mean.copy()
-    deviation = 1.0 / np.sqrt(np.diagonal(information))
 
     def cost(point: np.ndarray) -> float:
         return 0.5 * float((point - mean) @ information @ (point - mean))
 
-    possible = []
+    possible: list[np.ndarray] = []
     # a body of hardly any mass reaches far where its first moment is kept: then the second start is the better one
     for inside in (feasible_pseudo_inertia, _raised):
-        point = mean.copy()
-        for body, values in enumerate(inertials):
-            # start well inside: the barrier's Newton steps are slow from a point on the edge
-            rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
-            point[rows] = inertial_parameters(inside(pseudo_inertia(values)))
-        point[positive] = np.maximum(point[positive], 1e-3 * deviation[positive] + 1e-12)
-        if feasible(point[: inertials.size].reshape(bodies, PER_LINK)):
-            possible.append(point)
+        point = _start(mean, information, bodies, positive, inside)
         for first in (max(FIRST_BARRIER, cost(point) / bodies), FIRST_BARRIER):
             found = _descended(point, mean, information, bodies, positive, _barriers(first, cost(point)))
             if found is not None:
                 return min([*possible, found], key=cost)
+        if feasible(point[: inertials.size].reshape(bodies, PER_LINK)):
+            possible.append(point)
     return min(possible, key=cost)
+
+
+def _start(
+    mean: np.ndarray,
+    information: np.ndarray,
+    bodies: int,
+    positive: np.ndarray,
+    inside: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """A point (P,) well inside of what can be: the barrier's Newton steps are slow from one on the edge."""
+    point = mean.copy()
+    for body in range(bodies):
+        rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
+        point[rows] = inertial_parameters(inside(pseudo_inertia(mean[rows])))
+    least = 1e-3 / np.sqrt(np.diagonal(information)) + 1e-12
+    point[positive] = np.maximum(point[positive], least[positive])
+    return point
 
 
 def _raised(pseudo: np.ndarray) -> np.ndarray:
