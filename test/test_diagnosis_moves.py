@@ -11,7 +11,7 @@ from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.odds import contains
+from bdnn_ros.diagnosis.odds import contains, log_odds
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
 
@@ -38,6 +38,32 @@ def test_one_body_gives_way_to_the_rotors_of_two_joints(monkeypatch):
     assert ended() == {"armature@0", "armature@1"}
     monkeypatch.setattr(Moves, "_regrow", lambda self, pool, chosen, least: (pool, chosen))
     assert "payload@1" in ended(), "the trap is not there"
+
+
+def test_nothing_more_is_tried_once_nothing_could_reach_what_is_wanted(monkeypatch):
+    """All that is left, together and for nothing, bounds what adding can come to."""
+    equations = equations_of(("viscous_friction@arm2_joint1:viscous=1", "base_tilt:pitch_deg=3"))
+    terms = [t for t in Candidates.of(Robot.bundled("arm2")).terms if t.effect.name.endswith("s_friction")]
+    terms += [Term(get("base_tilt"), -1).shaped({"roll_deg": 0.0, "pitch_deg": 3.0})]
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.01 * equations.effort_scale), terms, 0.02)
+    moves, tilt = Moves(equations, Candidates.of(Robot.bundled("arm2"))), len(terms) - 1
+    tried: list[int] = []
+    monkeypatch.setattr(moves, "pays", lambda pool, grown, candidate: tried.append(candidate) or True)
+    without = pool.most([c for c in range(len(terms)) if c != tilt])
+    for wanted, trials in ((without - 1.0, True), (without + 1.0, False)):
+        tried.clear()
+        moves._add(pool, [], 0.0, [tilt], wanted)
+        assert bool(tried) == trials
+
+
+def test_what_a_payload_costs_goes_by_what_its_link_carries():
+    """Not by the order in which joints are given."""
+    straight = np.array([2, 1, 0])
+    links = [Term(get("payload"), k, f"link{k}") for k in range(3)]
+    first, inner, last = (log_odds(term, {}, straight) for term in links)
+    assert first > inner > last
+    assert [log_odds(term, {}, straight[::-1]) for term in links] == [last, inner, first]
+    assert log_odds(links[0], {}, np.array([0])) == last
 
 
 def test_a_delay_of_all_joints_says_what_a_delay_of_one_does():
