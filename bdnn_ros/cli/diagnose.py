@@ -89,7 +89,8 @@ def verdict_lines(examination: Examination) -> list[str]:
     lines = [VERDICTS[diagnosis.verdict]]
     if diagnosis.verdict == "nothing_wrong" and diagnosis.gain_interval[0] > SLIGHT_GAIN:
         lines.append(
-            "Small errors of the links' masses and inertias account for what differs; the extended model mends them."
+            "Errors of the links' masses and inertias, none of which stands out, account for what differs; "
+            "the extended model mends them."
         )
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
         share = f"{100.0 * sum(finding.share for finding in group):.1f} % of the squared error"
