@@ -302,3 +302,9 @@ def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:
     with options.written_whole(tmp_path / "a.csv") as file:
         file.write("whole")
     assert (tmp_path / "a.csv").read_text() == "whole"
+
+
+def test_what_is_left_out_of_a_list_is_said():
+    path = Path("out/report.html")
+    assert options.shortened(["a", "b"], 2, path) == ["a", "b"]
+    assert options.shortened(["a", "b", "c", "d"], 2, path) == ["a", "b", "2 more in out/report.html."]

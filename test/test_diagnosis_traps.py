@@ -213,10 +213,12 @@ def test_a_link_that_may_be_far_off_is_no_all_clear():
     assert diagnosis.gain > 0.5
 
 
-def test_links_far_off_throughout_are_no_all_clear():
+@pytest.mark.parametrize("name", ["arm2", "arm6"])
+def test_links_far_off_throughout_are_no_all_clear(name):
     """No single cause stands out, yet nobody would call such a description right."""
-    robot = Robot.bundled("arm6")  # of two links, motion shows too little for all of them to stand out
+    robot = Robot.bundled(name)
     reality = wrong_robot(robot, 0.3, np.random.default_rng(2))
     diagnosis = diagnose([simulate(robot, [], seed=2, duration=30.0, reality=reality).recording], robot)
     assert diagnosis.findings == () and diagnosis.verdict == "cannot_tell"
-    assert any("further off than usual" in note for note in diagnosis.notes)
+    if name != "arm2":  # of two links, motion shows too little to tell how far off all of them are
+        assert any("further off than usual" in note for note in diagnosis.notes)

@@ -29,7 +29,9 @@ HELP = "name what the simulation gets wrong, with the gain of mending it"
 SLIGHT_GAIN = 0.1
 """A gain above this without a cause is the links' alone, and is said to be."""
 MANY = 3
-"""Places at which one kind of cause is said in one line, and remarks on the data that are said one by one."""
+"""Places at which one kind of cause is said in one line."""
+MOST_REMARKS = 3
+"""Sentences about the data that are printed; the report has all."""
 VERDICTS = {
     "nothing_wrong": "Nothing wrong was found: no cause is needed to explain the data.",
     "explained": "Root causes identified; with them the model agrees with the data:",
@@ -71,15 +73,14 @@ def run(args: argparse.Namespace) -> int:
         save_model(args.out, extend(examination))
         write_extension(examination, args.out)
         remarks = [str(remark) for remark in check_data(recordings, robot, args.cutoff)]
-        write_report(examination, args.out / "report.html", remarks)
+        report = args.out / "report.html"
+        write_report(examination, report, remarks)
         effort_figure(examination, args.out / "effort.png")
         examination.diagnosis.save(args.out / "diagnosis.json")
     print("\n".join(verdict_lines(examination)))
-    for remark in remarks[:MANY]:
-        print(f"Data check: {remark}")
-    if len(remarks) > MANY:
-        print(f"Data check: {len(remarks) - MANY} more in the report.")
-    print(f"report: {args.out / 'report.html'}")
+    for sentence in options.shortened(remarks, MOST_REMARKS, report):
+        print(f"Data check: {sentence}")
+    print(f"report: {report}")
     return 0
 
 

@@ -193,18 +193,14 @@ def _report_parameters(
         each = [Identifier(robot, cutoff, spread).fit([recording]) for recording in training]
         agreements = agreement.agreement(each)
     _write(path, parameters_report.as_json(model, remarks, agreements))
-    for remark in remarks[:MOST_REMARKS]:
-        options.say(str(remark))
-    if len(remarks) > MOST_REMARKS:
-        options.say(f"{len(remarks) - MOST_REMARKS} more in {path}.")
+    for sentence in options.shortened([str(remark) for remark in remarks], MOST_REMARKS, path):
+        options.say(sentence)
     differing = sorted((one for one in agreements if one.differs), key=lambda one: one.by_motion)
     if agreements:
         agreed = len(agreements) - len(differing)
         options.say(f"The recordings agree on {agreed} of {len(agreements)} parameters.")
-    for one in differing[:MOST_REMARKS]:
-        options.say(one.sentence())
-    if len(differing) > MOST_REMARKS:
-        options.say(f"{len(differing) - MOST_REMARKS} more in {path}.")
+    for sentence in options.shortened([one.sentence() for one in differing], MOST_REMARKS, path):
+        options.say(sentence)
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:

@@ -136,6 +136,12 @@ def say(sentence: str) -> None:
     print(f"bdnn: note: {sentence}", file=sys.stderr)
 
 
+def shortened(sentences: Sequence[str], most: int, where: Path) -> list[str]:
+    """The first of some sentences, and how many more there are elsewhere."""
+    more = len(sentences) - most
+    return [*sentences[:most], f"{more} more in {where}."] if more > 0 else list(sentences)
+
+
 @contextmanager
 def progress(label: str) -> Iterator[bags.Progress]:
     """A bar on stderr, on a terminal only: a callback that takes what is done and how much there is."""
