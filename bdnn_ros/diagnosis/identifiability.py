@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.gains import acting
+from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, acting
 from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped
@@ -75,9 +75,15 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
             plainly = richer and probability > PLAINLY * judgement.probability
             if plainly or simpler or (hardly and not richer):
                 other = _instead(selection, one, rival)
-                if not plainly or search.predicts_better(other.pool, other.chosen, selection.chosen):
+                if not plainly or _earned(search, other, selection):
                     return other
     return None
+
+
+def _earned(search: Search, richer: Selection, plain: Selection) -> bool:
+    """Whether what a richer law says beyond a plain one is worth a name, and borne out by blocks held out."""
+    worth = plainer(richer).chosen == richer.chosen
+    return worth and search.predicts_better(richer.pool, richer.chosen, plain.chosen)
 
 
 def _instead(selection: Selection, one: int, rival: Term) -> Selection:
@@ -94,22 +100,21 @@ def _instead(selection: Selection, one: int, rival: Term) -> Selection:
 def plainer(selection: Selection) -> Selection:
     """The selection with every law given up for a part of it that says all it does but for what nobody would name.
 
-    Not what acts for moments: those are what tells it.
+    Beside that part the law has to earn its own name. Not what acts for moments: those are what tells it.
     """
-    pool, chosen = selection.pool, list(selection.chosen)
-    for k, one in enumerate(chosen):
+    pool, chosen = selection.pool, list[int]()
+    for one in selection.chosen:
         term = pool.terms[one]
-        if term.effect.brief:
-            continue
         parts = [
             c
             for c, other in enumerate(pool.terms)
             if other.target == term.target and (contains(term, other) or _settles_into(term, other))
         ]
-        left = {c: _beyond(pool, selection.fit, one, c) for c in parts if c not in chosen}
+        left = {} if term.effect.brief else {c: _beyond(pool, selection.fit, one, c) for c in parts}
+        if any(left[c] < MINIMUM_SHARE for c in left if c in selection.chosen):
+            continue
         least = min(left, key=lambda c: left[c], default=one)
-        if left.get(least, np.inf) < SLIGHT:
-            chosen[k] = least
+        chosen.append(least if left.get(least, np.inf) < SLIGHT else one)
     return Selection(pool, tuple(chosen), pool.fit(chosen))
 
 

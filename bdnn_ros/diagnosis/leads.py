@@ -6,11 +6,18 @@ their sum is well known: a delay with a lead against it would pass for a low-pas
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
+
 import numpy as np
 
+from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 
 DELAY = "effort_delay"
+LATEST, LAG_STEP = 0.2, 0.004
+"""Delays that are tried: up to the largest, one so far from the next [s]."""
 
 
 def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
@@ -36,3 +43,36 @@ def hold_spread(pool: Pool, chosen: int) -> float:
     if pool.terms[chosen].effect.name != DELAY or pool.terms[chosen].target >= 0:
         return 0.0
     return 0.5 * pool.equations.hold
+
+
+def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int) -> Pool:
+    """Some of a pool's terms with a chosen delay last, where the effort itself, moved by it, fits the others best.
+
+    The load that a delay puts ahead is made of the other terms, and they of what a wrong delay leaves: each can bear the
+    other out. What is moved here is the measured effort, which owes them nothing. The equations take the load that it shows.
+    """
+    equations, term = pool.equations, pool.terms[delay]
+    rest = [pool.terms[c] for c in chosen if c != delay]
+
+    def at(lag: float) -> Pool:
+        return Pool(_earlier(equations, term.target, lag), pool.noise, rest, pool.link_error)
+
+    lag, best = 0.0, at(0.0)
+    while lag + LAG_STEP <= LATEST:
+        later = at(lag + LAG_STEP)
+        if later.whole.evidence <= best.whole.evidence:
+            break
+        lag, best = lag + LAG_STEP, later
+    equations.relieve(*candidates.load(equations, best, best.whole))
+    return Pool(equations, pool.noise, [*rest, term.shaped({"at": lag})], pool.link_error)
+
+
+def _earlier(equations: Equations, joint: int, lag: float) -> Equations:
+    """The equations with the measured effort of one joint (-1: of all) moved to when it acts."""
+    effort = equations.motion.signals.effort
+    change = equations.motion.advanced(effort, -lag) - effort
+    if joint >= 0:
+        change = equations.motion.joint_column(joint, change[:, joint])[..., 0]
+    other = copy(equations)
+    other.target = equations.target + equations.reduced(change)
+    return other

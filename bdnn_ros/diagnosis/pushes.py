@@ -8,6 +8,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.windows import best_window
 from bdnn_ros.effects.environment import POINT, SAME_POINT, ExternalWrench, Push, window
 from bdnn_ros.effects.motion import Motion
@@ -26,6 +27,10 @@ FARTHEST = 1.0
 """No hand reaches further from its link's origin [m]."""
 WORTH = 6.0
 """Evidence that a point of its own must bring beyond those that are tried first."""
+CROSSING = 0.5
+"""Hardly a gap takes longer to cross [s]."""
+OUTDONE = 0.05
+"""A push that does less than this share of another at its time is what a constant wrench leaves of that one."""
 
 
 def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
@@ -66,6 +71,33 @@ def piece_of(small: Term, large: Term) -> bool:
     touching = min(abs(one["end"] - other["start"]), abs(one["start"] - other["end"])) < TOUCHING
     inside = one["start"] > other["start"] - TOUCHING and one["end"] < other["end"] + TOUCHING
     return shorter and (touching or inside)
+
+
+def leftovers(pool: Pool) -> list[bool]:
+    """Which terms are pushes that may be what another leaves of itself: of a push at their time, or of a gap being crossed.
+
+    No hand pushes as constantly as a wrench with a start and an end, and a crossing is known only as well as the motion.
+    """
+    equations = pool.equations
+    time = equations.motion.time[equations.rows]
+    parts = [
+        equations.columns(term) @ pool.coefficients(pool.whole, c) / equations.effort_scale
+        for c, term in enumerate(pool.terms)
+    ]
+    pairs = list(zip(pool.terms, parts, strict=True))
+    return [
+        term.effect.timed and any(_left_of(term, part, *other, time) for other in pairs if other[0] is not term)
+        for term, part in pairs
+    ]
+
+
+def _left_of(push: Term, part: np.ndarray, other: Term, more: np.ndarray, time: np.ndarray) -> bool:
+    """Whether a push that does `part` may be left of another term that does `more`, (R, n) each."""
+    if other.effect.timed:
+        return together(push, other) and bool(np.linalg.norm(part) < OUTDONE * np.linalg.norm(more))
+    start, end = _edges(push)
+    during = (time >= start) & (time <= end)
+    return other.effect.brief and end - start < CROSSING and bool(acting(more)[during].any())
 
 
 def between_rows(pool: Pool, fit: Fit, term: Term) -> Term:

@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of, white_noise_of
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.leads import DELAY, moved
 from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, UNSURE, Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST, contains, doubt, related
@@ -85,10 +86,26 @@ class Search(Moves):
             selection = self._select(settled.noise, settled.terms)
             if {t.place for t in selection.terms} == previous:
                 break
-        for hidden in (self._hidden_in_noise, self._hidden_behind_rivals):
+        for hidden in (self._hidden_by_delays, self._hidden_in_noise, self._hidden_behind_rivals):
             found = hidden(selection)
             selection = selection if found is None else self._select(found.noise, found.terms)
         return selection
+
+    def _hidden_by_delays(self, selection: Selection) -> Pool | None:
+        """The terms with a delay that fits the effort better than what it and the others agreed on; None without."""
+        late = [c for c in selection.chosen if selection.pool.terms[c].effect.name == DELAY]
+        if not late:
+            return None
+        now = self._at_own_noise(selection.pool, selection.chosen)
+        every = range(len(now.terms))
+        motion, score = self.equations.motion, self.score(now, every)
+        for delay in late:
+            other = moved(self.candidates, selection.pool, selection.chosen, delay)
+            trial = self._at_own_noise(other, every)
+            if self.score(trial, every) > score + BETTER and self.pays(trial, every, every[-1]):
+                return trial
+            self.equations.take(motion)
+        return None
 
     def _hidden_in_noise(self, selection: Selection) -> Pool | None:
         """The terms and one more that white noise shows and its own noise confirms; None without.
