@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 import pinocchio as pin
+from _naming_mujoco_robot import STEP, Real, moved, reported
 
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory, fourier
 
-STEP = 0.001
 ROBOTS = ("arm2", "arm6", "arm7")
 HIDDEN = (
     "nothing",
@@ -32,15 +30,31 @@ HIDDEN = (
     "quadratic_drag",
     "cogging",
     "position_offset",
+    "stribeck_friction",
+    "asymmetric_friction",
+    "load_dependent_friction",
+    "hysteresis",
+    "drift",
+    "link_inertia",
+    "velocity_filter",
+    "joint_elasticity",
+    "backlash",
 )
+OF_DRIVES = ("joint_elasticity", "backlash")
+"""Where a motor and its link part, the motor has a rotor: such robots are worn."""
+VARIANTS = {"external_wrench": "link", "drift": "coulomb"}
 SHARE = (0.08, 0.4)
 """Size of what is hidden, per spread of the joint's effort."""
+SWINGING = (25.0, 45.0)
+"""A link on its soft transmission [rad/s]."""
+GAP = (0.004, 0.03)
+"""Between a motor and its link [rad]."""
 WEAR = (0.05, 0.2)
 """The same of each part of the wear."""
 WORN = 0.5
 """Share of robots that are worn."""
-CREEP = 0.05
-"""The controller expects all of the friction above this speed [rad/s]."""
+BANDWIDTH = (3.0, 6.0)
+"""Of the controller [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -65,40 +79,6 @@ class Drawn:
     duration: float
     noise: float
     encoder: float
-
-
-@dataclass
-class Real:
-    """What the robot in MuJoCo is like, beyond its description, (n,) each.
-
-    Attributes:
-        push: force on the last body's centre of mass in the world's axes, its start and its end.
-        ripple: amplitude, periods a revolution and phase of each joint's cogging, (n, 3).
-        late: steps after which a command acts.
-        shift: of the measured position [rad].
-    """
-
-    friction: np.ndarray
-    damping: np.ndarray
-    rotor: np.ndarray
-    spring: np.ndarray
-    rest: np.ndarray
-    drag: np.ndarray
-    offset: np.ndarray
-    scale: np.ndarray
-    shift: np.ndarray
-    ripple: np.ndarray
-    payload: pin.Inertia | None = None
-    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
-    late: int = 0
-    push: tuple[np.ndarray, float, float] | None = None
-
-    @classmethod
-    def like(cls, width: int) -> Real:
-        """As described."""
-        wear, more, sensors = (np.zeros((count, width)) for count in (3, 3, 2))
-        offset, shift = sensors
-        return cls(*wear, *more, offset, np.ones(width), shift, np.zeros((width, 3)))
 
 
 @dataclass(frozen=True)
@@ -133,7 +113,12 @@ def made(draw: Drawn) -> tuple[Recording, dict[str, Any]]:
     time = np.arange(round(draw.duration / STEP)) * STEP
     plan = fourier(robot, time, rng)
     real, truth = _real(draw, robot, plan, rng)
-    return _moved(draw, robot, real, plan, rng), truth
+    every = round(1.0 / (draw.rate * STEP))
+    rows = moved(robot, real, (draw.wrong, rng), plan, 2.0 * math.pi * rng.uniform(*BANDWIDTH))
+    if real.slow is not None:
+        j, cutoff = real.slow
+        rows[:, robot.width + j] = reported(rows[:, robot.width + j], cutoff)
+    return _sensed(draw, robot, real, rows[::every], rng), truth
 
 
 def _real(
@@ -144,7 +129,7 @@ def _real(
     effort = robot.rigid_effort(plan.position, plan.velocity, plan.acceleration).std(axis=0)
     usual = Usual(effort, effort / plan.velocity.std(axis=0), effort / plan.acceleration.std(axis=0))
     worn = None
-    if draw.worn:
+    if draw.worn or draw.hidden in OF_DRIVES:
         real.friction, real.damping, real.rotor = (
             unit * rng.uniform(*WEAR, n) for unit in (usual.effort, usual.per_speed, usual.per_acceleration)
         )
@@ -156,18 +141,26 @@ def _real(
     truth: dict[str, Any] = {"effects": [], "worn": worn, "links": {}}
     if draw.hidden == "nothing":
         return real, truth
-    # a zero that is off shows neither about a vertical nor about the last link's own axis
-    j = int(rng.integers(1, max(n - 1, 2)) if draw.hidden == "position_offset" else rng.integers(n))
-    parameters = _hidden(draw.hidden, real, j, usual, plan, rng)
-    on_link = draw.hidden in ("payload", "external_wrench")
-    one = {"effect": draw.hidden, "variant": "link" if draw.hidden == "external_wrench" else ""}
-    one |= {"link": robot.moving_link(robot.joints[-1]) if on_link else None}
-    one |= {"joint": None if on_link or draw.hidden in ("base_tilt", "effort_delay") else robot.joints[j]}
+    j = int(rng.integers(*_among(draw.hidden, n)))
+    parameters = _hidden(draw.hidden, real, j, robot, usual, plan, rng)
+    on_link = {"payload": n - 1, "external_wrench": n - 1, "link_inertia": j}
+    one = {"effect": draw.hidden, "variant": VARIANTS.get(draw.hidden, "")}
+    one |= {"link": robot.moving_link(robot.joints[on_link[draw.hidden]]) if draw.hidden in on_link else None}
+    one |= {"joint": None if one["link"] or draw.hidden in ("base_tilt", "effort_delay") else robot.joints[j]}
     return real, {**truth, "effects": [{**one, "parameters": parameters}]}
 
 
+def _among(name: str, n: int) -> tuple[int, int]:
+    """The first joint that something may be hidden at, and the one after the last."""
+    if name == "position_offset":  # shows neither about a vertical nor about the last link's own axis
+        return 1, max(n - 1, 2)
+    if name in ("link_inertia", "joint_elasticity"):  # where a link is heavy
+        return int(name == "link_inertia"), n // 2 + 1
+    return 0, n
+
+
 def _hidden(
-    name: str, real: Real, j: int, usual: Usual, plan: Trajectory, rng: np.random.Generator
+    name: str, real: Real, j: int, robot: Robot, usual: Usual, plan: Trajectory, rng: np.random.Generator
 ) -> dict[str, float]:
     """Parameters of what is hidden at a joint, put into the robot."""
     share, sign = float(np.exp(rng.uniform(*np.log(SHARE)))), float(rng.choice([-1.0, 1.0]))
@@ -213,6 +206,39 @@ def _hidden(
             about_x, about_y = ((math.radians(roll), 0.0, 0.0), (0.0, math.radians(pitch), 0.0))
             real.gravity = (pin.rpy.rpyToMatrix(*about_y) @ pin.rpy.rpyToMatrix(*about_x)).T @ real.gravity
             return {"roll_deg": float(roll), "pitch_deg": float(pitch)}
+        case "stribeck_friction":
+            coulomb, static, slow = 0.5 * effort, 1.5 * effort, float(rng.uniform(0.1, 0.4) * speed.std())
+            real.level = j, lambda t, v, load: coulomb + (static - coulomb) * math.exp(-((v / slow) ** 2))
+            return {"coulomb": coulomb, "static": static, "velocity": slow}
+        case "asymmetric_friction":
+            ahead, back = (1.0 + 0.4 * sign) * effort, (1.0 - 0.4 * sign) * effort
+            real.level = j, lambda t, v, load: ahead if v > 0.0 else back
+            return {"positive": ahead, "negative": back}
+        case "load_dependent_friction":
+            ratio = float(rng.uniform(0.08, 0.3))
+            real.level = j, lambda t, v, load: ratio * abs(load)
+            return {"ratio": ratio}
+        case "drift":
+            early, late, end = 0.4 * effort, 1.6 * effort, float(plan.time[-1])
+            real.level = j, lambda t, v, load: early + (late - early) * t / end
+            return {"start_value": early, "end_value": late, "start": 0.0, "end": end}
+        case "hysteresis":
+            real.bristle = j, effort, float(rng.uniform(0.01, 0.06))
+            return {"force": effort, "breakaway": real.bristle[2]}
+        case "link_inertia":
+            link, scale = robot.moving_link(robot.joints[j]), math.exp(sign * rng.uniform(0.25, 0.45))
+            real.link, mass = (link, scale), float(robot.inertials[j, 0])
+            return {"mass": scale * mass, "nominal_mass": mass, "scale": scale}
+        case "velocity_filter":
+            real.slow = j, float(rng.uniform(3.0, 12.0))
+            return {"cutoff": real.slow[1]}
+        case "joint_elasticity":
+            inertia = float(robot.mass_matrix(plan.position)[:, j, j].mean())
+            real.give = j, inertia * rng.uniform(*SWINGING) ** 2, 0.0
+            return {"stiffness": real.give[1]}
+        case "backlash":
+            real.give = j, 0.0, float(np.exp(rng.uniform(*np.log(GAP))))
+            return {"gap": real.give[2], "crossing": real.give[2]}
         case "external_wrench":
             force, start = rng.standard_normal(3), float(rng.uniform(3.0, 15.0))
             force *= rng.uniform(5.0, 15.0) / np.linalg.norm(force)
@@ -220,60 +246,6 @@ def _hidden(
             components = dict(zip(("force_x", "force_y", "force_z"), force.tolist(), strict=True))
             return {"start": start, "end": real.push[2], **components}
     raise ValueError(name)
-
-
-def _moved(draw: Drawn, robot: Robot, real: Real, plan: Trajectory, rng: np.random.Generator) -> Recording:
-    """What sensors see of the robot under computed torque; its controller knows the wear, as a tuned one does."""
-    model = _model(draw, robot, real, rng)
-    data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = plan.position[0], plan.velocity[0]
-    bandwidth, every = 2.0 * math.pi * rng.uniform(3.0, 6.0), round(1.0 / (draw.rate * STEP))
-    rows, waiting = [], deque([np.zeros(robot.width)] * (real.late + 1), real.late + 1)
-    command = np.zeros(robot.width)
-    for k in range(len(plan.time)):
-        q, v = data.qpos.copy(), data.qvel.copy()
-        if k % 2 == 0:
-            wanted = plan.acceleration[k] + bandwidth**2 * (plan.position[k] - q)
-            wanted += 2.0 * bandwidth * (plan.velocity[k] - v)
-            command = robot.rigid_effort(q[None], v[None], wanted[None])[0] + real.rotor * wanted
-            command += real.damping * v + real.friction * np.tanh(plan.velocity[k] / CREEP)
-        if k % every == 0:
-            rows.append(np.concatenate([q, v, command]))
-        waiting.append(command)
-        amplitude, periods, phase = real.ripple.T
-        data.qfrc_applied[:] = (
-            waiting[0] - real.drag * np.abs(v) * v - amplitude * np.sin(periods * q + phase)
-        )
-        if real.push is not None:
-            data.xfrc_applied[-1, :3] = real.push[0] * (real.push[1] <= plan.time[k] < real.push[2])
-        mujoco.mj_step(model, data)
-    return _sensed(draw, robot, real, np.array(rows), rng)
-
-
-def _model(draw: Drawn, robot: Robot, real: Real, rng: np.random.Generator) -> mujoco.MjModel:
-    """MuJoCo's robot: its links are off, and it has the wear, the spring, the payload and the tilt of the real one."""
-    model = mujoco.MjModel.from_xml_string(robot.urdf)
-    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    model.opt.gravity[:] = real.gravity
-    heavier = 1.0 + draw.wrong * np.clip(rng.standard_normal(model.nbody), -2.0, 2.0)
-    model.body_mass *= heavier
-    model.body_inertia *= heavier[:, None]
-    model.body_ipos *= 1.0 + draw.wrong * np.clip(rng.standard_normal((model.nbody, 3)), -2.0, 2.0)
-    if real.payload is not None:
-        turn = pin.Quaternion(*model.body_iquat[-1]).toRotationMatrix()
-        own = turn @ np.diag(model.body_inertia[-1]) @ turn.T
-        both = pin.Inertia(float(model.body_mass[-1]), model.body_ipos[-1].copy(), own) + real.payload
-        sizes, axes = np.linalg.eigh(both.inertia)
-        axes[:, 0] *= np.sign(np.linalg.det(axes))
-        model.body_mass[-1], model.body_ipos[-1], model.body_inertia[-1] = both.mass, both.lever, sizes
-        model.body_iquat[-1] = pin.Quaternion(axes).coeffs()[[3, 0, 1, 2]]
-    model.dof_frictionloss[:], model.dof_damping[:], model.dof_armature[:] = (
-        real.friction,
-        real.damping,
-        real.rotor,
-    )
-    model.jnt_stiffness[:], model.qpos_spring[:] = real.spring, real.rest
-    return model
 
 
 def _sensed(draw: Drawn, robot: Robot, real: Real, rows: np.ndarray, rng: np.random.Generator) -> Recording:

@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import Moves
-from bdnn_ros.diagnosis.pushes import best_push, between_rows, together
+from bdnn_ros.diagnosis.pushes import best_push, between_rows, leftovers, together
 from bdnn_ros.effects.environment import POINT
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
@@ -112,6 +112,40 @@ def test_pushes_are_together_where_they_last_over_each_other(times, same):
     other = one.shaped(dict(zip(("start", "end"), times, strict=True)))
     assert together(one, other) is together(other, one) is same
     assert not together(one, term("coulomb_friction@arm6_joint2:coulomb=1", ARM)[0])
+
+
+@pytest.mark.parametrize(
+    ("other", "left"),
+    [
+        ("external_wrench@arm6_joint3:start=3,end=8,torque=60", True),
+        ("external_wrench@arm6_joint3:start=3,end=8,torque=10", False),
+        ("external_wrench@arm6_joint3:start=8,end=11,torque=60", False),
+        ("coulomb_friction@arm6_joint3:coulomb=60", False),
+    ],
+)
+def test_what_a_constant_push_leaves_is_no_second_push(other, left):
+    """Where the second does a fiftieth of what the first does at its time."""
+    small = "external_wrench@arm6_joint3:start=2.5,end=8.5,torque=1"
+    equations = equations_of([small, other], "arm6")
+    _, model = white(equations, 0.02)
+    pool = Pool(equations, model, [term(spec, ARM)[0] for spec in (small, other)], TRUSTING)
+    assert leftovers(pool) == [left, False]
+
+
+@pytest.mark.parametrize(("lasts", "left"), [(0.3, True), (0.8, False)])
+def test_a_moment_of_a_crossing_is_no_push(lasts, left):
+    """A gap that is crossed a little later than its model says leaves what a short push would."""
+    gap = "backlash@arm2_joint2:gap=0.02,crossing=0.02"
+    equations, robot = equations_of([gap]), Robot.bundled("arm2")
+    loose, amount = term(gap, robot)
+    time = equations.motion.time[equations.rows]
+    crossed = time[np.argmax(np.abs(equations.columns(loose) @ amount)[:, 1])]
+    push, _ = term(
+        f"external_wrench@arm2_joint1:start={crossed - 0.5 * lasts},end={crossed + 0.5 * lasts},torque=1",
+        robot,
+    )
+    _, model = white(equations, 0.02)
+    assert leftovers(Pool(equations, model, [loose, push], TRUSTING)) == [False, left]
 
 
 def test_a_point_of_a_link_pulls_by_its_jacobian():

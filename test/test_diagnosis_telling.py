@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of
 
-from bdnn_ros.diagnosis import telling
+from bdnn_ros.diagnosis import identifiability, telling
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
@@ -99,15 +99,20 @@ def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it(
 
 
 @pytest.mark.parametrize(
-    "probabilities, borne_out, told",
+    "probabilities, borne_out, beyond, told",
     [
-        ((0.4, 0.6), True, None),
-        ((0.1, 0.9), False, None),
-        ((0.1, 0.9), True, "stribeck_friction"),
-        ((0.01, 0.99), False, None),
+        ((0.4, 0.6), True, 0.1, None),
+        ((0.1, 0.9), False, 0.1, None),
+        ((0.1, 0.9), True, 0.1, "stribeck_friction"),
+        ((0.1, 0.9), True, 0.005, None),
+        ((0.01, 0.99), False, 0.1, None),
     ],
 )
-def test_a_plainly_likelier_law_takes_over_where_held_out_blocks_bear_it_out(probabilities, borne_out, told):
+def test_a_plainly_likelier_law_takes_over_where_held_out_blocks_bear_it_out(
+    monkeypatch, probabilities, borne_out, beyond, told
+):
+    """And where it says more than nobody would name."""
+    monkeypatch.setattr(identifiability, "_beyond", lambda pool, fit, one, part: beyond)
     terms = [Term(get("coulomb_friction"), 0), Term(get("stribeck_friction"), 0), Term(get("armature"), 1)]
     judgement = Judgement(probabilities[0], 0.0, ((terms[1], probabilities[1]),))
     found = told_of(terms, (0, 2), judgement, Judgement(0.98, 0.0, ()), borne_out=borne_out)
@@ -135,6 +140,7 @@ def told_of(terms, chosen, *judgements, borne_out=True):
 def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, name, there, less, told):
     held_out, ever = Removal(np.array([less]), less > 0.0, there), Removal(np.array([0.1]), True, True)
     monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
+    monkeypatch.setattr(telling, "leftovers", lambda fitted: [False])
     monkeypatch.setattr(telling, "_finding", lambda robot, estimate, judgement, share: estimate)
     equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
     attempt = SimpleNamespace(
@@ -158,14 +164,28 @@ def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, nam
 )
 def test_a_law_gives_way_to_a_part_of_it_that_says_as_much(spec, law):
     """However surely it is the better one: nobody would name the difference."""
-    robot, equations = Robot.bundled("arm2"), equations_of([spec])
-    terms = [t for t in Candidates.of(robot).terms if t.target == 0 and not t.effect.timed]
-    terms = [t.shaped(t.effect.shapes(equations.motion, 0, t.link)[0]) for t in terms]
-    name = spec.partition("@")[0]
-    key = {"hysteresis": "breakaway", "backlash": "crossing"}.get(name)
-    shape = {key: float(spec.rpartition("=")[2])} if key else {}
-    one = next(k for k, t in enumerate(terms) if t.effect.name == name)
-    terms[one] = terms[one].shaped(shape)
-    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-4 * equations.effort_scale), terms, 0.02)
+    pool, one, _ = pool_with_law(spec)
     (found,) = plainer(Selection(pool, (one,), pool.fit([one]))).terms
     assert found.effect.name == law
+
+
+@pytest.mark.parametrize("breakaway, told", [(0.001, False), (0.05, True)])
+def test_a_law_beside_a_part_of_it_has_to_earn_its_own_name(breakaway, told):
+    """Dry friction told as two, which hardly differ, is dry friction."""
+    spec = f"hysteresis@arm2_joint1:force=0.15,breakaway={breakaway}"
+    pool, law, part = pool_with_law(spec, "coulomb_friction@arm2_joint1:coulomb=0.3")
+    chosen = (law, part)
+    names = [t.effect.name for t in plainer(Selection(pool, chosen, pool.fit(chosen))).terms]
+    assert names == ["hysteresis"] * told + ["coulomb_friction"]
+
+
+def pool_with_law(spec, *beside):
+    """Everything that acts on the first joint, where a law does; and which of it are the law and its Coulomb friction."""
+    robot, equations = Robot.bundled("arm2"), equations_of([spec, *beside])
+    terms = [t for t in Candidates.of(robot).terms if t.target == 0 and not t.effect.timed]
+    terms = [t.shaped(t.effect.shapes(equations.motion, 0, t.link)[0]) for t in terms]
+    name, names = spec.partition("@")[0], [t.effect.name for t in terms]
+    key, one = {"hysteresis": "breakaway", "backlash": "crossing"}.get(name), names.index(name)
+    terms[one] = terms[one].shaped({key: float(spec.rpartition("=")[2])} if key else {})
+    noise = Noise(np.zeros((2, 3)), 1e-4 * equations.effort_scale)
+    return Pool(equations, noise, terms, 0.02), one, names.index("coulomb_friction")

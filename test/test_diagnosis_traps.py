@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_cases import equations_of
 
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.equations import BLURS, Equations
+from bdnn_ros.diagnosis.equations import BLURS, Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.leads import moved
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST
 from bdnn_ros.diagnosis.settling import at_own_noise
@@ -115,6 +117,23 @@ def test_friction_of_a_joint_that_sticks_is_not_a_delay_of_its_effort():
     held = 0.5 / simulated.recording.rate
     assert alone[0] > 1.5 * held, "the trap is not there"
     assert both[0] == pytest.approx(held, rel=0.3) and both[1] > 0.0
+
+
+def test_a_drag_and_a_short_delay_do_not_stand_for_a_long_one():
+    """Each bears the other out: the load that the delay puts ahead holds the drag. The effort itself, moved, does not."""
+    robot = Robot.bundled("arm2")
+    equations = equations_of(["effort_delay@arm2_joint1:delay=0.042"])
+    candidates, noise = Candidates.of(robot), Noise(np.zeros((2, 3)), 0.01 * equations.effort_scale)
+    delay, drag = Term(get("effort_delay"), 0).shaped({"at": 0.012}), Term(get("quadratic_drag"), 0)
+    false_drag = 3.0 * equations.motion.signals.velocity * np.abs(equations.motion.signals.velocity)
+    load = equations.motion.load + false_drag * [1.0, 0.0]
+    equations.relieve(load, equations.drive)
+    trapped = Pool(equations, noise, [drag, delay], 0.02)
+    stays = candidates.refined(equations, trapped, trapped.whole, 1)
+    assert dict(stays.shape)["at"] != pytest.approx(0.042, abs=0.003), "the trap is not there"
+    other = moved(candidates, trapped, (0, 1), 1)
+    assert dict(other.terms[-1].shape)["at"] == pytest.approx(0.042, abs=0.003)
+    assert other.coefficients(other.whole, 1) == pytest.approx(0.042, abs=0.001)
 
 
 def test_a_long_push_does_not_pass_for_slow_noise():

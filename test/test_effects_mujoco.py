@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.building import build
+from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.settling import settled
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import flattened, prepare
@@ -24,23 +26,38 @@ ROBOT = Robot.bundled("arm2")
 LOW = 5.0
 
 
-@pytest.mark.parametrize("name", HIDDEN[1:])
+WEAR = {"coulomb": "coulomb_friction", "viscous": "viscous_friction", "armature": "armature"}
+PERFECT = replace(drawn(0), wrong=0.0, worn=False, rate=500, duration=12.0, noise=0.0, encoder=0.0)
+
+
+def worn(truth):
+    """Each joint's wear: its index, the effect and its only parameter."""
+    for joint, parts in (truth["worn"] or {}).items():
+        yield from ((ROBOT.joints.index(joint), (WEAR[key], amount)) for key, amount in parts.items())
+
+
+@pytest.mark.parametrize("name", [name for name in HIDDEN[1:] if not get(name).kinematic])
 def test_a_regression_finds_the_parameters_that_mujoco_was_given(name):
-    perfect = replace(drawn(0), hidden=name, wrong=0.0, worn=False, rate=500, duration=12.0)
-    recording, truth = made(replace(perfect, noise=0.0, encoder=0.0))
+    recording, truth = made(replace(PERFECT, hidden=name))
     (one,) = truth["effects"]
     effect, link = get(name, one["variant"]), one["link"]
-    target = ROBOT.joints.index(one["joint"]) if one["joint"] else ROBOT.width - 1 if link else -1
+    joint = ROBOT.joints.index(one["joint"]) if one["joint"] else -1
+    target = ROBOT.body_of(link)[0] if link else joint
     values = effect.with_defaults(one["parameters"])
     if name == "external_wrench":  # MuJoCo pushes at the centre of mass
         mass, *moment = ROBOT.inertials[-1][:4]
         values |= dict(zip(("point_x", "point_y", "point_z"), np.array(moment) / mass, strict=True))
     coefficients, shape = effect.coefficients(values)
+    terms, known = [Term(effect, target, link).shaped(shape)], [coefficients]
+    for j, (effect_of_wear, amount) in worn(truth):
+        terms.append(Term(get(effect_of_wear), j))
+        known.append(np.array([amount]))
     equations = build(flattened(prepare(recording), LOW), ROBOT)
-    term = Term(effect, target, link).shaped(shape)
-    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale), [term], 1e-4)
-    found = pool.coefficients(pool.whole, 0)
-    part, true = (equations.columns(term) @ some for some in (found, coefficients))
+    noise = Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale)
+    pool = settled(Candidates.of(ROBOT), equations, Pool(equations, noise, terms, 1e-4))
+    columns = [equations.columns(term) for term in terms]
+    part, true = (columns[0] @ some for some in (pool.coefficients(pool.whole, 0), coefficients))
     assert np.abs(part - true).max() < 0.05 * np.abs(true).max()
-    left = (equations.target - true)[equations.usable.all(axis=1)] / equations.effort_scale
+    left = equations.target - sum(column @ some for column, some in zip(columns, known, strict=True))
+    left = left[equations.usable.all(axis=1)] / equations.effort_scale
     assert np.sqrt(np.mean(left**2)) < 0.02

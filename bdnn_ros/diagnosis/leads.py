@@ -69,10 +69,12 @@ def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int)
 
 def _earlier(equations: Equations, joint: int, lag: float) -> Equations:
     """The equations with the measured effort of one joint (-1: of all) moved to when it acts."""
-    effort = equations.motion.signals.effort
-    change = equations.motion.advanced(effort, -lag) - effort
+    motion, effort = equations.motion, equations.motion.signals.effort
+    if effort is None:
+        raise ValueError("no effort was measured")
+    change = motion.advanced(effort, -lag) - effort
     if joint >= 0:
-        change = equations.motion.joint_column(joint, change[:, joint])[..., 0]
+        change = motion.joint_column(joint, change[:, joint])[..., 0]
     other = copy(equations)
     other.target = equations.target + equations.reduced(change)
     return other

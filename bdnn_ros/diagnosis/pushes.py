@@ -86,7 +86,8 @@ def leftovers(pool: Pool) -> list[bool]:
     ]
     pairs = list(zip(pool.terms, parts, strict=True))
     return [
-        term.effect.timed and any(_left_of(term, part, *other, time) for other in pairs if other[0] is not term)
+        term.effect.timed
+        and any(_left_of(term, part, *other, time) for other in pairs if other[0] is not term)
         for term, part in pairs
     ]
 
