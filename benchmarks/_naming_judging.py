@@ -33,6 +33,8 @@ LEVER = 0.1
 """A torque that is nothing is counted against what the force does at this distance [m]."""
 LINK_ERROR = 0.5
 """A link named without being hidden is true where its mass error is found to within this share."""
+ON_AXIS = 0.005
+"""So near an axis a force has hardly a moment about it [m]."""
 CONFIDENCE = 1.96
 
 Json = Mapping[str, Any]
@@ -167,6 +169,8 @@ def _same_physics(
     """Whether a finding says in other words what is true."""
     if {finding["effect"], one.name} == {"base_tilt", "position_offset"}:
         return max(target, one.target) == 0 and _turns_gravity(robot)
+    if finding["effect"] == one.name == "external_wrench":
+        return target == one.target - 1 and _on_axis(one, robot)
     if target != one.target:
         return False
     if {finding["effect"], one.name} == {"payload", "link_inertia"}:
@@ -182,6 +186,16 @@ def _turns_gravity(robot: Robot) -> bool:
     """Whether the first joint's axis is not vertical, so that its zero and the base's tilt are one angle."""
     poses = np.random.default_rng(0).uniform(-1.0, 1.0, (20, robot.width))
     return bool(np.ptp(robot.rigid_effort(poses, 0.0 * poses, 0.0 * poses)[:, 0]) > 1e-6)
+
+
+def _on_axis(push: Truth, robot: Robot) -> bool:
+    """Whether a force acts on the axis of its link's joint, so that the link before feels the same of it."""
+    point = np.array([push.values.get(axis, 0.0) for axis in GIVEN["external_wrench"]])
+    torque = math.hypot(*(push.values.get(f"torque_{axis}", 0.0) for axis in "xyz"))
+    link, pose = robot.moving_link(robot.joints[push.target]), np.zeros((1, robot.width))
+    turning = robot.link_jacobian(pose, link)[0, 3:, push.target]
+    arm = np.cross(robot.link_rotation(pose, link)[0].T @ turning, point)
+    return bool(torque == 0.0 and np.linalg.norm(arm) < ON_AXIS)
 
 
 def _is_link_error(finding: Json, truth: Json) -> bool:

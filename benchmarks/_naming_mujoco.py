@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from _naming_mujoco_robot import STEP, Real, moved, reported
 
+from bdnn_ros.effects.environment import FORCE, POINT
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory, fourier
@@ -243,8 +244,9 @@ def _hidden(
             force, start = rng.standard_normal(3), float(rng.uniform(3.0, 15.0))
             force *= rng.uniform(5.0, 15.0) / np.linalg.norm(force)
             real.push = (force, start, start + float(rng.uniform(2.0, 6.0)))
-            components = dict(zip(("force_x", "force_y", "force_z"), force.tolist(), strict=True))
-            return {"start": start, "end": real.push[2], **components}
+            mass, *moment = robot.inertials[-1][:4]
+            there = zip(FORCE + POINT, (*force, *(np.array(moment) / mass)), strict=True)
+            return {"start": start, "end": real.push[2], **{name: float(value) for name, value in there}}
     raise ValueError(name)
 
 

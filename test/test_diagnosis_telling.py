@@ -140,7 +140,7 @@ def told_of(terms, chosen, *judgements, borne_out=True):
 def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, name, there, less, told):
     held_out, ever = Removal(np.array([less]), less > 0.0, there), Removal(np.array([0.1]), True, True)
     monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
-    monkeypatch.setattr(telling, "leftovers", lambda fitted: [False])
+    monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
     monkeypatch.setattr(telling, "_finding", lambda robot, estimate, judgement, share: estimate)
     equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
     attempt = SimpleNamespace(

@@ -74,7 +74,7 @@ class Candidates:
         rest = pool.fit([c for c in fit.terms if c != chosen and not piece_of(pool.terms[c], term)])
         term = _relinearised(equations, pool, rest, term)
         if term.effect.timed:
-            return between_rows(pool, rest, best_push(pool, rest, term, self.robot))
+            return between_rows(pool, rest, best_push(pool, rest, term, self.robot), self.robot)
         free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
         return _refined(equations, pool, rest, term, free) if free else term
 

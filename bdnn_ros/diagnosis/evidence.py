@@ -78,6 +78,7 @@ class Pool:
         for term, slot in zip(self.terms, self.slots, strict=True):
             self.moment[:, slot] -= equations.echo(term, len(slot))
         self._fits: dict[tuple[tuple[int, ...], int | None], Fit] = {}
+        self._tall: tuple[tuple[object, ...], np.ndarray] | None = None
         order = noise.coefficients.shape[1]
         history = equations.history(order)
         stds = noise.of(equations.doubtful(order), np.maximum(history, 0))
@@ -95,7 +96,7 @@ class Pool:
     def replacing(self, one: int, term: Term) -> Pool:
         """The same pool with another shape of one term."""
         other, slot = copy(self), self.slots[one]
-        other._fits = {}
+        other._fits, other._tall = {}, None
         columns = self.equations.columns(term)
         other.terms = [*self.terms[:one], term, *self.terms[one + 1 :]]
         other.precision = self.precision.copy()
@@ -202,8 +203,7 @@ class Pool:
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
         white = self.equations.whiten(columns[:, joints], self.noise, joints)
         tall = white.reshape(-1, white.shape[2])
-        index = self.columns_of(fit.terms)
-        known = self.white[:, joints][:, :, index].reshape(-1, len(index))
+        known = self._known(fit, joints)
         cross = known.T @ tall
         left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
         left = left - self.equations.echo(term, tall.shape[1]).sum(axis=0)
@@ -211,6 +211,14 @@ class Pool:
         schur = tall.T @ tall + np.diag(prior) - cross.T @ fit.covariance @ cross
         gains, best = gains_of(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])
         return float(gains[0]), best[0]
+
+    def _known(self, fit: Fit, joints: np.ndarray) -> np.ndarray:
+        """Whitened columns of a fit on some joints, (R * joints, P); kept for the next term that is tried beside it."""
+        key = (fit.terms, tuple(joints.tolist()))
+        if self._tall is None or self._tall[0] != key:
+            index = self.columns_of(fit.terms)
+            self._tall = key, self.white[:, joints][:, :, index].reshape(-1, len(index))
+        return self._tall[1]
 
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:
         """Half squared whitened error on each block, fitted without it, (B,)."""

@@ -142,7 +142,9 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
         for rival, score in weighed[2].items():
             scores[rival] = max(scores.get(rival, -np.inf), score)
     keys = list(scores)
-    logs = np.array([own, nothing, *(scores[k] for k in keys)]) / TEMPERATURE
+    # nobody pushes just as a wrench does: by so much its evidence may be wrong, and which link it is a toss
+    ideal = term.effect.idealised**2 * max(own - nothing, 0.0) if term.effect.timed else 0.0
+    logs = np.array([own, nothing, *(scores[k] for k in keys)]) / (TEMPERATURE + ideal)
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     rivals_found = [(fair.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]

@@ -10,7 +10,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near, unbelievable
-from bdnn_ros.diagnosis.pushes import reshaped, together
+from bdnn_ros.diagnosis.pushes import leftover, reshaped, together
 
 ABSURD = 1e9
 """Log odds against an effect that cannot be."""
@@ -22,6 +22,8 @@ BETTER = 0.5
 """A rival must score so much better to take a term's place."""
 WORSE = 1.01
 """What raises the plain error by this factor does not pay, however white it makes the rest."""
+SURELY = 1.645
+"""Standard deviations by which a gain must exceed nothing."""
 WINS = 0.6
 """Share of held-out blocks (of those that change) that must gain."""
 
@@ -203,7 +205,7 @@ class Moves:
 
         Links that bend beyond belief to stand in for it predict held-out blocks as well, so belief is weighed, too.
         """
-        if unbelievable(pool, pool.fit(grown)):
+        if unbelievable(pool, pool.fit(grown)) or leftover(pool, grown, candidate):
             return False
         without = [c for c in grown if c != candidate]
         if self._left(pool, grown) > WORSE * self._left(pool, without):
@@ -211,14 +213,23 @@ class Moves:
         return self.predicts_better(pool, grown, without)
 
     def predicts_better(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
-        """Whether one set predicts blocks that it was not fitted to surely better than another, belief weighed in."""
+        """Whether one set predicts blocks that it was not fitted to surely better than another, belief weighed in.
+
+        A single block in which something else happened, as when a recording begins, has no veto.
+        """
         gained = pool.held_out(other) - pool.held_out(one)
         gained += (pool.disbelief(other) - pool.disbelief(one)) / len(gained)
-        if gained.sum() <= 0.0:
-            return False
-        return bool(gained.sum() > 1.645 * gained.std() * np.sqrt(len(gained)) or (gained > 0).mean() >= WINS)
+        often = bool((gained > 0).mean() >= WINS)
+        if gained.sum() > 0.0:
+            return often or _surely(gained)
+        return often and _surely(np.delete(gained, np.argmin(gained)))
 
     def _left(self, pool: Pool, chosen: Sequence[int]) -> float:
         """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""
         residual = pool.residual(pool.fit(chosen)) / self.equations.effort_scale
         return float(np.sum(np.where(pool.sure, residual, 0.0) ** 2))
+
+
+def _surely(gained: np.ndarray) -> bool:
+    """Whether a sum of gains (B,) is hardly chance."""
+    return bool(gained.sum() > SURELY * gained.std() * np.sqrt(len(gained)))

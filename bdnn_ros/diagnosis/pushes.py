@@ -10,13 +10,15 @@ from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.windows import best_window
-from bdnn_ros.effects.environment import POINT, SAME_POINT, ExternalWrench, Push, window
+from bdnn_ros.effects.environment import POINT, ExternalWrench, Push, window
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
 
 EDGES = ("start", "end")
 STEPS = 5
 """Gauss-Newton steps, towards a point of contact or the times of a push."""
+AT_POINT = 2e-4
+"""A step towards a point that is small enough [m]."""
 NEAR = 0.1
 """Times found between rows are nearer than this to where the search for them starts [s]."""
 EXACT = 1e-3
@@ -27,29 +29,37 @@ FARTHEST = 1.0
 """No hand reaches further from its link's origin [m]."""
 WORTH = 6.0
 """Evidence that a point of its own must bring beyond those that are tried first."""
+CONTENDS = 0.5
+"""What explains less than this share of what the best push does needs no finer times."""
 CROSSING = 0.5
 """Hardly a gap takes longer to cross [s]."""
 OUTDONE = 0.05
-"""A push that does less than this share of another at its time is what a constant wrench leaves of that one."""
+"""What is less than this share of another push at its time is what a constant wrench leaves of that one."""
 
 
 def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
-    """A push with the times, and a wrench with the point of its link, that add most evidence to a fit."""
+    """A push with the times, and a wrench with the point of its link, that add most evidence to a fit.
+
+    A wrench that explains nothing at the points that are tried first is not looked for at others.
+    """
     tried = [best_window(pool, fit, term.shaped(point)) for point in term.effect.points(robot, term.link)]
-    best = max(tried, key=lambda one: pool.gain_of(fit, one)[0])
-    contact = _contact(pool, fit, best)
+    gain, best = max(((pool.gain_of(fit, one)[0], one) for one in tried), key=lambda pair: pair[0])
+    contact = _contact(pool, fit, best) if gain > 0.0 else None
     if contact is None:
         return best
     contact = best_window(pool, fit, contact)
-    return contact if pool.gain_of(fit, contact)[0] > pool.gain_of(fit, best)[0] + WORTH else best
+    return contact if pool.gain_of(fit, contact)[0] > gain + WORTH else best
 
 
 def reshaped(pool: Pool, rest: Sequence[int], robot: Robot) -> Pool:
     """The pool with all pushes but those among the rest where each explains most beside the rest."""
     fit = pool.fit(rest)
-    for one, term in enumerate(pool.terms):
-        if term.effect.timed and one not in rest:
-            pool = pool.replacing(one, between_rows(pool, fit, best_push(pool, fit, term, robot)))
+    others = [c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest]
+    found = {c: best_push(pool, fit, pool.terms[c], robot) for c in others}
+    gains = {c: pool.gain_of(fit, term)[0] for c, term in found.items()}
+    for c, term in found.items():
+        near = gains[c] > CONTENDS * max(gains.values())
+        pool = pool.replacing(c, between_rows(pool, fit, term, robot) if near else term)
     return pool
 
 
@@ -73,56 +83,80 @@ def piece_of(small: Term, large: Term) -> bool:
     return shorter and (touching or inside)
 
 
-def leftovers(pool: Pool) -> list[bool]:
-    """Which terms are pushes that may be what another leaves of itself: of a push at their time, or of a gap being crossed.
+def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
+    """Whether a term is a push that may be what another leaves of itself: of a push at its time, or of a gap being crossed.
 
     No hand pushes as constantly as a wrench with a start and an end, and a crossing is known only as well as the motion.
     """
-    equations = pool.equations
-    time = equations.motion.time[equations.rows]
-    parts = [
-        equations.columns(term) @ pool.coefficients(pool.whole, c) / equations.effort_scale
-        for c, term in enumerate(pool.terms)
-    ]
-    pairs = list(zip(pool.terms, parts, strict=True))
-    return [
-        term.effect.timed
-        and any(_left_of(term, part, *other, time) for other in pairs if other[0] is not term)
-        for term, part in pairs
-    ]
+    push = pool.terms[one]
+    if not push.effect.timed:
+        return False
+    others = [c for c in chosen if c != one]
+    crossed = any(_crossed(pool, chosen, c, push) for c in others)
+    pushes = [c for c in others if together(push, pool.terms[c])]
+    return crossed or any(
+        _worth(pool, chosen, one) < OUTDONE**2 * _worth(pool, chosen, other) for other in pushes
+    )
 
 
-def _left_of(push: Term, part: np.ndarray, other: Term, more: np.ndarray, time: np.ndarray) -> bool:
-    """Whether a push that does `part` may be left of another term that does `more`, (R, n) each."""
-    if other.effect.timed:
-        return together(push, other) and bool(np.linalg.norm(part) < OUTDONE * np.linalg.norm(more))
+def _worth(pool: Pool, chosen: Sequence[int], one: int) -> float:
+    """Evidence that a term of a set brings."""
+    return pool.fit(chosen).evidence - pool.fit([c for c in chosen if c != one]).evidence
+
+
+def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:
+    """Whether a push is a short one while a term that acts for moments does."""
     start, end = _edges(push)
-    during = (time >= start) & (time <= end)
-    return other.effect.brief and end - start < CROSSING and bool(acting(more)[during].any())
+    effect, equations = pool.terms[gap].effect, pool.equations
+    if effect.timed or not effect.brief or end - start > CROSSING:
+        return False
+    time = equations.motion.time[equations.rows]
+    part = equations.columns(pool.terms[gap]) @ pool.coefficients(pool.fit(chosen), gap)
+    return bool(acting(part)[(time >= start) & (time <= end)].any())
 
 
-def between_rows(pool: Pool, fit: Fit, term: Term) -> Term:
-    """A push with its times between rows, where they add most evidence to a fit, by Gauss-Newton."""
-    effect, motion = term.effect, pool.equations.motion
-    if not isinstance(effect, Push):
+def between_rows(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
+    """A push with its times between rows, and a point of its own, where they add most evidence to a fit, by Gauss-Newton."""
+    if not isinstance(term.effect, Push):
         return term
     gain, coefficients = pool.gain_of(fit, term)
-    always = effect.always(motion, term.target, dict(term.shape), term.link)
     for _ in range(STEPS):
-        edges = always @ coefficients * _edge_rates(motion, dict(term.shape)).T[..., None]
-        columns = [pool.equations.made(term), pool.equations.reduced(np.moveaxis(edges, 0, 2))]
-        by = np.clip(pool.gain_of(fit, term, np.concatenate(columns, axis=2))[1][-2:], -NEAR, NEAR)
-        ends = {edge: at + float(b) for edge, at, b in zip(EDGES, _edges(term), by, strict=True)}
-        moved = term.shaped({**dict(term.shape), **ends})
-        if not effect.shape_allowed(dict(moved.shape)):
+        later, further = _steps(pool, fit, term, coefficients, robot)
+        shape = dict(term.shape)
+        for name, by in (*zip(EDGES, later, strict=True), *zip(POINT, further, strict=False)):
+            shape[name] += float(by)
+        moved = term.shaped(shape)
+        if not term.effect.shape_allowed(shape):
             break
         better, found = pool.gain_of(fit, moved)
         if better <= gain:
             break
         term, gain, coefficients = moved, better, found
-        if np.abs(by).max() < EXACT:
+        if np.abs(later).max() < EXACT and np.abs(further).max(initial=0.0) < AT_POINT:
             break
     return term
+
+
+def _steps(
+    pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray, robot: Robot
+) -> tuple[np.ndarray, np.ndarray]:
+    """A Gauss-Newton step of a push's times (2,) [s], and of its point (3,) [m] or of none where it is a usual one (0,)."""
+    effect, equations, shape = term.effect, pool.equations, dict(term.shape)
+    assert isinstance(effect, Push)
+    always = effect.always(equations.motion, term.target, shape, term.link) @ coefficients
+    edges = always * _edge_rates(equations.motion, shape).T[..., None]
+    columns, points = [equations.reduced(np.moveaxis(edges, 0, 2)), equations.made(term)], 0
+    if isinstance(effect, ExternalWrench) and term.link is not None and not _usual(effect, term, robot):
+        arms = effect.displaced(equations.motion, shape, term.link, coefficients[:3])
+        columns, points = [columns[0], equations.reduced(arms), columns[1][..., :3]], 3
+    found = pool.gain_of(fit, term, np.concatenate(columns, axis=2))[1]
+    return np.clip(found[:2], -NEAR, NEAR), found[2 : 2 + points]
+
+
+def _usual(effect: ExternalWrench, term: Term, robot: Robot) -> bool:
+    """Whether a wrench acts at a point that is tried first."""
+    point = _point(term)
+    return any(point.tolist() == [usual[axis] for axis in POINT] for usual in effect.points(robot, term.link))
 
 
 def _edge_rates(motion: Motion, shape: dict[str, float]) -> np.ndarray:
@@ -149,7 +183,7 @@ def _contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
     effect, link, equations = term.effect, term.link, pool.equations
     if not isinstance(effect, ExternalWrench) or link is None:
         return None
-    first = point = _point(term)
+    point = _point(term)
     force = pool.gain_of(fit, term)[1][:3]
     for _ in range(STEPS):
         arms = equations.reduced(effect.displaced(equations.motion, dict(term.shape), link, force))
@@ -160,9 +194,9 @@ def _contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
         if np.linalg.norm(point) > FARTHEST:
             return None
         term = term.shaped({**dict(term.shape), **dict(zip(POINT, point.tolist(), strict=True))})
-        if np.linalg.norm(step) < SAME_POINT:
+        if np.linalg.norm(step) < AT_POINT:
             break
-    return term if np.linalg.norm(point - first) > SAME_POINT else None
+    return term
 
 
 def _point(term: Term) -> np.ndarray:

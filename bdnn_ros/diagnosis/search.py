@@ -86,33 +86,29 @@ class Search(Moves):
             selection = self._select(settled.noise, settled.terms)
             if {t.place for t in selection.terms} == previous:
                 break
-        for hidden in (self._hidden_by_delays, self._hidden_in_noise, self._hidden_behind_rivals):
-            found = hidden(selection)
-            selection = selection if found is None else self._select(found.noise, found.terms)
+        now = self._at_own_noise(selection.pool, selection.chosen)
+        for hidden in (self._by_delays, self._in_noise, self._behind_rivals):
+            found = hidden(selection, now)
+            if found is not None:
+                selection = self._select(found.noise, found.terms)
+                now = self._at_own_noise(selection.pool, selection.chosen)
         return selection
 
-    def _hidden_by_delays(self, selection: Selection) -> Pool | None:
-        """The terms with a delay that fits the effort better than what it and the others agreed on; None without."""
-        late = [c for c in selection.chosen if selection.pool.terms[c].effect.name == DELAY]
-        if not late:
-            return None
-        now = self._at_own_noise(selection.pool, selection.chosen)
-        every = range(len(now.terms))
-        motion, score = self.equations.motion, self.score(now, every)
-        for delay in late:
-            other = moved(self.candidates, selection.pool, selection.chosen, delay)
-            trial = self._at_own_noise(other, every)
-            if self.score(trial, every) > score + BETTER and self.pays(trial, every, every[-1]):
-                return trial
-            self.equations.take(motion)
-        return None
+    def _by_delays(self, selection: Selection, now: Pool) -> Pool | None:
+        """The terms with a delay that fits the effort better than what it and the others agreed on; None without.
 
-    def _hidden_in_noise(self, selection: Selection) -> Pool | None:
+        Args:
+            now: the selection at its own noise.
+        """
+        pool, chosen = selection.pool, selection.chosen
+        late = [c for c in chosen if pool.terms[c].effect.name == DELAY]
+        return self._first_better(now, (moved(self.candidates, pool, chosen, delay) for delay in late))
+
+    def _in_noise(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms and one more that white noise shows and its own noise confirms; None without.
 
         What is constant or acts for a time can make the noise look slow, and slow noise then explains it.
         """
-        now = self._at_own_noise(selection.pool, selection.chosen)
         chosen = range(len(now.terms))
         noise = white_noise_of(self.equations, now.residual(now.whole), self.floor)
         pool = Pool(self.equations, noise, now.terms, self.link_error)
@@ -121,11 +117,10 @@ class Search(Moves):
         open_ = self.open_to(pool, chosen)
         gains = pool.gains(pool.fit(chosen), open_) - self.costs(pool, chosen)[open_]
         likely = [pool.terms[open_[k]] for k in np.argsort(-gains) if gains[k] > LOUD][:HIDDEN_TRIED]
-        return self._first_better(
-            now, noise, ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
-        )
+        sets = ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
+        return self._first_better(now, (self._pool(noise, terms) for terms in sets))
 
-    def _hidden_behind_rivals(self, selection: Selection) -> Pool | None:
+    def _behind_rivals(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with a rival in one's place that its own noise proves the better one; None without.
 
         Noise is what the terms leave: with the wrong one among them it holds what the right one would explain.
@@ -136,22 +131,22 @@ class Search(Moves):
             for rival, behind in self.rivals(pool, rest, one):
                 if behind < UNSURE and not related(pool.terms[rival], pool.terms[one]):
                     likely.append((behind, [*(pool.terms[c] for c in rest), pool.terms[rival]]))
-        if not likely:
-            return None
         likely.sort(key=lambda pair: pair[0])
-        now = self._at_own_noise(pool, selection.chosen)
-        return self._first_better(now, pool.noise, (terms for _, terms in likely[:HIDDEN_TRIED]))
+        return self._first_better(now, (self._pool(pool.noise, terms) for _, terms in likely[:HIDDEN_TRIED]))
 
-    def _first_better(self, now: Pool, noise: Noise, sets: Iterable[list[Term]]) -> Pool | None:
-        """The first set of terms that scores better than a pool, each at its own noise, its last term paying; None without."""
+    def _first_better(self, now: Pool, others: Iterable[Pool]) -> Pool | None:
+        """The first pool that scores better than another, each at its own noise, its last term paying; None without."""
         motion, score = self.equations.motion, self.score(now, range(len(now.terms)))
-        for terms in sets:
-            every = range(len(terms))
-            trial = self._at_own_noise(Pool(self.equations, noise, terms, self.link_error), every)
+        for other in others:
+            every = range(len(other.terms))
+            trial = self._at_own_noise(other, every)
             if self.score(trial, every) > score + BETTER and self.pays(trial, every, every[-1]):
                 return trial
             self.equations.take(motion)
         return None
+
+    def _pool(self, noise: Noise, terms: Sequence[Term]) -> Pool:
+        return Pool(self.equations, noise, terms, self.link_error)
 
     def _at_own_noise(self, pool: Pool, chosen: Sequence[int], beside: Sequence[Term] = ()) -> Pool:
         terms = [pool.terms[c] for c in chosen]

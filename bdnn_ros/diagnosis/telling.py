@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import leftovers, together
+from bdnn_ros.diagnosis.pushes import leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.recording import Recording
@@ -80,17 +80,19 @@ def _findings(
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
     scale = equations.effort_scale
     before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
-    leftover = leftovers(attempt.fitted)
     findings, doubtful, large = [], False, LARGE_ERROR * scale
-    for estimate, judgement, (held_out, ever), left in zip(
-        found, attempt.judgements, taken, leftover, strict=True
+    every = range(len(found))
+    for one, estimate, judgement, (held_out, ever) in zip(
+        every, found, attempt.judgements, taken, strict=True
     ):
         less, large_enough = held_out.less, held_out.noticeable or ever.noticeable
         # a push, or the crossings of a gap, may have come and gone outside the held-out rows
         gone = estimate.term.effect.brief and not held_out.there
         borne_out = gone or float(np.sum(less / scale**2)) > 0.0
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
-        if left or not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
+        if not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
+            continue
+        if leftover(attempt.fitted, every, one):
             continue
         if judgement.nothing <= DOUBTFUL:
             findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / before))
