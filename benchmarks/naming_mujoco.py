@@ -34,7 +34,7 @@ from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.robot import Robot
 
-FIRST_SEED, DRAWS, BUDGET = 20000, 42, 120.0
+FIRST_SEED, DRAWS, BUDGET = 20000, 69, 120.0
 
 
 def main() -> None:

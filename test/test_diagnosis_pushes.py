@@ -12,8 +12,10 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.identifiability import judge
 from bdnn_ros.diagnosis.moves import Moves
-from bdnn_ros.diagnosis.pushes import best_push, between_rows, leftover, together
+from bdnn_ros.diagnosis.pushes import best_push, between_rows, leftover, reshaped, together
+from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.effects.environment import POINT
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
@@ -70,6 +72,30 @@ def test_times_are_found_between_rows():
     error = [max(abs(dict(one.shape)[edge] - true[edge]) for edge in true) for one in (rough, fine)]
     assert error[1] < 0.002 < 0.01 < error[0]
     assert pool.gain_of(fit, fine)[0] > pool.gain_of(fit, rough)[0]
+
+
+def test_times_and_a_point_of_its_own_are_found_together():
+    """Each is wrong by what the other is; apart, they stay so."""
+    spec = "external_wrench@arm6_link6:start=3.317,end=6.571,force_x=12,force_z=-6,point_x=0.03,point_y=-0.02,point_z=0.05"
+    pool = pool_of(spec, std=1e-4)
+    fit, true = pool.fit(()), dict(term(spec, ARM)[0].shape)
+    rough = best_push(pool, fit, term(spec, ARM)[0], ARM)
+    fine = between_rows(pool, fit, rough, ARM)
+    for one, within in ((rough, False), (fine, True)):
+        assert (max(abs(dict(one.shape)[name] - value) for name, value in true.items()) < 5e-4) is within
+
+
+def test_which_link_of_two_that_a_push_says_as_much_of_stays_open():
+    """A force on the last joint's axis: no evidence, however large, tells its link from the one before."""
+    spec = "external_wrench@arm6_link6:start=3,end=8,force_x=12,force_y=5,force_z=-6,point_z=0.103"
+    times = "start=3,end=8,force_x=1"
+    pool = pool_of(spec, [f"external_wrench@arm6_link{k}:{times}" for k in (5, 6)], std=1e-3)
+    search = Search(pool.equations, Candidates.of(ARM), lambda text: None)
+    for one in (0, 1):
+        pushed = reshaped(pool, [], ARM)
+        (judgement,) = judge(search, Selection(pushed, (one,), pushed.fit((one,))))
+        ((rival, probability),) = judgement.rivals
+        assert rival.link == pool.terms[1 - one].link and 0.1 < probability < 0.9
 
 
 def test_wrenches_on_neighbours_give_way_to_the_one_that_explains_all():

@@ -131,6 +131,21 @@ def test_a_tilt_is_the_zero_of_a_first_joint_that_is_not_vertical(name, right):
     assert judge(entry, found, robot)["hidden"][0]["named"] is right
 
 
+@pytest.mark.parametrize(
+    "point, listed, right",
+    [((0.0, 0.0, 0.1), True, True), ((0.0, 0.0, 0.1), False, False), ((0.03, 0.0, 0.1), True, False)],
+)
+def test_a_force_on_a_joints_axis_pushes_the_link_before_as_well(point, listed, right):
+    arm, at = Robot.bundled("arm6"), dict(zip(("point_x", "point_y", "point_z"), point, strict=True))
+    entry = truth(hidden("external_wrench", link="arm6_link6", start=1.0, end=2.0, force_x=5.0, **at))
+    entry["effects"][0]["variant"] = "link"
+    rivals = ({"effect": "external_wrench", "link": "arm6_link6"},) if listed else ()
+    found = [finding("external_wrench", link="arm6_link5", rivals=rivals, start=1.0, end=2.0, force_x=5.0)]
+    outcome = judge(entry, found, arm)
+    assert outcome["hidden"][0]["named"] is right
+    assert outcome["false"] == ([] if right else ["external_wrench"])
+
+
 def test_wear_is_true_and_adds_to_what_is_hidden(robot):
     found = [
         finding("viscous_friction", J2, viscous=0.2),
