@@ -13,10 +13,10 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import Removal, noticeable, removed
-from bdnn_ros.diagnosis.identifiability import Judgement, likelier, plainer
+from bdnn_ros.diagnosis.identifiability import Judgement, folded, likelier, plainer
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.search import Selection
-from bdnn_ros.effects.registry import get
+from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
 
 
@@ -117,6 +117,21 @@ def test_a_plainly_likelier_law_takes_over_where_held_out_blocks_bear_it_out(
     judgement = Judgement(probabilities[0], 0.0, ((terms[1], probabilities[1]),))
     found = told_of(terms, (0, 2), judgement, Judgement(0.98, 0.0, ()), borne_out=borne_out)
     assert found == (told and {told, "armature"})
+
+
+@pytest.mark.parametrize(
+    "beyond, own, listed", [(0.005, 0.95, ["cogging"]), (0.1, 0.05, ["drift", "cogging"])]
+)
+def test_a_richer_law_that_hardly_says_more_is_no_rival(monkeypatch, beyond, own, listed):
+    """Where it is the likelier one the plain law would be named with no probability."""
+    monkeypatch.setattr(identifiability, "_beyond", lambda pool, fit, one, part: beyond)
+    terms = [Term(get(name), 0) for name in ("viscous_friction", "cogging")]
+    terms.append(Term(next(v for v in variants("drift") if v.variant == "viscous"), 0))
+    judgement = Judgement(0.05, 0.0, ((terms[2], 0.9), (terms[1], 0.05)))
+    pool = SimpleNamespace(terms=terms, fit=lambda chosen: tuple(chosen))
+    (found,) = folded(SimpleNamespace(pool=pool, chosen=(0,)), [judgement])
+    assert found.probability == pytest.approx(own)
+    assert [rival.effect.name for rival, _ in found.rivals] == listed
 
 
 def told_of(terms, chosen, *judgements, borne_out=True):

@@ -75,15 +75,38 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
             plainly = richer and probability > PLAINLY * judgement.probability
             if plainly or simpler or (hardly and not richer):
                 other = _instead(selection, one, rival)
-                if not plainly or _earned(search, other, selection):
+                if not plainly or _earned(search, other, selection, one):
                     return other
     return None
 
 
-def _earned(search: Search, richer: Selection, plain: Selection) -> bool:
-    """Whether what a richer law says beyond a plain one is worth a name, and borne out by blocks held out."""
-    worth = plainer(richer).chosen == richer.chosen
-    return worth and search.predicts_better(richer.pool, richer.chosen, plain.chosen)
+def _earned(search: Search, richer: Selection, plain: Selection, part: int) -> bool:
+    """Whether what a richer law says beyond a part of it is worth a name, and borne out by blocks held out."""
+    if _slight(richer, part):
+        return False
+    return search.predicts_better(richer.pool, richer.chosen, plain.chosen)
+
+
+def _slight(richer: Selection, part: int) -> bool:
+    """Whether the last of some terms is no law of its own but, for what nobody would name, a part of it."""
+    law = richer.chosen[-1]
+    brief = richer.pool.terms[law].effect.brief
+    return not brief and _beyond(richer.pool, richer.fit, law, part) < SLIGHT
+
+
+def folded(selection: Selection, judgements: Sequence[Judgement]) -> list[Judgement]:
+    """The judgements with rivals that hardly say more than a finding counted for it."""
+    result = []
+    for one, judgement in zip(selection.chosen, judgements, strict=True):
+        term, own = selection.pool.terms[one], judgement.probability
+        others = []
+        for rival, probability in judgement.rivals:
+            if contains(rival, term) and _slight(_instead(selection, one, rival), one):
+                own += probability
+            else:
+                others.append((rival, probability))
+        result.append(Judgement(own, judgement.nothing, tuple(others)))
+    return result
 
 
 def _instead(selection: Selection, one: int, rival: Term) -> Selection:
