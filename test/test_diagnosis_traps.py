@@ -131,7 +131,7 @@ def test_a_drag_and_a_short_delay_do_not_stand_for_a_long_one():
     trapped = Pool(equations, noise, [drag, delay], 0.02)
     stays = candidates.refined(equations, trapped, trapped.whole, 1)
     assert dict(stays.shape)["at"] != pytest.approx(0.042, abs=0.003), "the trap is not there"
-    other = moved(candidates, trapped, (0, 1), 1)
+    other = moved(candidates, trapped, (0, 1), 1, 1e-4 * equations.effort_scale)
     assert dict(other.terms[-1].shape)["at"] == pytest.approx(0.042, abs=0.003)
     assert other.coefficients(other.whole, 1) == pytest.approx(0.042, abs=0.001)
 

@@ -12,6 +12,7 @@ from copy import copy
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.coloring import white_noise_of
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 
@@ -45,11 +46,15 @@ def hold_spread(pool: Pool, chosen: int) -> float:
     return 0.5 * pool.equations.hold
 
 
-def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int) -> Pool:
+def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int, floor: np.ndarray) -> Pool:
     """Some of a pool's terms with a chosen delay last, where the effort itself, moved by it, fits the others best.
 
     The load that a delay puts ahead is made of the other terms, and they of what a wrong delay leaves: each can bear the
-    other out. What is moved here is the measured effort, which owes them nothing. The equations take the load that it shows.
+    other out. What is moved here is the measured effort, which owes them nothing. The equations take the load that it shows,
+    the pool the noise that is left then: by what a wrong delay leaves, it would stay wrong.
+
+    Args:
+        floor: smallest noise, (n,) [N·m].
     """
     equations, term = pool.equations, pool.terms[delay]
     rest = [pool.terms[c] for c in chosen if c != delay]
@@ -64,7 +69,22 @@ def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int)
             break
         lag, best = lag + LAG_STEP, later
     equations.relieve(*candidates.load(equations, best, best.whole))
-    return Pool(equations, pool.noise, [*rest, term.shaped({"at": lag})], pool.link_error)
+    noise = white_noise_of(equations, best.residual(best.whole), floor)
+    return Pool(equations, noise, [*rest, term.shaped({"at": lag})], pool.link_error)
+
+
+def undelayed(pool: Pool) -> Pool:
+    """The pool's terms but its delays, on efforts that are moved by those.
+
+    What acts is known from such a fit at once. From one with a delay's column, made of the load that the fit before had, it
+    follows by and by, and for a long delay of a fast motion never.
+    """
+    equations, fit = pool.equations, pool.whole
+    late = [c for c in fit.terms if pool.terms[c].effect.name == DELAY]
+    for chosen in late:
+        equations = _earlier(equations, pool.terms[chosen].target, float(pool.coefficients(fit, chosen)[0]))
+    rest = [term for c, term in enumerate(pool.terms) if c not in late]
+    return Pool(equations, pool.noise, rest, pool.link_error) if late else pool
 
 
 def _earlier(equations: Equations, joint: int, lag: float) -> Equations:

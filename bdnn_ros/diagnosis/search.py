@@ -102,7 +102,8 @@ class Search(Moves):
         """
         pool, chosen = selection.pool, selection.chosen
         late = [c for c in chosen if pool.terms[c].effect.name == DELAY]
-        return self._first_better(now, (moved(self.candidates, pool, chosen, delay) for delay in late))
+        sets = (moved(self.candidates, pool, chosen, delay, self.floor) for delay in late)
+        return self._first_better(now, sets)
 
     def _in_noise(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms and one more that white noise shows and its own noise confirms; None without.

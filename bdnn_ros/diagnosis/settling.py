@@ -14,6 +14,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.leads import undelayed
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import contains
 
@@ -32,6 +33,7 @@ def refined(candidates: Candidates, equations: Equations, pool: Pool, chosen: Se
 
 def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
     """Give the equations load and bodies as the pool's terms together have them."""
+    pool = undelayed(pool)
     found = equations, pool, pool.whole
     equations.relieve(*candidates.load(*found), candidates.bodies(*found))
 
