@@ -14,7 +14,15 @@ from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.identifiability import judge
 from bdnn_ros.diagnosis.moves import Moves
-from bdnn_ros.diagnosis.pushes import best_push, between_rows, leftover, reshaped, together
+from bdnn_ros.diagnosis.pushes import (
+    best_push,
+    between_rows,
+    distance,
+    leftover,
+    nearest,
+    reshaped,
+    together,
+)
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.effects.environment import POINT
 from bdnn_ros.effects.motion import Motion
@@ -96,6 +104,23 @@ def test_which_link_of_two_that_a_push_says_as_much_of_stays_open():
         (judgement,) = judge(search, Selection(pushed, (one,), pushed.fit((one,))))
         ((rival, probability),) = judgement.rivals
         assert rival.link == pool.terms[1 - one].link and 0.1 < probability < 0.9
+
+
+@pytest.mark.parametrize(
+    ("scores", "best"), [((1e5, 1e5 - 5.0, 0.0), 1), ((1e5, 1e5 - 50.0, 0.0), 0), ((10.0, 5.0, 9.9), 0)]
+)
+def test_of_links_that_are_a_toss_the_one_whose_middle_was_pushed_is_told(scores, best):
+    """A hundredth of a push is a ten-thousandth of its evidence; a torque about a joint is another thing."""
+    pool = pool_of(
+        "external_wrench@arm6_link6:start=3,end=8,force_x=12,point_z=0.103",
+        [
+            "external_wrench@arm6_link5:start=3,end=8,force_x=12,point_y=0.1,point_z=0.1",
+            "external_wrench@arm6_link6:start=3,end=8,force_x=12,point_z=0.103",
+            "external_wrench@arm6_joint5:start=3,end=8,torque=1",
+        ],
+    )
+    assert distance(pool.terms[1], ARM) < 0.01 < distance(pool.terms[0], ARM)
+    assert nearest(pool, dict(enumerate(scores)), 0.0, ARM) == best
 
 
 def test_wrenches_on_neighbours_give_way_to_the_one_that_explains_all():

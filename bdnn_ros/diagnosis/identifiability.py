@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, acting
 from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.odds import contains, doubt, near
-from bdnn_ros.diagnosis.pushes import reshaped
+from bdnn_ros.diagnosis.pushes import reshaped, toss
 from bdnn_ros.diagnosis.search import Search, Selection
 
 TEMPERATURE = 2.0
@@ -165,9 +165,8 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
         for rival, score in weighed[2].items():
             scores[rival] = max(scores.get(rival, -np.inf), score)
     keys = list(scores)
-    # nobody pushes just as a wrench does: by so much its evidence may be wrong, and which link it is a toss
-    ideal = term.effect.idealised**2 * max(own - nothing, 0.0) if term.effect.timed else 0.0
-    logs = np.array([own, nothing, *(scores[k] for k in keys)]) / (TEMPERATURE + ideal)
+    logs = np.array([own, nothing, *(scores[k] for k in keys)])
+    logs /= TEMPERATURE + toss(term, own - nothing)
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     rivals_found = [(fair.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]

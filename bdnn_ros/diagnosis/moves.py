@@ -10,7 +10,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near, unbelievable
-from bdnn_ros.diagnosis.pushes import leftover, reshaped, together
+from bdnn_ros.diagnosis.pushes import distance, leftover, nearest, reshaped, together, toss
 
 ABSURD = 1e9
 """Log odds against an effect that cannot be."""
@@ -58,8 +58,12 @@ class Moves:
             rest = [c for c in chosen if not together(pool.terms[c], pool.terms[one])]
             other = reshaped(pool, rest, self.candidates.robot)
             pushes = [c for c in range(len(other.terms)) if other.terms[c].effect.timed and c not in rest]
-            best = max(pushes, key=lambda c: self.score(other, [*rest, c]))
-            if self.score(other, [*rest, best]) > self.score(pool, chosen) + BETTER:
+            scores, without = {c: self.score(other, [*rest, c]) for c in pushes}, self.score(other, rest)
+            best, robot = nearest(other, scores, without, self.candidates.robot), self.candidates.robot
+            better = scores[best] - self.score(pool, chosen)
+            if distance(other.terms[best], robot) < distance(pool.terms[one], robot):
+                better += toss(other.terms[best], scores[best] - without)
+            if better > BETTER:
                 pool, chosen = pool.replacing(best, other.terms[best]), [*rest, best]
         return pool, chosen
 
@@ -116,13 +120,14 @@ class Moves:
                 continue
             rest = [c for c in chosen if c not in group]
             now = self.score(pool, chosen)
+            better = BETTER + toss(pool.terms[group[0]], now - self.score(pool, rest))
             for rival, behind in self.rivals(pool, rest, *group)[:RIVALS_TRIED]:
                 if behind >= UNSURE:
                     break
                 grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
                 if late and not self._plainer(pool, chosen, group, rival):
                     continue
-                if self.score(pool, grown) > now + BETTER and self.pays(pool, grown, rival):
+                if self.score(pool, grown) > now + better and self.pays(pool, grown, rival):
                     chosen = grown
                     break
         return chosen

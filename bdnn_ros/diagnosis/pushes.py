@@ -63,6 +63,34 @@ def reshaped(pool: Pool, rest: Sequence[int], robot: Robot) -> Pool:
     return pool
 
 
+def toss(term: Term, worth: float) -> float:
+    """How much of the evidence that a push brings says nothing of its place: nobody pushes just as a wrench does."""
+    return term.effect.idealised**2 * max(worth, 0.0) if term.effect.timed else 0.0
+
+
+def nearest(pool: Pool, scores: dict[int, float], without: float, robot: Robot) -> int:
+    """The push of most evidence; of wrenches that are a toss against it, the one that acts nearest to its own link's middle.
+
+    A force on a joint's axis is one on either link.
+
+    Args:
+        scores: of the pushes, each in the place of the others.
+        without: score without any.
+    """
+    best = max(scores, key=lambda c: scores[c])
+    close = scores[best] - toss(pool.terms[best], scores[best] - without)
+    same = [c for c in scores if pool.terms[c].effect is pool.terms[best].effect and scores[c] >= close]
+    return min(same, key=lambda c: (distance(pool.terms[c], robot), -scores[c]))
+
+
+def distance(push: Term, robot: Robot) -> float:
+    """How far a push acts from the points of its link that are tried first [m]; nothing for a torque about a joint."""
+    if push.link is None:
+        return 0.0
+    usual = push.effect.points(robot, push.link)
+    return min(float(np.linalg.norm(_point(push) - [point[axis] for axis in POINT])) for point in usual)
+
+
 def together(one: Term, other: Term) -> bool:
     """Whether two pushes last over each other for half of the shorter one: what pushes one link may look like two."""
     if not (one.effect.timed and other.effect.timed):
@@ -146,17 +174,11 @@ def _steps(
     always = effect.always(equations.motion, term.target, shape, term.link) @ coefficients
     edges = always * _edge_rates(equations.motion, shape).T[..., None]
     columns, points = [equations.reduced(np.moveaxis(edges, 0, 2)), equations.made(term)], 0
-    if isinstance(effect, ExternalWrench) and term.link is not None and not _usual(effect, term, robot):
+    if isinstance(effect, ExternalWrench) and term.link is not None and distance(term, robot) > 0.0:
         arms = effect.displaced(equations.motion, shape, term.link, coefficients[:3])
         columns, points = [columns[0], equations.reduced(arms), columns[1][..., :3]], 3
     found = pool.gain_of(fit, term, np.concatenate(columns, axis=2))[1]
     return np.clip(found[:2], -NEAR, NEAR), found[2 : 2 + points]
-
-
-def _usual(effect: ExternalWrench, term: Term, robot: Robot) -> bool:
-    """Whether a wrench acts at a point that is tried first."""
-    point = _point(term)
-    return any(point.tolist() == [usual[axis] for axis in POINT] for usual in effect.points(robot, term.link))
 
 
 def _edge_rates(motion: Motion, shape: dict[str, float]) -> np.ndarray:
