@@ -31,10 +31,10 @@ from bdnn_ros.simulation.simulate import Simulated
 HIDDEN = {0: 0.15, 1: 0.6, 2: 0.15, 3: 0.1}
 WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
-PR2 = "shoulder_pan shoulder_lift upper_arm_roll elbow_flex forearm_roll wrist_flex wrist_roll"
+ALEX = "ShoulderPitch ShoulderRoll ShoulderYaw ElbowPitch WristYaw WristRoll"
 EXAMPLES = {
-    "pr2": ("pr2_description/urdf/pr2.urdf", tuple(f"r_{name}_joint" for name in PR2.split())),
-    "talos": ("talos_data/robots/talos_full_v2.urdf", tuple(f"arm_left_{k}_joint" for k in range(1, 8))),
+    "alex": ("alex_description/urdf/alex_nub_hands.urdf", tuple(f"Left{name}" for name in ALEX.split())),
+    "centauro": ("centauro_description/urdf/centauro.urdf", tuple(f"j_arm1_{k}" for k in range(1, 7))),
 }
 """Arms of example-robot-data, files and joints: none was looked at while the diagnosis was made."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15
