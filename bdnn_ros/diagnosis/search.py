@@ -29,6 +29,8 @@ NOISE_FLOOR = 1e-4
 """Smallest noise as a share of the effort's spread."""
 OUTSTANDING = 0.1
 """What brings less than this share of the largest gain waits until noise and load are known better."""
+FALLS = 0.8
+"""Noise that is less than this share of what it was has not been found yet, nor has what it hides."""
 HIDDEN_TRIED = 3
 """So many effects are tried that only white noise shows."""
 LOUD = 15.0
@@ -81,10 +83,11 @@ class Search(Moves):
         """The best set of effects, from a first look on."""
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
-            previous = {t.place for t in selection.terms}
+            previous, noise = {t.place for t in selection.terms}, selection.pool.noise.std
             settled = self._at_own_noise(selection.pool, selection.chosen, self.candidates.common())
             selection = self._select(settled.noise, settled.terms)
-            if {t.place for t in selection.terms} == previous:
+            falls = (settled.noise.std < FALLS * noise).any()
+            if {t.place for t in selection.terms} == previous and not falls:
                 break
         now = self._at_own_noise(selection.pool, selection.chosen)
         for hidden in (self._by_delays, self._in_noise, self._behind_rivals):
