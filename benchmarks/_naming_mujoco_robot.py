@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 import pinocchio as pin
+from scipy.signal import lfilter
 
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
@@ -82,8 +83,7 @@ def moved(
     """
     model = _model(robot, real, *heavier)
     data = mujoco.MjData(model)
-    joints = [model.joint(name) for name in robot.joints]
-    at, to = (np.concatenate([getattr(joint, name) for joint in joints]) for name in ("qposadr", "dofadr"))
+    at, to = (addresses[_motors(model, robot)] for addresses in (model.jnt_qposadr, model.jnt_dofadr))
     data.qpos[at], data.qvel[to] = plan.position[0], plan.velocity[0]
     waiting = deque([np.zeros(robot.width)] * (real.late + 1), real.late + 1)
     command, rows, bend = np.zeros(robot.width), np.empty((len(plan.time), 3 * robot.width)), 0.0
@@ -116,12 +116,8 @@ def moved(
 
 def reported(velocity: np.ndarray, cutoff: float) -> np.ndarray:
     """A velocity at every step (N,) as a first-order low-pass reports it, its cutoff in Hz."""
-    share, result = 1.0 - math.exp(-2.0 * math.pi * cutoff * STEP), np.empty_like(velocity)
-    last = float(velocity[0])
-    for k, value in enumerate(velocity.tolist()):
-        last += share * (value - last)
-        result[k] = last
-    return result
+    kept = math.exp(-2.0 * math.pi * cutoff * STEP)
+    return np.asarray(lfilter([1.0 - kept], [1.0, -kept], velocity, zi=[kept * velocity[0]])[0])
 
 
 def _model(robot: Robot, real: Real, wrong: float, rng: np.random.Generator) -> mujoco.MjModel:
@@ -143,16 +139,21 @@ def _model(robot: Robot, real: Real, wrong: float, rng: np.random.Generator) -> 
     model.body_ipos *= longer
     if real.payload is not None:
         _carry(model, real.payload)
-    to = np.array([model.joint(name).dofadr[0] for name in robot.joints])
+    motors = _motors(model, robot)
+    to = model.jnt_dofadr[motors]
     model.dof_frictionloss[to], model.dof_damping[to], model.dof_armature[to] = (
         real.friction,
         real.damping,
         real.rotor,
     )
-    which = [model.joint(name).id for name in robot.joints]
-    model.jnt_stiffness[which] = real.spring
-    model.qpos_spring[model.jnt_qposadr[which]] = real.rest
+    model.jnt_stiffness[motors] = real.spring
+    model.qpos_spring[model.jnt_qposadr[motors]] = real.rest
     return model
+
+
+def _motors(model: mujoco.MjModel, robot: Robot) -> list[int]:
+    """MuJoCo's numbers of the robot's joints: a soft or loose one has a second."""
+    return [model.joint(name).id for name in robot.joints]
 
 
 def _loosen(motor: mujoco.MjsJoint, stiffness: float, gap: float, rotor: float) -> None:

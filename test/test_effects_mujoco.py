@@ -13,6 +13,7 @@ from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.settling import settled
 from bdnn_ros.effects.registry import get
@@ -24,8 +25,6 @@ from _naming_mujoco import HIDDEN, drawn, made
 
 ROBOT = Robot.bundled("arm2")
 LOW = 5.0
-
-
 WEAR = {"coulomb": "coulomb_friction", "viscous": "viscous_friction", "armature": "armature"}
 PERFECT = replace(drawn(0), wrong=0.0, worn=False, rate=500, duration=12.0, noise=0.0, encoder=0.0)
 
@@ -58,3 +57,11 @@ def test_a_regression_finds_the_parameters_that_mujoco_was_given(name):
     left = equations.target - sum(column @ some for column, some in zip(columns, known, strict=True))
     left = left[equations.usable.all(axis=1)] / equations.effort_scale
     assert np.sqrt(np.mean(left**2)) < 0.02
+
+
+def test_a_reported_velocity_lags_as_mujocos_was_made_to():
+    """It is in no effort: the motion alone shows it."""
+    recording, truth = made(replace(PERFECT, hidden="velocity_filter"))
+    (one,), (finding,) = truth["effects"], reported_velocity([recording])
+    assert (finding.effect, finding.joint) == (one["effect"], one["joint"])
+    assert finding.parameters["cutoff"].value == pytest.approx(one["parameters"]["cutoff"], rel=0.05)
