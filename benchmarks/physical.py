@@ -166,21 +166,25 @@ def _without_asking(identifier: Identifier) -> PhysicalModel:
 def forgetting(args: argparse.Namespace) -> dict[str, Any]:
     """Error on wide motion before and after 60 s of narrow motion."""
     rows = []
-    for seed in range(args.seeds or 3):
+    for seed in range(args.seeds or 5):
         for effects in ("matched", "unmodelled"):
             one = real(seed, effects)
-            others = tests(one, seed)
-            identifier = Identifier(one.nominal)
-            before = torque_error(identifier.fit(motions(one, 2 * PIECE, seed)), others)
-            after = torque_error(identifier.fit(motions(one, 3 * PIECE, seed + 500, size=NARROW)), others)
-            rows.append({"effects": effects, "seed": seed, "before": before, "after": after})
-    print(f"{'effects':12} {'seed':>4} {'wide':>10} {'then narrow':>12} {'ratio':>6}")
+            others, identifier = tests(one, seed), Identifier(one.nominal)
+            wide, narrow = motions(one, 2 * PIECE, seed), motions(one, 3 * PIECE, seed + 500, size=NARROW)
+            found = [
+                (torque_error(model, others), true_error(model, one, seed))
+                for model in (identifier.fit(recordings) for recordings in (wide, narrow))
+            ]
+            measured, exact_ = np.transpose(found).tolist()
+            rows.append({"effects": effects, "seed": seed, "measured": measured, "exact": exact_})
+    print(f"{'':17} {'against the measured effort':>30} {'along exact motion, the exact':>36}")
+    print(f"{'effects':12} {'seed':>4} " + f"{'wide':>10} {'then narrow':>12} {'ratio':>6}  " * 2)
     for row in rows:
-        ratio = row["after"] / row["before"]
-        print(
-            f"{row['effects']:12} {row['seed']:4} {100 * row['before']:8.4f} % {100 * row['after']:10.4f} % "
-            f"{ratio:6.2f}"
+        cells = (
+            f"{100 * before:8.4f} % {100 * after:10.4f} % {after / before:6.2f}  "
+            for before, after in (row["measured"], row["exact"])
         )
+        print(f"{row['effects']:12} {row['seed']:4} " + "".join(cells))
     return {"rows": rows}
 
 

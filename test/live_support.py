@@ -171,7 +171,7 @@ class Robotics:
         with contextlib.suppress(ExternalShutdownException):
             self.executor.spin()
 
-    def call(self, kind: Any, service: str, /, timeout: float = 30.0, **fields: Any) -> Any:
+    def call(self, kind: Any, service: str, /, timeout: float = 120.0, **fields: Any) -> Any:
         """Answer of a service."""
         client = self._clients.get(service)
         if client is None:

@@ -64,6 +64,13 @@ def test_what_is_learned_of_the_position_holds_where_the_joint_has_not_been(iden
     assert (error < 0.25 * HEIGHT).all(), error
 
 
+def test_friction_that_turns_round_between_two_samples_is_no_curve():
+    """Its time is known to a sample only, which a rounder friction would explain."""
+    identifier = Identifier(Robot.bundled("arm2"))
+    identifier.fit([moved(40.0, 11, extra=lambda position, velocity: np.zeros_like(position))])
+    assert identifier.structure.groups == ((), ())
+
+
 def test_what_wide_motion_told_is_not_pulled_over_by_a_narrow_one():
     """Narrow and slow, friction turns round where the position's noise hides it."""
 

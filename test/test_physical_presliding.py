@@ -46,6 +46,28 @@ def test_the_doubt_of_a_direction_is_how_far_it_is_off(size):
     assert np.sqrt(np.mean(off[doubt < 0.01] ** 2)) < 0.02
 
 
+def test_when_friction_turned_round_is_known_to_a_sample_of_the_effort():
+    """Without any noise: what the direction at the samples, low-passed, differs from what is expected of it."""
+    off, doubt = [], []
+    for rate in (200.0, 331.0, 500.0, 521.0):
+        time = np.arange(0.0, SECONDS, 1.0 / rate)
+        angle = 2.0 * np.pi * 0.37 * time
+        signals = prepare(
+            Recording(time, ("joint",), np.sin(angle)[:, None], None, np.sign(np.cos(angle))[:, None])
+        )
+        state = directions(signals)
+        off.append(
+            (signals.smooth(signals.effort) - signals.smooth(signals.smooth(state.joints[:, :, USUAL])))[
+                signals.interior
+            ]
+        )
+        doubt.append(low_passed(signals, state.doubt[:, 0]))
+    told, actual = (
+        float(np.sqrt(np.mean(np.concatenate([v.ravel() for v in values]) ** 2))) for values in (doubt, off)
+    )
+    assert told == pytest.approx(actual, rel=0.3)
+
+
 def test_a_joint_that_has_not_moved_or_rests_may_hold_any_friction():
     time = np.arange(0.0, 4.0, 0.002)
     moved = np.where(time < 1.0, 0.2 * (1.0 - np.cos(np.pi * time)), 0.4)

@@ -197,21 +197,23 @@ class Search(Moves):
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         pool, begun = self.gather(pool, list(range(count)))
-        found = [self.descend(pool.believing(error), begun, least) for error in self._beliefs(noise)]
+        found = [self.descend(pool.believing(error), begun, least) for error in self._beliefs(noise, start)]
         scores = [self.score(pool, chosen) - doubt(pool) for pool, chosen in found]
         pool, chosen = found[int(np.argmax(scores))]
         self.link_error = pool.link_error
         return Selection(pool, tuple(chosen), pool.fit(chosen))
 
-    def _beliefs(self, noise: Noise) -> list[float]:
-        """Spreads of the links' errors worth a search: the likeliest beside the commonest causes, and the next smaller one.
+    def _beliefs(self, noise: Noise, start: Sequence[Term]) -> list[float]:
+        """Spreads of the links' errors worth a search: the likeliest beside what is known, and the next smaller one.
 
-        A single link far off makes all links look worse than they are; the smaller spread lets it be named.
+        A single link far off makes all links look worse than they are; the smaller spread lets it be named. So does any
+        cause that is not known yet: what a first look believes is no guide for a second one.
         """
-        common = self.candidates.common()
-        pool = Pool(self.equations, noise, common, self.link_errors[-1])
+        places = {term.place for term in start}
+        known = [*start, *(term for term in self.candidates.common() if term.place not in places)]
+        pool = Pool(self.equations, noise, known, self.link_errors[-1])
         scores = [
-            other.fit(range(len(common))).evidence - doubt(other)
+            other.whole.evidence - doubt(other)
             for other in map(pool.believing, self.link_errors)
         ]
         best = int(np.argmax(scores))

@@ -27,6 +27,8 @@ CERTAIN = 4.0
 REVERSAL = 0.62
 """What is left of the direction's doubt across a reversal, whose errors on either side partly cancel: the noise moves
 it by as much as it takes to travel, 2 σ / a, where the doubts of all its instants add up to 3.2 σ / a."""
+SMALLEST = 1e-300
+"""Smallest noise, of what rests."""
 SUBSTEPS = 4
 """Steps of a sample period: friction turns round at a time, not at a sample."""
 COUPLING_SIGNS = (1, -1)
@@ -72,7 +74,8 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
         before = None if start is None else start.joints[:, 0]
         velocity = signals.velocity[rows]
         kept = _mean_around(turning(fine, turned, before))
-        joints[rows, :, 0], doubt[rows] = _expected(velocity, signals.velocity_noise, kept)
+        joints[rows, :, 0] = _expected(velocity, signals.velocity_noise, kept)
+        doubt[rows] = _doubt(signals, rows)
         pairs[rows] = _mean_around(turning(motors, both, None if start is None else start.pairs.ravel()))
         state = joints[rows.start, :, :1] if start is None else start.joints[:, 1:]
         joints[rows, :, 1:] = _mean_around(slide(fine, BREAKAWAYS[1:], state))
@@ -90,16 +93,27 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
     return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)), doubt)
 
 
-def _expected(velocity: np.ndarray, std: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Direction that is expected of measured velocities (N, n) with this noise (n,), and its standard deviation.
+def _expected(velocity: np.ndarray, std: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Direction that is expected of measured velocities (N, n) with this noise (n,).
 
     Args:
         kept: direction that a clear motion has, (N, n).
     """
-    slow = np.abs(velocity) < CERTAIN * std
-    expected = erf(velocity / (np.sqrt(2.0) * np.maximum(std, 1e-300)))
-    doubt = np.where(slow, REVERSAL * np.sqrt(1.0 - expected**2), 0.0)
-    return np.where(slow, expected, kept), doubt
+    expected = erf(velocity / (np.sqrt(2.0) * np.maximum(std, SMALLEST)))
+    return np.where(np.abs(velocity) < CERTAIN * std, expected, kept)
+
+
+def _doubt(signals: Signals, rows: slice) -> np.ndarray:
+    """Standard deviation of that direction, (N, n).
+
+    Noise hides a slow velocity's sign, and when friction turned round between two samples of the effort no sample tells,
+    nor between two of the path: a time that is off by τ is a velocity off by a τ.
+    """
+    velocity, acceleration = _finer(signals.velocity[rows]), _finer(signals.acceleration[rows])
+    apart = np.hypot(1.0 / signals.raw_rate, 1.0 / (SUBSTEPS * signals.rate))
+    std = np.hypot(signals.velocity_noise, acceleration * apart / np.sqrt(12.0))
+    expected = erf(velocity / (np.sqrt(2.0) * np.maximum(std, SMALLEST)))
+    return _mean_around(REVERSAL * np.sqrt(1.0 - expected**2))
 
 
 def coupled(values: np.ndarray) -> np.ndarray:
@@ -170,6 +184,13 @@ def _between(position: np.ndarray, velocity: np.ndarray, step: float) -> np.ndar
         + t**2 * (t - 1.0) * step * velocity[1:, None]
     )
     return np.concatenate([parts.reshape(-1, position.shape[1]), position[-1:]])
+
+
+def _finer(values: np.ndarray) -> np.ndarray:
+    """Values (M, n) with SUBSTEPS − 1 more between each two, on straight lines."""
+    t = np.arange(SUBSTEPS)[:, None] / SUBSTEPS
+    parts = (1.0 - t) * values[:-1, None] + t * values[1:, None]
+    return np.concatenate([parts.reshape(-1, values.shape[1]), values[-1:]])
 
 
 def _mean_around(states: np.ndarray) -> np.ndarray:
