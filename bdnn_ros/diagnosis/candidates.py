@@ -61,10 +61,18 @@ class Candidates:
                 beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
                 result.append(_relinearised(equations, pool, beside, term.shaped(shapes[0])))
                 continue
-            tried = [term.shaped(shape) for shape in shapes]
-            gains = [pool.gain_of(fit, one, equations.columns(one))[0] for one in tried]
-            result.append(tried[int(np.argmax(gains))])
+            result.append(_best_of(equations, pool, fit, term, shapes))
         return result
+
+    def anew(self, equations: Equations, pool: Pool, fit: Fit, one: int) -> Pool:
+        """The pool with the shape of one of its terms sought among all there are, beside a fit without it."""
+        term = pool.terms[one]
+        shapes = term.effect.shapes(equations.motion, term.target, term.link)
+        if len(shapes) == 1:
+            return pool
+        found = _best_of(equations, pool, fit, term, shapes)
+        better = pool.gain_of(fit, found)[0] > pool.gain_of(fit, term)[0]
+        return pool.replacing(one, found) if better else pool
 
     def refined(self, equations: Equations, pool: Pool, fit: Fit, chosen: int) -> Term:
         """A term of a fit with its shape moved to where it fits best beside the others."""
@@ -112,6 +120,15 @@ class Candidates:
                 values = term.effect.values(coefficients, dict(term.shape))
                 term.effect.install(plant, term.target, values, term.link)
         return plant.robot
+
+
+def _best_of(
+    equations: Equations, pool: Pool, fit: Fit, term: Term, shapes: Sequence[dict[str, float]]
+) -> Term:
+    """The term with the one of some shapes that adds most evidence to a fit."""
+    tried = [term.shaped(shape) for shape in shapes]
+    gains = [pool.gain_of(fit, one, equations.columns(one))[0] for one in tried]
+    return tried[int(np.argmax(gains))]
 
 
 def _elsewhere(term: Term, other: Term) -> bool:

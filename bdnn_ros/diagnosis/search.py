@@ -39,6 +39,11 @@ LOUD = 15.0
 Progress = Callable[[str], None]
 
 
+def _bends(term: Term) -> bool:
+    """Whether a term moves the robot's bodies as the load has them that all terms make together."""
+    return term.effect.of_load and term.effect.of_bodies
+
+
 @dataclass(frozen=True)
 class Selection:
     """The set of effects that was found, with everything needed to judge it.
@@ -90,12 +95,27 @@ class Search(Moves):
             if {t.place for t in selection.terms} == previous and not falls:
                 break
         now = self._at_own_noise(selection.pool, selection.chosen)
-        for hidden in (self._by_delays, self._in_noise, self._behind_rivals):
+        for hidden in (self._by_delays, self._without, self._in_noise, self._behind_rivals):
             found = hidden(selection, now)
             if found is not None:
-                selection = self._select(found.noise, found.terms)
-                now = self._at_own_noise(selection.pool, selection.chosen)
+                selection, now = self._from(found)
         return selection
+
+    def _from(self, found: Pool) -> tuple[Selection, Pool]:
+        """The best set from some terms on, and it at its own noise: those terms again where more of them prove worse there."""
+        motion = self.equations.motion
+        selection = self._select(found.noise, found.terms)
+        now = self._at_own_noise(selection.pool, selection.chosen)
+        if self._worth(now) >= self._worth(found):
+            return selection, now
+        self.equations.take(motion)
+        pool, places = selection.pool, [term.place for term in selection.pool.terms]
+        chosen = [places.index(term.place) for term in found.terms]
+        return Selection(pool, tuple(chosen), pool.fit(chosen)), found
+
+    def _worth(self, pool: Pool) -> float:
+        """Score of all terms of a pool, with the links' errors that it believes in."""
+        return self.score(pool, range(len(pool.terms))) - doubt(pool)
 
     def _by_delays(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with a delay that fits the effort better than what it and the others agreed on; None without.
@@ -107,6 +127,29 @@ class Search(Moves):
         late = [c for c in chosen if pool.terms[c].effect.name == DELAY]
         sets = (moved(self.candidates, pool, chosen, delay, self.floor) for delay in late)
         return self._first_better(now, sets)
+
+    def _without(self, selection: Selection, now: Pool) -> Pool | None:
+        """The terms but one that the others need only as they were found beside it; None where they need each.
+
+        What a soft gear bends with is the load that all have, and a shape that a joint's other terms led astray keeps them.
+        """
+        pool, chosen, likely = selection.pool, selection.chosen, []
+        for one in chosen:
+            rest = [c for c in chosen if c != one]
+            other = self._shaped_anew(pool, rest, pool.terms[one].target)
+            behind = self.score(pool, chosen) - self.score(other, rest)
+            if any(_bends(pool.terms[c]) for c in rest) or (other is not pool and behind < UNSURE):
+                likely.append((behind, [other.terms[c] for c in rest]))
+        return self._likeliest(now, pool.noise, likely)
+
+    def _shaped_anew(self, pool: Pool, chosen: Sequence[int], joint: int) -> Pool:
+        """The pool with the shapes of a joint's chosen terms sought from the start beside the others."""
+        for one in chosen:
+            term = pool.terms[one]
+            if term.target == joint and not term.effect.timed and term.link is None:
+                beside = pool.fit([c for c in chosen if c != one])
+                pool = self.candidates.anew(self.equations, pool, beside, one)
+        return pool
 
     def _in_noise(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms and one more that white noise shows and its own noise confirms; None without.
@@ -135,16 +178,20 @@ class Search(Moves):
             for rival, behind in self.rivals(pool, rest, one):
                 if behind < UNSURE and not related(pool.terms[rival], pool.terms[one]):
                     likely.append((behind, [*(pool.terms[c] for c in rest), pool.terms[rival]]))
-        likely.sort(key=lambda pair: pair[0])
-        return self._first_better(now, (self._pool(pool.noise, terms) for _, terms in likely[:HIDDEN_TRIED]))
+        return self._likeliest(now, pool.noise, likely)
+
+    def _likeliest(self, now: Pool, noise: Noise, sets: list[tuple[float, list[Term]]]) -> Pool | None:
+        """The first better one of some sets of terms, those first that seem to score the least behind; None without."""
+        nearest = sorted(sets, key=lambda pair: pair[0])[:HIDDEN_TRIED]
+        return self._first_better(now, (self._pool(noise, terms) for _, terms in nearest))
 
     def _first_better(self, now: Pool, others: Iterable[Pool]) -> Pool | None:
         """The first pool that scores better than another, each at its own noise, its last term paying; None without."""
-        motion, score = self.equations.motion, self.score(now, range(len(now.terms)))
+        motion, worth = self.equations.motion, self._worth(now)
         for other in others:
             every = range(len(other.terms))
             trial = self._at_own_noise(other, every)
-            if self.score(trial, every) > score + BETTER and self.pays(trial, every, every[-1]):
+            if self._worth(trial) > worth + BETTER and self.pays(trial, every, every[-1]):
                 return trial
             self.equations.take(motion)
         return None
@@ -212,10 +259,7 @@ class Search(Moves):
         places = {term.place for term in start}
         known = [*start, *(term for term in self.candidates.common() if term.place not in places)]
         pool = Pool(self.equations, noise, known, self.link_errors[-1])
-        scores = [
-            other.whole.evidence - doubt(other)
-            for other in map(pool.believing, self.link_errors)
-        ]
+        scores = [other.whole.evidence - doubt(other) for other in map(pool.believing, self.link_errors)]
         best = int(np.argmax(scores))
         return list(self.link_errors[max(best - 1, 0) : best + 1])
 
