@@ -14,6 +14,7 @@ from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import contains, log_odds
+from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
 
@@ -97,6 +98,20 @@ def test_a_delay_of_all_joints_says_what_a_delay_of_one_does():
     assert not contains(Term(delay, 1), Term(delay, 2))
     assert contains(Term(get("stribeck_friction"), 1), Term(get("coulomb_friction"), 1))
     assert not contains(Term(get("stribeck_friction"), 1), Term(get("coulomb_friction"), 0))
+
+
+def test_a_ripple_is_sought_anew_without_the_spring_that_led_it_astray():
+    """A slow ripple of the wrong length and a spring bear each other out."""
+    specs = ("cogging@arm2_joint1:amplitude=3,periods_per_rev=5.6,phase=1",)
+    equations, candidates = equations_of(specs), Candidates.of(Robot.bundled("arm2"))
+    terms = [Term(get("joint_spring"), 0), Term(get("cogging"), 0).shaped({"periods_per_rev": 3.0})]
+    search = Search(equations, candidates, lambda text: None)
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.05 * equations.effort_scale), terms, 0.05)
+    selection = Selection(pool, (0, 1), pool.whole)
+    found = search._without(selection, search._at_own_noise(pool, (0, 1)))
+    assert found is not None
+    (ripple,) = found.terms
+    assert dict(ripple.shape)["periods_per_rev"] == pytest.approx(5.6, abs=0.05)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.1])

@@ -11,8 +11,8 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.scenario import Scenario
 
 
-def examined(robot: Robot, *effects: str, wrong: float = 0.0) -> Examination:
-    scenario = Scenario(robot, effects=effects, seed=3, duration=20.0, rate=200.0, wrong=wrong)
+def examined(robot: Robot, *effects: str, wrong: float = 0.0, seed: int = 3) -> Examination:
+    scenario = Scenario(robot, effects=effects, seed=seed, duration=20.0, rate=200.0, wrong=wrong)
     return examine([scenario.run()[0].recording], robot)
 
 
@@ -42,3 +42,25 @@ def test_a_payload_hangs_from_a_tilted_base() -> None:
         return np.sqrt(np.sum(np.where(usable, values, 0.0) ** 2, axis=0) / usable.sum(axis=0))
 
     assert (size(left) / equations.effort_scale).mean() < 1.3 * (size(fitted) / equations.effort_scale).mean()
+
+
+@pytest.mark.parametrize(
+    ("cause", "link", "scale"),
+    [
+        ("backlash@arm6_joint3:gap=0.02", "arm6_link3", 0.7),
+        ("load_dependent_friction@arm6_joint1:ratio=0.11", "arm6_link6", 0.6),
+    ],
+)
+def test_a_wrong_link_is_told_beside_a_larger_cause(cause: str, link: str, scale: float) -> None:
+    """Before that is known all links look far off, and one that is would be nothing special."""
+    found = examined(Robot.bundled("arm6"), cause, f"link_inertia@{link}:scale={scale}", wrong=0.05, seed=4)
+    named = {(finding.effect, finding.link or finding.joint) for finding in found.diagnosis.findings}
+    assert named == {tuple(cause.split(":")[0].split("@")), ("link_inertia", link)}
+
+
+def test_what_a_soft_joint_left_at_first_is_no_cause_of_its_own() -> None:
+    """The load that bends it is known once nothing else stands for what a first guess of its stiffness left."""
+    found = examined(Robot.bundled("arm6"), "joint_elasticity@arm6_joint4:stiffness=22", wrong=0.05, seed=4)
+    (only,) = found.diagnosis.findings
+    assert (only.effect, only.joint) == ("joint_elasticity", "arm6_joint4")
+    assert only.parameters["stiffness"].value == pytest.approx(22.0, rel=0.02)

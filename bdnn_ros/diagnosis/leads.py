@@ -13,7 +13,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import white_noise_of
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 
 DELAY = "effort_delay"
@@ -58,13 +58,9 @@ def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int,
     """
     equations, term = pool.equations, pool.terms[delay]
     rest = [pool.terms[c] for c in chosen if c != delay]
-
-    def at(lag: float) -> Pool:
-        return Pool(_earlier(equations, term.target, lag), pool.noise, rest, pool.link_error)
-
-    lag, best = 0.0, at(0.0)
+    lag, best = 0.0, _at(pool, rest, [(term, 0.0)])
     while lag + LAG_STEP <= LATEST:
-        later = at(lag + LAG_STEP)
+        later = _at(pool, rest, [(term, lag + LAG_STEP)])
         if later.whole.evidence <= best.whole.evidence:
             break
         lag, best = lag + LAG_STEP, later
@@ -79,12 +75,19 @@ def undelayed(pool: Pool) -> Pool:
     What acts is known from such a fit at once. From one with a delay's column, made of the load that the fit before had, it
     follows by and by, and for a long delay of a fast motion never.
     """
-    equations, fit = pool.equations, pool.whole
-    late = [c for c in fit.terms if pool.terms[c].effect.name == DELAY]
-    for chosen in late:
-        equations = _earlier(equations, pool.terms[chosen].target, float(pool.coefficients(fit, chosen)[0]))
-    rest = [term for c, term in enumerate(pool.terms) if c not in late]
-    return Pool(equations, pool.noise, rest, pool.link_error) if late else pool
+    fit, terms = pool.whole, pool.terms
+    late = [
+        (terms[c], float(pool.coefficients(fit, c)[0])) for c in fit.terms if terms[c].effect.name == DELAY
+    ]
+    return _at(pool, [t for t in terms if t.effect.name != DELAY], late) if late else pool
+
+
+def _at(pool: Pool, terms: Sequence[Term], delays: Sequence[tuple[Term, float]]) -> Pool:
+    """A pool of other terms at the same noise, with the measured effort moved by some delays [s]."""
+    equations = pool.equations
+    for delay, lag in delays:
+        equations = _earlier(equations, delay.target, lag)
+    return Pool(equations, pool.noise, terms, pool.link_error)
 
 
 def _earlier(equations: Equations, joint: int, lag: float) -> Equations:

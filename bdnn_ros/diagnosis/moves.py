@@ -52,14 +52,15 @@ class Moves:
 
     def gather(self, pool: Pool, chosen: list[int]) -> tuple[Pool, list[int]]:
         """Give the place of pushes at one time to a single one, on whatever link explains most beside all else."""
+        robot = self.candidates.robot
         for one in [c for c in chosen if pool.terms[c].effect.timed]:
             if one not in chosen:
                 continue
             rest = [c for c in chosen if not together(pool.terms[c], pool.terms[one])]
-            other = reshaped(pool, rest, self.candidates.robot)
+            other = reshaped(pool, rest, robot)
             pushes = [c for c in range(len(other.terms)) if other.terms[c].effect.timed and c not in rest]
             scores, without = {c: self.score(other, [*rest, c]) for c in pushes}, self.score(other, rest)
-            best, robot = nearest(other, scores, without, self.candidates.robot), self.candidates.robot
+            best = nearest(other, scores, without, robot)
             better = scores[best] - self.score(pool, chosen)
             if distance(other.terms[best], robot) < distance(pool.terms[one], robot):
                 better += toss(other.terms[best], scores[best] - without)

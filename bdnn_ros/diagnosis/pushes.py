@@ -145,16 +145,17 @@ def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:
 
 def between_rows(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
     """A push with its times between rows, and a point of its own, where they add most evidence to a fit, by Gauss-Newton."""
-    if not isinstance(term.effect, Push):
+    effect = term.effect
+    if not isinstance(effect, Push):
         return term
     gain, coefficients = pool.gain_of(fit, term)
     for _ in range(STEPS):
-        later, further = _steps(pool, fit, term, coefficients, robot)
+        later, further = _steps(pool, fit, term, effect, coefficients, robot)
         shape = dict(term.shape)
         for name, by in (*zip(EDGES, later, strict=True), *zip(POINT, further, strict=False)):
             shape[name] += float(by)
         moved = term.shaped(shape)
-        if not term.effect.shape_allowed(shape):
+        if not effect.shape_allowed(shape):
             break
         better, found = pool.gain_of(fit, moved)
         if better <= gain:
@@ -166,11 +167,10 @@ def between_rows(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
 
 
 def _steps(
-    pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray, robot: Robot
+    pool: Pool, fit: Fit, term: Term, effect: Push, coefficients: np.ndarray, robot: Robot
 ) -> tuple[np.ndarray, np.ndarray]:
     """A Gauss-Newton step of a push's times (2,) [s], and of its point (3,) [m] or of none where it is a usual one (0,)."""
-    effect, equations, shape = term.effect, pool.equations, dict(term.shape)
-    assert isinstance(effect, Push)
+    equations, shape = pool.equations, dict(term.shape)
     always = effect.always(equations.motion, term.target, shape, term.link) @ coefficients
     edges = always * _edge_rates(equations.motion, shape).T[..., None]
     columns, points = [equations.reduced(np.moveaxis(edges, 0, 2)), equations.made(term)], 0
