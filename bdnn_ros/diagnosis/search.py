@@ -102,16 +102,17 @@ class Search(Moves):
         return selection
 
     def _from(self, found: Pool) -> tuple[Selection, Pool]:
-        """The best set from some terms on, and it at its own noise: those terms again where more of them prove worse there."""
+        """The best set from some terms on, and it at its own noise: those terms alone where what it adds proves worse there."""
         motion = self.equations.motion
         selection = self._select(found.noise, found.terms)
         now = self._at_own_noise(selection.pool, selection.chosen)
-        if self._worth(now) >= self._worth(found):
+        places = {term.place: c for c, term in enumerate(selection.pool.terms)}
+        alone = tuple(places[term.place] for term in found.terms)
+        if not set(alone) <= set(selection.chosen) or self._worth(now) >= self._worth(found):
             return selection, now
         self.equations.take(motion)
-        pool, places = selection.pool, [term.place for term in selection.pool.terms]
-        chosen = [places.index(term.place) for term in found.terms]
-        return Selection(pool, tuple(chosen), pool.fit(chosen)), found
+        pool = selection.pool
+        return Selection(pool, alone, pool.fit(alone)), found
 
     def _worth(self, pool: Pool) -> float:
         """Score of all terms of a pool, with the links' errors that it believes in."""
