@@ -93,7 +93,7 @@ class Identifier:
         self.latest: tuple[Signals, np.ndarray] | None = None
         self._stream = Chunks(robot.joints, cutoff)
         self._evidence = Recursion(self.recursion.belief)
-        self._usual = self._evidence.noise
+        self._usual = self._first = self._evidence.noise
         self._fast = np.zeros(())
         self._straight: tuple[np.ndarray, ...] = ()
         self._carrier = robot
@@ -187,13 +187,17 @@ class Identifier:
         if evidence.total is None:
             return
         plain = Structure.plain(belief)
+        whole = len(self._kept) == self._used
+        # the choice depends on the motion alone, not on when it was made before
         for sums in (self.recursion, evidence):
-            sums.doubt()  # the choice depends on the motion alone, not on when it was made before
+            sums.doubt()
+        if whole and self._usual is not self._first:
+            self._carrier = self.robot
+            self._go_through_again(self._first)
         posterior = evidence.solve(layout(plain, belief), ITERATIONS)
         friction = typical_friction(posterior.mean, posterior.layout, evidence.total)
         lowest = LEAST_FRICTION * belief.effort_scale
         plain = replace(plain, friction=tuple(np.clip(friction, lowest, belief.effort_scale)))
-        whole = len(self._kept) == self._used
         if whole:
             self._carrier = physical_model(self.robot, posterior, plain, self.scales).robot
             self._go_through_again(posterior.noise)
