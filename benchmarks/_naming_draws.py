@@ -31,10 +31,11 @@ from bdnn_ros.simulation.simulate import Simulated
 HIDDEN = {0: 0.15, 1: 0.6, 2: 0.15, 3: 0.1}
 WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
-ALEX = "ShoulderPitch ShoulderRoll ShoulderYaw ElbowPitch WristYaw WristRoll"
+ROMEO = "ShoulderPitch ShoulderYaw ElbowRoll ElbowYaw WristRoll WristYaw WristPitch"
+G1 = "shoulder_pitch shoulder_roll shoulder_yaw elbow wrist_roll wrist_pitch wrist_yaw"
 EXAMPLES = {
-    "alex": ("alex_description/urdf/alex_nub_hands.urdf", tuple(f"Left{name}" for name in ALEX.split())),
-    "centauro": ("centauro_description/urdf/centauro.urdf", tuple(f"j_arm1_{k}" for k in range(1, 7))),
+    "romeo": ("romeo_description/urdf/romeo_small.urdf", tuple(f"L{name}" for name in ROMEO.split())),
+    "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", tuple(f"left_{name}_joint" for name in G1.split())),
 }
 """Arms of example-robot-data, files and joints: none was looked at while the diagnosis was made."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15
