@@ -20,8 +20,8 @@ TEMPERATURE = 2.0
 LISTED = 0.02
 """Rivals less probable than this are not listed."""
 CLOSE = 12.0
-HARDLY = 0.05
-"""A finding less probable than this is given up where a rival is likelier than nothing."""
+LIKELIER = 1.25
+"""A rival so many times as probable as a finding takes its place."""
 PLAINLY = 4.0
 """What contains a simpler law must be so many times as probable, or the simpler one is named."""
 TIE = 0.1
@@ -61,23 +61,34 @@ def judge(search: Search, selection: Selection) -> list[Judgement]:
 def likelier(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
     """The selection with one finding given up for a rival; None where there is none to give up.
 
-    One that hardly can be gives way to its likeliest rival, and one that is hardly more likely than a part of it to that
-    part. What is part of a law that is plainly likelier gives way where blocks that had no say of the fit bear that out.
+    One gives way to a likelier rival, and one that is hardly more likely than a part of it to that part. What is part of a
+    law that is plainly likelier gives way where blocks that had no say of the fit bear that out. Of pushes that are a toss
+    the one at the likeliest place was chosen already.
     """
     pool = selection.pool
     for one, judgement in zip(selection.chosen, judgements, strict=True):
         term = pool.terms[one]
         for rival, probability in judgement.rivals:
-            hardly = judgement.probability < HARDLY and probability > judgement.nothing
+            ahead = not term.effect.timed and probability > LIKELIER * judgement.probability
+            ahead &= probability > judgement.nothing
             richer = contains(rival, term)
             simpler = contains(term, rival) or _settles_into(term, rival)
             simpler &= judgement.probability < PLAINLY * probability
             plainly = richer and probability > PLAINLY * judgement.probability
-            if plainly or simpler or (hardly and not richer):
+            if plainly or simpler or (ahead and not richer):
                 other = _instead(selection, one, rival)
+                if ahead and not richer:
+                    other = _with_parts(search, other, term)
                 if not plainly or _earned(search, other, selection, one):
                     return other
     return None
+
+
+def _with_parts(search: Search, selection: Selection, term: Term) -> Selection:
+    """The selection with the part of a term that was given up which the rest needs, where it needs one."""
+    pool = selection.pool
+    best = max(_bases(pool, term, list(selection.chosen)), key=lambda chosen: search.score(pool, chosen))
+    return Selection(pool, tuple(best), pool.fit(best))
 
 
 def _earned(search: Search, richer: Selection, plain: Selection, part: int) -> bool:
