@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -70,15 +70,35 @@ def removal_of(name, part, stretches, noise=0.02):
     return left, removals
 
 
-def test_a_finding_gives_way_to_a_rival_that_is_far_likelier():
+def test_a_finding_gives_way_to_a_rival_that_is_likelier():
     one, other, third = Term(get("hysteresis"), 0), Term(get("cogging"), 0), Term(get("armature"), 1)
     sure = Judgement(0.98, 0.0, ())
     assert told_of([one, other, third], (0, 2), Judgement(0.01, 0.0, ((other, 0.97),)), sure) == {
         "cogging",
         "armature",
     }
-    assert told_of([one, other, third], (0, 2), Judgement(0.3, 0.0, ((other, 0.6),)), sure) is None
+    assert told_of([one, other, third], (0, 2), Judgement(0.3, 0.0, ((other, 0.6),)), sure) == {
+        "cogging",
+        "armature",
+    }
+    assert told_of([one, other, third], (0, 2), Judgement(0.49, 0.0, ((other, 0.51),)), sure) is None
     assert told_of([one, other, third], (0, 2), Judgement(0.01, 0.9, ()), sure) is None
+    assert told_of([one, other, third], (0, 2), Judgement(0.02, 0.9, ((other, 0.08),)), sure) is None
+
+
+def test_a_push_does_not_give_way_to_one_that_is_a_toss_against_it():
+    one, other = (Term(get("external_wrench"), 0, f"arm2_link{k}") for k in (1, 2))
+    assert told_of([one, other], (0,), Judgement(0.4, 0.0, ((other, 0.6),))) is None
+
+
+@pytest.mark.parametrize("needed", [True, False])
+def test_what_takes_the_place_of_a_law_keeps_the_part_of_it_that_it_needs(needed):
+    """Drag beside Coulomb friction may look like a Stribeck law: that has the Coulomb friction in itself."""
+    names = ("stribeck_friction", "quadratic_drag", "coulomb_friction")
+    terms = [Term(get(name), 0) for name in names]
+    judgement = Judgement(0.06, 0.0, ((terms[1], 0.94),))
+    told = {"quadratic_drag", "coulomb_friction"} if needed else {"quadratic_drag"}
+    assert told_of(terms, (0,), judgement, worth={2: 1.0 if needed else -1.0}) == told
 
 
 @pytest.mark.parametrize(
@@ -134,10 +154,17 @@ def test_a_richer_law_that_hardly_says_more_is_no_rival(monkeypatch, beyond, own
     assert [rival.effect.name for rival, _ in found.rivals] == listed
 
 
-def told_of(terms, chosen, *judgements, borne_out=True):
-    """What is told once the likelier has taken its place; None where nothing gives way."""
+def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({})):
+    """What is told once the likelier has taken its place; None where nothing gives way.
+
+    Args:
+        worth: what terms add to a score; the others nothing.
+    """
     pool = SimpleNamespace(terms=terms, fit=lambda chosen: tuple(chosen))
-    search = SimpleNamespace(predicts_better=lambda pool, one, other: borne_out)
+    search = SimpleNamespace(
+        predicts_better=lambda pool, one, other: borne_out,
+        score=lambda pool, chosen: sum(worth.get(c, 0.0) for c in chosen),
+    )
     better = likelier(search, SimpleNamespace(pool=pool, chosen=chosen), judgements)
     return None if better is None else {terms[c].effect.name for c in better.chosen}
 
