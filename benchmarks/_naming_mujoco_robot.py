@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.signal import lfilter
 
+from bdnn_ros.errors import DataError
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
 
@@ -24,6 +25,12 @@ SOFTLY = (0.02, 0.002)
 
 Level = Callable[[float, float, float], float]
 """Dry friction [N·m] at a time [s], a speed [rad/s] and under an effort [N·m]."""
+LOST = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+"""Warnings after which MuJoCo begins anew from rest."""
 
 
 @dataclass
@@ -111,6 +118,8 @@ def moved(
         if real.push is not None:
             data.xfrc_applied[-1, :3] = real.push[0] * (real.push[1] <= time < real.push[2])
         mujoco.mj_step(model, data)
+    if any(data.warning[kind].number for kind in LOST):
+        raise DataError("MuJoCo lost the robot: its simulation is unstable.")
     return rows
 
 

@@ -11,6 +11,8 @@ from _naming_text import Rows, markdown, percent
 
 RECORDS = Path(__file__).resolve().parent / "results" / "naming_mujoco.jsonl"
 NOTHING = "nothing"
+NOT_DRAWN = "not drawn"
+"""Status of a draw whose simulation came to nothing."""
 
 
 def table(records: Sequence[Record]) -> Rows:
@@ -54,7 +56,8 @@ def section(code: str) -> list[str]:
     for row in RECORDS.read_text(encoding="utf-8").splitlines():
         record = json.loads(row)
         latest[record["draw"]["seed"]] = record
-    records, now = list(latest.values()), sum(record["code"] == code for record in latest.values())
+    records = [record for record in latest.values() if record["status"] != NOT_DRAWN]
+    now = sum(record["code"] == code for record in records)
     return [
         "\n## Another simulator\n",
         "Made by `python benchmarks/naming_mujoco.py --budget 0`: MuJoCo reads the description and moves the robot with joints,\n"

@@ -50,6 +50,11 @@ class Totals:
         return [one for one in self.hidden if one["evidence"] is None or one["evidence"] > TELLING]
 
     @property
+    def all_tellable(self) -> Totals:
+        """The draws of which the data tell every hidden effect."""
+        return Totals([r for r in self.records if len(Totals([r]).tellable) == len(Totals([r]).hidden)])
+
+    @property
     def parameters(self) -> list[Mapping[str, Any]]:
         """Parameters of all rightly named effects."""
         return [p for one in self.hidden for p in one["parameters"].values()]
@@ -238,6 +243,7 @@ def shows(records: Sequence[Record]) -> Rows:
         ["one effect, links 10 % off: named first", "≥ 90 %", *_of(further, further.named("first"))],
         ["of those that the data can tell", "", *_of_tellable(further)],
         ["two effects: both named", "≥ 85 %", *_of(two, two.all_named())],
+        ["of those of which the data can tell both", "", *_of(both := two.all_tellable, both.all_named())],
         ["nothing hidden: draws with a false finding", "≤ 2 %", *_of(clean, clean.with_false())],
         ["worn, one hidden: named", "≥ 90 %", *_of(worn_one, worn_one.named())],
         ["of those that the data can tell", "", *_of_tellable(worn_one, "named")],

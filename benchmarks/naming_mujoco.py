@@ -25,7 +25,7 @@ from typing import Any
 from _naming_judging import judge
 from _naming_mujoco import drawn, made
 from _naming_options import run_options
-from _naming_simulator import RECORDS, in_words, table
+from _naming_simulator import NOT_DRAWN, RECORDS, in_words, table
 from _naming_text import text
 from naming import fingerprint, rounded, said
 
@@ -44,10 +44,12 @@ def main() -> None:
     try:
         with args.results.open("a", encoding="utf-8") as file:
             for record in _finished(args):
-                records.append(rounded(record | {"code": fingerprint()}))
-                file.write(json.dumps(records[-1]) + "\n")
+                record = rounded(record | {"code": fingerprint()})
+                file.write(json.dumps(record) + "\n")
                 file.flush()
                 print(_line(record), flush=True)
+                if record["status"] != NOT_DRAWN:
+                    records.append(record)
     except KeyboardInterrupt:
         print("stopped; finished draws are kept", file=sys.stderr)
     if records:
@@ -59,7 +61,10 @@ def done(deadline: float, seed: int) -> dict[str, Any] | None:
     if time.monotonic() > deadline:
         return None
     draw = drawn(seed)
-    recording, truth = made(draw)
+    try:
+        recording, truth = made(draw)
+    except BdnnError as error:
+        return {"draw": asdict(draw), "truth": [], "status": NOT_DRAWN, "why": str(error)}
     record: dict[str, Any] = {"draw": asdict(draw), "truth": truth["effects"]}
     start = time.process_time()
     with tempfile.TemporaryDirectory(prefix="naming") as folder:

@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.settling import settled
 from bdnn_ros.effects.registry import get
+from bdnn_ros.errors import DataError
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import flattened, prepare
 
@@ -65,3 +67,21 @@ def test_a_reported_velocity_lags_as_mujocos_was_made_to():
     (one,), (finding,) = truth["effects"], reported_velocity([recording])
     assert (finding.effect, finding.joint) == (one["effect"], one["joint"])
     assert finding.parameters["cutoff"].value == pytest.approx(one["parameters"]["cutoff"], rel=0.05)
+
+
+def test_a_simulation_that_breaks_down_is_no_recording(monkeypatch, tmp_path):
+    """MuJoCo goes on from the start where its numbers overflow, and says so in a file."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(mujoco, "mj_step", broken_down(mujoco.mj_step))
+    with pytest.raises(DataError, match="unstable"):
+        made(replace(PERFECT, hidden="armature"))
+
+
+def broken_down(step):
+    """MuJoCo's step with a velocity that nothing can have."""
+
+    def one(model, data):
+        data.qvel[:] = 1e200
+        step(model, data)
+
+    return one
