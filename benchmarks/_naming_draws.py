@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from _naming_judging import judge
 from _naming_odds import evidence
+from _naming_tables import NOT_DRAWN
 
 from bdnn_ros import bags
 from bdnn_ros.diagnosis.building import nominal_effort
@@ -110,7 +111,7 @@ def done(draw: Draw) -> dict[str, Any]:
     try:
         simulated, truth = _scenario(draw).run()
     except BdnnError as error:
-        return {**record, "status": "not drawn", "why": str(error)}
+        return {**record, "status": NOT_DRAWN, "why": str(error)}
     start = time.process_time()
     with tempfile.TemporaryDirectory(prefix="naming") as folder:
         bag = bags.write(simulated.recording, Path(folder) / "bag")

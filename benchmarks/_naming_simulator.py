@@ -6,13 +6,11 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from _naming_tables import Record, Totals
+from _naming_tables import Record, Totals, counted
 from _naming_text import Rows, markdown, percent
 
 RECORDS = Path(__file__).resolve().parent / "results" / "naming_mujoco.jsonl"
 NOTHING = "nothing"
-NOT_DRAWN = "not drawn"
-"""Status of a draw whose simulation came to nothing."""
 
 
 def table(records: Sequence[Record]) -> Rows:
@@ -56,7 +54,7 @@ def section(code: str) -> list[str]:
     for row in RECORDS.read_text(encoding="utf-8").splitlines():
         record = json.loads(row)
         latest[record["draw"]["seed"]] = record
-    records = [record for record in latest.values() if record["status"] != NOT_DRAWN]
+    records = counted(latest.values())
     now = sum(record["code"] == code for record in records)
     return [
         "\n## Another simulator\n",

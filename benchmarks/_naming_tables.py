@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,14 @@ TELLING = float(np.log(150.0))
 """Log evidence that outweighs so many effects at so many places."""
 WEAR = ("coulomb_friction", "viscous_friction", "armature")
 NOTHING, ELSEWHERE, REFUSED = "nothing", "elsewhere", "refused"
+
+NOT_DRAWN = "not drawn"
+"""Status of a draw whose simulation came to nothing."""
+
+
+def counted(records: Iterable[Record]) -> list[Record]:
+    """Those that were drawn."""
+    return [record for record in records if record["status"] != NOT_DRAWN]
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ class Totals:
     @property
     def all_tellable(self) -> Totals:
         """The draws of which the data tell every hidden effect."""
-        return Totals([r for r in self.records if len(Totals([r]).tellable) == len(Totals([r]).hidden)])
+        return Totals([r for r in self.records if (one := Totals([r])).tellable == one.hidden])
 
     @property
     def parameters(self) -> list[Mapping[str, Any]]:

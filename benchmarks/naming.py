@@ -28,7 +28,7 @@ from _naming_draws import EXAMPLES, Choices, Draw, done
 from _naming_options import run_options
 from _naming_recordings import in_words, recorded, tables
 from _naming_simulator import section
-from _naming_tables import by_condition, by_effect, confusion, shows, summary
+from _naming_tables import by_condition, by_effect, confusion, counted, shows, summary
 from _naming_text import markdown, text
 
 from bdnn_ros.effects.registry import EFFECTS
@@ -87,12 +87,12 @@ def main() -> None:
             records.append(record)
     except KeyboardInterrupt:
         print("stopped; finished draws are kept", file=sys.stderr)
-    counted = [r for r in records if r["status"] != "not drawn"]
+    drawn = counted(records)
     args.results.with_suffix(".json").write_text(
-        json.dumps(summary(counted), indent=1) + "\n", encoding="utf-8"
+        json.dumps(summary(drawn), indent=1) + "\n", encoding="utf-8"
     )
     if args.json:
-        print(json.dumps({"summary": summary(counted), "records": records}))
+        print(json.dumps({"summary": summary(drawn), "records": records}))
         return
     tell(records, args.draws)
 
@@ -123,14 +123,12 @@ def run(draws: Iterable[Draw], args: argparse.Namespace) -> Iterator[dict[str, A
 
 def tell(records: Sequence[Mapping[str, Any]], wanted: int) -> None:
     """All tables on the terminal."""
-    counted = [r for r in records if r["status"] != "not drawn"]
-    print(
-        f"\n{len(records)} of {wanted} draws done, {len(records) - len(counted)} of them could not be drawn"
-    )
-    if counted:
-        for rows in (confusion(counted), by_effect(counted), by_condition(counted), shows(counted)):
+    drawn = counted(records)
+    print(f"\n{len(records)} of {wanted} draws done, {len(records) - len(drawn)} of them could not be drawn")
+    if drawn:
+        for rows in (confusion(drawn), by_effect(drawn), by_condition(drawn), shows(drawn)):
             print(f"\n{text(rows)}")
-    for record in counted:
+    for record in drawn:
         if record["status"] == "crashed":
             print(f"\ncrashed: seed {record['draw']['seed']}\n{record['why']}")
 
@@ -187,7 +185,7 @@ def write_document(results: Path) -> None:
     for row in results.read_text(encoding="utf-8").splitlines():
         record = json.loads(row)
         latest[record["key"]] = record
-    records = [r for r in latest.values() if r["status"] != "not drawn"]
+    records = counted(latest.values())
     now = sum(r["code"] == fingerprint() for r in records)
     commands = "\n".join(f"    {c}  # {k} draws" for c, k in Counter(r["command"] for r in records).items())
     parts = [

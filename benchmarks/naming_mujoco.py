@@ -25,7 +25,8 @@ from typing import Any
 from _naming_judging import judge
 from _naming_mujoco import drawn, made
 from _naming_options import run_options
-from _naming_simulator import NOT_DRAWN, RECORDS, in_words, table
+from _naming_simulator import RECORDS, in_words, table
+from _naming_tables import NOT_DRAWN, counted
 from _naming_text import text
 from naming import fingerprint, rounded, said
 
@@ -44,15 +45,13 @@ def main() -> None:
     try:
         with args.results.open("a", encoding="utf-8") as file:
             for record in _finished(args):
-                record = rounded(record | {"code": fingerprint()})
-                file.write(json.dumps(record) + "\n")
+                records.append(rounded(record | {"code": fingerprint()}))
+                file.write(json.dumps(records[-1]) + "\n")
                 file.flush()
                 print(_line(record), flush=True)
-                if record["status"] != NOT_DRAWN:
-                    records.append(record)
     except KeyboardInterrupt:
         print("stopped; finished draws are kept", file=sys.stderr)
-    if records:
+    if records := counted(records):
         print(f"\n{in_words(records)}\n\n{text(table(records))}")
 
 

@@ -172,7 +172,7 @@ class Robotics:
             self.executor.spin()
 
     def call(self, kind: Any, service: str, /, timeout: float = 120.0, **fields: Any) -> Any:
-        """Answer of a service."""
+        """Answer of a service; the time-out is for what hangs, a patient trainer on a busy machine may be slow."""
         client = self._clients.get(service)
         if client is None:
             client = self._clients[service] = self.node.create_client(kind, service)

@@ -55,16 +55,10 @@ def test_when_friction_turned_round_is_known_to_a_sample_of_the_effort():
         signals = prepare(
             Recording(time, ("joint",), np.sin(angle)[:, None], None, np.sign(np.cos(angle))[:, None])
         )
-        state = directions(signals)
-        off.append(
-            (signals.smooth(signals.effort) - signals.smooth(signals.smooth(state.joints[:, :, USUAL])))[
-                signals.interior
-            ]
-        )
+        state, felt = directions(signals), signals.smooth(signals.effort)[signals.interior, 0]
+        off.append(felt - low_passed(signals, state.joints[:, 0, USUAL]))
         doubt.append(low_passed(signals, state.doubt[:, 0]))
-    told, actual = (
-        float(np.sqrt(np.mean(np.concatenate([v.ravel() for v in values]) ** 2))) for values in (doubt, off)
-    )
+    told, actual = (np.sqrt(np.mean(np.concatenate(values) ** 2)) for values in (doubt, off))
     assert told == pytest.approx(actual, rel=0.3)
 
 

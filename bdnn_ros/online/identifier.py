@@ -93,7 +93,7 @@ class Identifier:
         self.latest: tuple[Signals, np.ndarray] | None = None
         self._stream = Chunks(robot.joints, cutoff)
         self._evidence = Recursion(self.recursion.belief)
-        self._usual = self._first = self._evidence.noise
+        self._usual = self._evidence.noise
         self._fast = np.zeros(())
         self._straight: tuple[np.ndarray, ...] = ()
         self._carrier = robot
@@ -191,9 +191,9 @@ class Identifier:
         # the choice depends on the motion alone, not on when it was made before
         for sums in (self.recursion, evidence):
             sums.doubt()
-        if whole and self._usual is not self._first:
+        if whole and (self._usual != evidence.noise).any():
             self._carrier = self.robot
-            self._go_through_again(self._first)
+            self._go_through_again(evidence.noise)
         posterior = evidence.solve(layout(plain, belief), ITERATIONS)
         friction = typical_friction(posterior.mean, posterior.layout, evidence.total)
         lowest = LEAST_FRICTION * belief.effort_scale

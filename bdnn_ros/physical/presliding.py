@@ -74,7 +74,8 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
         before = None if start is None else start.joints[:, 0]
         velocity = signals.velocity[rows]
         kept = _mean_around(turning(fine, turned, before))
-        joints[rows, :, 0] = _expected(velocity, signals.velocity_noise, kept)
+        slow = np.abs(velocity) < CERTAIN * signals.velocity_noise
+        joints[rows, :, 0] = np.where(slow, _expected(velocity, signals.velocity_noise), kept)
         doubt[rows] = _doubt(signals, rows)
         pairs[rows] = _mean_around(turning(motors, both, None if start is None else start.pairs.ravel()))
         state = joints[rows.start, :, :1] if start is None else start.joints[:, 1:]
@@ -93,14 +94,9 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
     return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)), doubt)
 
 
-def _expected(velocity: np.ndarray, std: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Direction that is expected of measured velocities (N, n) with this noise (n,).
-
-    Args:
-        kept: direction that a clear motion has, (N, n).
-    """
-    expected = erf(velocity / (np.sqrt(2.0) * np.maximum(std, SMALLEST)))
-    return np.where(np.abs(velocity) < CERTAIN * std, expected, kept)
+def _expected(velocity: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Direction that is expected of measured velocities (N, n) with this noise, (n,) or (N, n)."""
+    return np.asarray(erf(velocity / (np.sqrt(2.0) * np.maximum(std, SMALLEST))))
 
 
 def _doubt(signals: Signals, rows: slice) -> np.ndarray:
@@ -112,8 +108,7 @@ def _doubt(signals: Signals, rows: slice) -> np.ndarray:
     velocity, acceleration = _finer(signals.velocity[rows]), _finer(signals.acceleration[rows])
     apart = np.hypot(1.0 / signals.raw_rate, 1.0 / (SUBSTEPS * signals.rate))
     std = np.hypot(signals.velocity_noise, acceleration * apart / np.sqrt(12.0))
-    expected = erf(velocity / (np.sqrt(2.0) * np.maximum(std, SMALLEST)))
-    return _mean_around(REVERSAL * np.sqrt(1.0 - expected**2))
+    return _mean_around(REVERSAL * np.sqrt(1.0 - _expected(velocity, std) ** 2))
 
 
 def coupled(values: np.ndarray) -> np.ndarray:
