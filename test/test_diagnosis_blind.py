@@ -74,3 +74,12 @@ def test_wear_is_found_on_every_joint_and_nothing_else(tmp_path, seed):
         quantity = next(iter(finding["parameters"].items()))
         value = truth["worn"][finding["joint"]][quantity[0]]
         assert quantity[1]["value"] == pytest.approx(value, rel=0.1), finding["sentence"]
+
+
+def test_a_gap_that_white_noise_hardly_shows_is_tried_all_the_same(tmp_path):
+    """Slow noise passes for what a small gap leaves; with the gap found, the noise is smaller and the gap is sure."""
+    options = {"hide": 1, "hidden_names": ("backlash",), "seed": 116000, "duration": 30.0, "wrong": 0.05}
+    bag, truth = recorded(tmp_path, "arm7", coloured=True, **options)
+    report = diagnosed(bag)
+    (hidden,) = judge(truth, report["findings"], Robot.bundled("arm7"))["hidden"]
+    assert hidden["first"], f"{truth['effects']} was named {words(report)}"

@@ -61,7 +61,7 @@ class Candidates:
                 beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
                 result.append(_relinearised(equations, pool, beside, term.shaped(shapes[0])))
                 continue
-            result.append(_best_of(equations, pool, fit, term, shapes))
+            result.append(_best_of(equations, pool, fit, term, shapes)[1])
         return result
 
     def anew(self, equations: Equations, pool: Pool, fit: Fit, one: int) -> Pool:
@@ -70,9 +70,8 @@ class Candidates:
         shapes = term.effect.shapes(equations.motion, term.target, term.link)
         if len(shapes) == 1:
             return pool
-        found = _best_of(equations, pool, fit, term, shapes)
-        better = pool.gain_of(fit, found)[0] > pool.gain_of(fit, term)[0]
-        return pool.replacing(one, found) if better else pool
+        gain, found = _best_of(equations, pool, fit, term, shapes)
+        return pool.replacing(one, found) if gain > pool.gain_of(fit, term)[0] else pool
 
     def refined(self, equations: Equations, pool: Pool, fit: Fit, chosen: int) -> Term:
         """A term of a fit with its shape moved to where it fits best beside the others."""
@@ -124,11 +123,12 @@ class Candidates:
 
 def _best_of(
     equations: Equations, pool: Pool, fit: Fit, term: Term, shapes: Sequence[dict[str, float]]
-) -> Term:
-    """The term with the one of some shapes that adds most evidence to a fit."""
+) -> tuple[float, Term]:
+    """The term with the one of some shapes that adds most evidence to a fit, and how much that is."""
     tried = [term.shaped(shape) for shape in shapes]
     gains = [pool.gain_of(fit, one, equations.columns(one))[0] for one in tried]
-    return tried[int(np.argmax(gains))]
+    best = int(np.argmax(gains))
+    return gains[best], tried[best]
 
 
 def _elsewhere(term: Term, other: Term) -> bool:

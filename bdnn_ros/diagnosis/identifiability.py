@@ -69,15 +69,15 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
     for one, judgement in zip(selection.chosen, judgements, strict=True):
         term = pool.terms[one]
         for rival, probability in judgement.rivals:
-            ahead = not term.effect.timed and probability > LIKELIER * judgement.probability
-            ahead &= probability > judgement.nothing
             richer = contains(rival, term)
+            ahead = not (richer or term.effect.timed) and probability > judgement.nothing
+            ahead &= probability > LIKELIER * judgement.probability
             simpler = contains(term, rival) or _settles_into(term, rival)
             simpler &= judgement.probability < PLAINLY * probability
             plainly = richer and probability > PLAINLY * judgement.probability
-            if plainly or simpler or (ahead and not richer):
+            if plainly or simpler or ahead:
                 other = _instead(selection, one, rival)
-                if ahead and not richer:
+                if ahead:
                     other = _with_parts(search, other, term)
                 if not plainly or _earned(search, other, selection, one):
                     return other

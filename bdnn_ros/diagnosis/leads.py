@@ -58,7 +58,7 @@ def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int,
     """
     equations, term = pool.equations, pool.terms[delay]
     rest = [pool.terms[c] for c in chosen if c != delay]
-    lag, best = 0.0, _at(pool, rest, [(term, 0.0)])
+    lag, best = 0.0, _at(pool, rest, [])
     while lag + LAG_STEP <= LATEST:
         later = _at(pool, rest, [(term, lag + LAG_STEP)])
         if later.whole.evidence <= best.whole.evidence:

@@ -29,8 +29,9 @@ LINK_COST = 3.5
 """The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
 PAYLOAD_COST = 5.5
 """The same against a payload at the end of an arm: there tools are changed."""
-INNER_COST, FIRST_COST = 4.5, 8.5
-"""What it costs more on a link with joints after it; before all others it is hardly more than a rotor or a spring."""
+INNER_COST, FIRST_COST = 2.5, 8.5
+"""What it costs more on a link with joints after it, as any effect does; before all others it is hardly more than a rotor or a
+spring."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
 LINK_ERROR_COST = 400.0

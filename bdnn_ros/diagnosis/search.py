@@ -32,9 +32,7 @@ OUTSTANDING = 0.1
 FALLS = 0.8
 """Noise that is less than this share of what it was has not been found yet, nor has what it hides."""
 HIDDEN_TRIED = 3
-"""So many effects are tried that only white noise shows."""
-LOUD = 15.0
-"""Evidence that white noise must show of them: it overstates it."""
+"""So many effects are tried that only white noise shows: it overstates what it shows, so that what it does not is not there."""
 
 Progress = Callable[[str], None]
 
@@ -114,9 +112,9 @@ class Search(Moves):
         pool = selection.pool
         return Selection(pool, alone, pool.fit(alone)), found
 
-    def _worth(self, pool: Pool) -> float:
-        """Score of all terms of a pool, with the links' errors that it believes in."""
-        return self.score(pool, range(len(pool.terms))) - doubt(pool)
+    def _worth(self, pool: Pool, chosen: Sequence[int] | None = None) -> float:
+        """Score of some terms of a pool, of all if not told, with the links' errors that it believes in."""
+        return self.score(pool, range(len(pool.terms)) if chosen is None else chosen) - doubt(pool)
 
     def _by_delays(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with a delay that fits the effort better than what it and the others agreed on; None without.
@@ -164,7 +162,7 @@ class Search(Moves):
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         open_ = self.open_to(pool, chosen)
         gains = pool.gains(pool.fit(chosen), open_) - self.costs(pool, chosen)[open_]
-        likely = [pool.terms[open_[k]] for k in np.argsort(-gains) if gains[k] > LOUD][:HIDDEN_TRIED]
+        likely = [pool.terms[open_[k]] for k in np.argsort(-gains) if gains[k] > 0.0][:HIDDEN_TRIED]
         sets = ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
         return self._first_better(now, (self._pool(noise, terms) for terms in sets))
 
@@ -246,8 +244,7 @@ class Search(Moves):
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         pool, begun = self.gather(pool, list(range(count)))
         found = [self.descend(pool.believing(error), begun, least) for error in self._beliefs(noise, start)]
-        scores = [self.score(pool, chosen) - doubt(pool) for pool, chosen in found]
-        pool, chosen = found[int(np.argmax(scores))]
+        pool, chosen = max(found, key=lambda one: self._worth(*one))
         self.link_error = pool.link_error
         return Selection(pool, tuple(chosen), pool.fit(chosen))
 
