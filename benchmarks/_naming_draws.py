@@ -38,7 +38,7 @@ EXAMPLES = {
     "romeo": ("romeo_description/urdf/romeo_small.urdf", tuple(f"L{name}" for name in ROMEO.split())),
     "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", tuple(f"left_{name}_joint" for name in G1.split())),
 }
-"""Arms of example-robot-data, files and joints: none was looked at while the diagnosis was made."""
+"""Arms of example-robot-data, files and joints: nothing in the diagnosis was chosen by them."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15
 """What is drawn how often, where the command line does not fix it."""
 

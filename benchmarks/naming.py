@@ -1,7 +1,7 @@
 """Naming hidden effects, blind: draw, simulate, write a bag without the truth, diagnose it, then compare.
 
 Every finished draw is appended to results/naming.jsonl at once, so that nothing is lost when it is stopped.
-Seeds from 10000 on: development uses smaller ones.
+Seeds from 10000 on. Draws that were looked at and led to a change do not measure it: measure with a --seed0 not used yet.
 """
 
 from __future__ import annotations

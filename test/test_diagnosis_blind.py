@@ -1,6 +1,6 @@
 """Blind: an effect is drawn from a seed, its bag holds no truth, and the findings are compared afterwards.
 
-Seeds count from 0. None is left out for what came of it.
+Seeds count from 0, and none is left out for what came of it. The last test is not blind: its draw is one that a search missed.
 """
 
 from __future__ import annotations
