@@ -1,6 +1,6 @@
 """Blind: an effect is drawn from a seed, its bag holds no truth, and the findings are compared afterwards.
 
-Seeds count from 0, and none is left out for what came of it. The last test is not blind: its draw is one that a search missed.
+Seeds count from 0, and none is left out for what came of it. The last test is not blind: its draws are some that a search missed.
 """
 
 from __future__ import annotations
@@ -76,10 +76,24 @@ def test_wear_is_found_on_every_joint_and_nothing_else(tmp_path, seed):
         assert quantity[1]["value"] == pytest.approx(value, rel=0.1), finding["sentence"]
 
 
-def test_a_gap_that_white_noise_hardly_shows_is_tried_all_the_same(tmp_path):
-    """Slow noise passes for what a small gap leaves; with the gap found, the noise is smaller and the gap is sure."""
-    options = {"hide": 1, "hidden_names": ("backlash",), "seed": 116000, "duration": 30.0, "wrong": 0.05}
-    bag, truth = recorded(tmp_path, "arm7", coloured=True, **options)
+@pytest.mark.parametrize(
+    "effect, seed, robot, worn",
+    [
+        ("backlash", 116000, "arm7", False),  # slow noise passed for what a small gap leaves
+        ("payload", 118038, "arm2", False),  # links that nobody believes left less
+        ("stribeck_friction", 118340, "arm6", True),  # white noise showed less than its prior cost
+    ],
+)
+def test_what_a_search_once_missed_is_named(tmp_path, effect, seed, robot, worn):
+    options = {
+        "hide": 1,
+        "hidden_names": (effect,),
+        "seed": seed,
+        "duration": 30.0,
+        "wrong": 0.05,
+        "worn": worn,
+    }
+    bag, truth = recorded(tmp_path, robot, coloured=True, **options)
     report = diagnosed(bag)
-    (hidden,) = judge(truth, report["findings"], Robot.bundled("arm7"))["hidden"]
+    (hidden,) = judge(truth, report["findings"], Robot.bundled(robot))["hidden"]
     assert hidden["first"], f"{truth['effects']} was named {words(report)}"

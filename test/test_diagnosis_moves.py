@@ -43,6 +43,23 @@ def test_one_body_gives_way_to_the_rotors_of_two_joints(monkeypatch):
     assert "payload@1" in ended(), "the trap is not there"
 
 
+def test_a_spring_does_not_give_way_to_a_scale_of_what_it_does(monkeypatch):
+    """The load of a joint that carries little is its spring: scaled, that would explain itself."""
+    robot, spec = Robot.bundled("arm6"), "joint_spring@arm6_joint6:stiffness=0.5,rest=0.3"
+    equations, candidates = equations_of([spec], robot="arm6"), Candidates.of(robot)
+    terms = [
+        t for t in candidates.terms if t.target == 5 and t.effect.name in ("joint_spring", "effort_scale")
+    ]
+    noise = Noise(np.zeros((6, 3)), 0.1 * equations.effort_scale)
+    spring = next(c for c, t in enumerate(terms) if t.effect.name == "joint_spring")
+    pool = Pool(equations, noise, terms, 0.02)
+    equations.relieve(*candidates.load(equations, pool, pool.fit([spring])))
+    pool, moves = Pool(equations, noise, terms, 0.02), Moves(equations, candidates)
+    assert moves._replace(pool, [spring]) == [spring]
+    monkeypatch.setattr(moves, "score_beside", lambda pool, rest, one: moves.score(pool, [*rest, one]))
+    assert moves._replace(pool, [spring]) == [1 - spring], "the trap is not there"
+
+
 def test_nothing_more_is_tried_once_nothing_could_reach_what_is_wanted(monkeypatch):
     """All that is left, together and for nothing, bounds what adding can come to."""
     equations = equations_of(("viscous_friction@arm2_joint1:viscous=1", "base_tilt:pitch_deg=3"))

@@ -170,12 +170,13 @@ def test_pushes_are_together_where_they_last_over_each_other(times, same):
     [
         ("external_wrench@arm6_joint3:start=3,end=8,torque=60", True),
         ("external_wrench@arm6_joint3:start=3,end=8,torque=10", False),
+        ("external_wrench@arm6_joint3:start=2.6,end=8.3,torque=10", True),
         ("external_wrench@arm6_joint3:start=8,end=11,torque=60", False),
         ("coulomb_friction@arm6_joint3:coulomb=60", False),
     ],
 )
 def test_what_a_constant_push_leaves_is_no_second_push(other, left):
-    """Where the second does a fiftieth of what the first does at its time."""
+    """Where the second does a fiftieth of what the first does at its time, or begins and ends with it."""
     small = "external_wrench@arm6_joint4:start=2.5,end=8.5,torque=1"
     equations = equations_of([small, other], "arm6")
     noise, model = white(equations, 0.02)
@@ -199,6 +200,40 @@ def test_a_moment_of_a_crossing_is_no_push(lasts, left):
     _, model = white(equations, 0.02)
     pool = Pool(equations, model, [loose, push], TRUSTING)
     assert [leftover(pool, (0, 1), one) for one in range(2)] == [False, left]
+
+
+def test_what_a_creeping_joint_shows_is_no_push():
+    """There dry friction is anything up to that of standing."""
+    equations, robot = equations_of(), Robot.bundled("arm2")
+    time, speed = equations.motion.time, np.abs(equations.motion.velocity[:, 1])
+    inside = (time > 2.0) & (time < 10.0)
+    times = {
+        left: time[inside][pick(speed[inside])] for left, pick in ((True, np.argmin), (False, np.argmax))
+    }
+    for left, middle in times.items():
+        spec = f"external_wrench@arm2_joint2:start={middle - 0.05},end={middle + 0.05},torque=1"
+        equations = equations_of([spec])
+        _, model = white(equations, 0.02)
+        pool = Pool(equations, model, [term(spec, robot)[0]], TRUSTING)
+        assert leftover(pool, (0,), 0) is left
+
+
+@pytest.mark.parametrize(("times", "kept"), [("start=3,end=8", False), ("start=8.5,end=10.5", True)])
+def test_a_push_that_another_one_needs_beside_it_at_its_time_is_no_gain(times, kept):
+    """Two on different links at one time say more than one; either may be what the other leaves."""
+    large, small = (
+        "external_wrench@arm6_joint3:start=3,end=8,torque=10",
+        f"external_wrench@arm6_joint4:{times},torque=1",
+    )
+    equations = equations_of([large, small], "arm6")
+    noise, model = white(equations, 0.02)
+    equations.target = equations.target + noise
+    alone, both = (
+        Pool(equations, model, [term(spec, ARM)[0] for spec in specs], TRUSTING)
+        for specs in ([large], [small, large])
+    )
+    search = Search(equations, Candidates.of(ARM), lambda text: None, (TRUSTING,) * 3)
+    assert (search._first_better(alone, [both]) is not None) is kept
 
 
 def test_a_point_of_a_link_pulls_by_its_jacobian():

@@ -122,13 +122,17 @@ class Equations:
             self._columns[term] = self.made(term)
         return self._columns[term]
 
-    def made(self, term: Term) -> np.ndarray:
-        """The same, made and not kept."""
+    def made(self, term: Term, motion: Motion | None = None) -> np.ndarray:
+        """The same, made and not kept.
+
+        Args:
+            motion: with another estimate of the load.
+        """
         effect, shape = term.effect, dict(term.shape)
         added = effect.inertials(self.motion.robot, shape, term.link) if term.link else None
         if added is not None:
             return self.of_body(*added)
-        return self.reduced(effect.columns(self.motion, term.target, shape, term.link))
+        return self.reduced(effect.columns(motion or self.motion, term.target, shape, term.link))
 
     def of_body(self, body: int, added: np.ndarray) -> np.ndarray:
         """Columns of what adds to a body's inertial parameters (PER_LINK, k) as rows, (R, n, k) [N·m per unit]."""

@@ -93,11 +93,11 @@ class Pool:
         other.precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
         return other
 
-    def replacing(self, one: int, term: Term) -> Pool:
-        """The same pool with another shape of one term."""
+    def replacing(self, one: int, term: Term, columns: np.ndarray | None = None) -> Pool:
+        """The same pool with another shape of one term, or with rows (R, n, k) that its columns were made to otherwise."""
         other, slot = copy(self), self.slots[one]
         other._fits, other._tall = {}, None
-        columns = self.equations.columns(term)
+        columns = self.equations.columns(term) if columns is None else columns
         other.terms = [*self.terms[:one], term, *self.terms[one + 1 :]]
         other.precision = self.precision.copy()
         other.precision[slot] = self.equations.spread(term, columns) ** -2.0

@@ -75,13 +75,23 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
             simpler = contains(term, rival) or _settles_into(term, rival)
             simpler &= judgement.probability < PLAINLY * probability
             plainly = richer and probability > PLAINLY * judgement.probability
-            if plainly or simpler or ahead:
-                other = _instead(selection, one, rival)
-                if ahead:
-                    other = _with_parts(search, other, term)
-                if not plainly or _earned(search, other, selection, one):
-                    return other
+            if not (plainly or simpler or ahead):
+                continue
+            other = _instead(selection, one, rival)
+            if ahead:
+                instead, other = other.chosen[-1], _with_parts(search, _consistent(search, other), term)
+                better = search.score(other.pool, other.chosen) > search.score(pool, selection.chosen)
+                if not (better and search.pays(other.pool, other.chosen, instead)):
+                    continue
+            if not plainly or _earned(search, other, selection, one):
+                return other
     return None
+
+
+def _consistent(search: Search, selection: Selection) -> Selection:
+    """The selection with its last term's shape found beside the others: it was found beside what others they were."""
+    pool = search.refined_one(selection.pool, selection.chosen, selection.chosen[-1])
+    return Selection(pool, selection.chosen, pool.fit(selection.chosen))
 
 
 def _with_parts(search: Search, selection: Selection, term: Term) -> Selection:
@@ -206,7 +216,7 @@ def _weighed(
         for c, gain, more in zip(rivals, pool.gains(fit, rivals), beside, strict=True):
             score = start + float(gain) - costs[c]
             if score > own - CLOSE:  # gains let the other terms leave their bounds
-                score = search.score(pool, [*base, c])
+                score = search.score_beside(pool, base, c)
             more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
             scores[c] = max(scores.get(c, -np.inf), score - more)
     cost = doubt(pool)

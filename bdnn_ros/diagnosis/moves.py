@@ -92,13 +92,14 @@ class Moves:
                 return pool, chosen
             candidate = open_[best]
             grown = [c for c in chosen if not contains(pool.terms[candidate], pool.terms[c])] + [candidate]
-            trial = self._refined_one(pool, grown, candidate)
+            trial = self.refined_one(pool, grown, candidate)
             if self.pays(trial, grown, candidate):
                 pool, chosen = trial, grown
             else:
                 refused.add(candidate)
 
-    def _refined_one(self, pool: Pool, chosen: Sequence[int], one: int) -> Pool:
+    def refined_one(self, pool: Pool, chosen: Sequence[int], one: int) -> Pool:
+        """The pool with one term's shape where it fits best beside the other chosen ones."""
         term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
         return pool if term == pool.terms[one] else pool.replacing(one, term)
 
@@ -128,7 +129,8 @@ class Moves:
                 grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
                 if late and not self._plainer(pool, chosen, group, rival):
                     continue
-                if self.score(pool, grown) > now + better and self.pays(pool, grown, rival):
+                worth = self.score_beside(pool, grown[:-1], rival)
+                if worth > now + better and self.pays(pool, grown, rival):
                     chosen = grown
                     break
         return chosen
@@ -185,6 +187,17 @@ class Moves:
             - sum(log_odds(pool.terms[one], having, self.candidates.robot.carried) for one in chosen)
         )
 
+    def score_beside(self, pool: Pool, rest: Sequence[int], one: int) -> float:
+        """Score of some terms and one more that stands where others did.
+
+        A load that holds the effort of those would let a scale or a delay of the load explain it once more.
+        """
+        term, equations = pool.terms[one], self.equations
+        if term.effect.of_load:
+            load = equations.motion.with_load(*self.candidates.load(equations, pool, pool.fit(rest)))
+            pool = pool.replacing(one, term, equations.made(term, load))
+        return self.score(pool, [*rest, one])
+
     def costs(self, pool: Pool, company: Sequence[int]) -> np.ndarray:
         """Log prior odds against each pool term beside some company."""
         having = having_each(pool, company)
@@ -214,9 +227,15 @@ class Moves:
         if unbelievable(pool, pool.fit(grown)) or leftover(pool, grown, candidate):
             return False
         without = [c for c in grown if c != candidate]
-        if self._left(pool, grown) > WORSE * self._left(pool, without):
+        worse = self._left(pool, grown) > WORSE * self._left(pool, without)
+        if worse and not self._for_belief(pool, grown, without):
             return False
         return self.predicts_better(pool, grown, without)
+
+    def _for_belief(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
+        """Whether what speaks for one set against another is what it lets the links be, more than the errors that it leaves."""
+        whiter = float(np.sum(pool.held_out(other) - pool.held_out(one)))
+        return pool.disbelief(other) - pool.disbelief(one) > whiter
 
     def predicts_better(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
         """Whether one set predicts blocks that it was not fitted to surely better than another, belief weighed in.

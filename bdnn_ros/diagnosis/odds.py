@@ -29,7 +29,7 @@ LINK_COST = 3.5
 """The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
 PAYLOAD_COST = 5.5
 """The same against a payload at the end of an arm: there tools are changed."""
-INNER_COST, FIRST_COST = 2.5, 8.5
+INNER_COST, FIRST_COST = COST - PAYLOAD_COST, 8.5
 """What it costs more on a link with joints after it, as any effect does; before all others it is hardly more than a rotor or a
 spring."""
 COMMON_COST = 2.0

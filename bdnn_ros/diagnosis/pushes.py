@@ -35,6 +35,8 @@ CROSSING = 0.5
 """Hardly a gap takes longer to cross [s]."""
 OUTDONE = 0.05
 """What is less than this share of another push at its time is what a constant wrench leaves of that one."""
+CREEPING = 0.1
+"""Below this share of its usual speed a joint has any dry friction, up to that of standing."""
 
 
 def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
@@ -115,21 +117,40 @@ def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     """Whether a term is a push that may be what another leaves of itself: of a push at its time, or of a gap being crossed.
 
     No hand pushes as constantly as a wrench with a start and an end, and a crossing is known only as well as the motion.
+    Nor is it a push what a joint shows that creeps.
     """
     push = pool.terms[one]
     if not push.effect.timed:
         return False
     others = [c for c in chosen if c != one]
-    crossed = any(_crossed(pool, chosen, c, push) for c in others)
+    if _of_creeping(pool, chosen, others):
+        return True
     pushes = [c for c in others if together(push, pool.terms[c])]
-    return crossed or any(
-        _worth(pool, chosen, one) < OUTDONE**2 * _worth(pool, chosen, other) for other in pushes
+    return any(_crossed(pool, chosen, c, push) for c in others) or any(
+        _outdone(pool, chosen, one, other) for other in pushes
     )
 
 
-def _worth(pool: Pool, chosen: Sequence[int], one: int) -> float:
-    """Evidence that a term of a set brings."""
-    return pool.fit(chosen).evidence - pool.fit([c for c in chosen if c != one]).evidence
+def _outdone(pool: Pool, chosen: Sequence[int], one: int, other: int) -> bool:
+    """Whether another push at its time explains far more than one does, or more and begins and ends with it."""
+    less, more = (
+        pool.fit(chosen).evidence - pool.fit([c for c in chosen if c != out]).evidence for out in (one, other)
+    )
+    apart = np.abs(np.subtract(_edges(pool.terms[one]), _edges(pool.terms[other]))).max()
+    return bool(less < (1.0 if apart < TOUCHING else OUTDONE**2) * more)
+
+
+def _of_creeping(pool: Pool, chosen: Sequence[int], others: Sequence[int]) -> bool:
+    """Whether most of what a set explains better than some others of it is what creeping joints do."""
+    motion, rows = pool.equations.motion, pool.equations.rows
+    usual = np.sqrt(np.mean(motion.velocity**2, axis=0))
+    with_all, without = (
+        pool.white_target - pool.white[:, :, pool.columns_of(some)] @ pool.fit(some).coefficients
+        for some in (chosen, others)
+    )
+    better = without**2 - with_all**2
+    creeping = np.abs(motion.velocity[rows]) < CREEPING * usual
+    return bool(better[creeping].sum() > 0.5 * better.sum() > 0.0)
 
 
 def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:

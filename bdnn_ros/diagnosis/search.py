@@ -19,6 +19,7 @@ from bdnn_ros.diagnosis.leads import DELAY, moved
 from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, UNSURE, Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST, contains, doubt, related
+from bdnn_ros.diagnosis.pushes import leftover
 from bdnn_ros.diagnosis.settling import at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
@@ -32,7 +33,9 @@ OUTSTANDING = 0.1
 FALLS = 0.8
 """Noise that is less than this share of what it was has not been found yet, nor has what it hides."""
 HIDDEN_TRIED = 3
-"""So many effects are tried that only white noise shows: it overstates what it shows, so that what it does not is not there."""
+"""So many effects, or sets of them, are tried at their own noise."""
+FAINT = 3.0
+"""What white noise shows no more of than this, prior costs left out, is not tried."""
 
 Progress = Callable[[str], None]
 
@@ -161,8 +164,9 @@ class Search(Moves):
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(chosen))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         open_ = self.open_to(pool, chosen)
-        gains = pool.gains(pool.fit(chosen), open_) - self.costs(pool, chosen)[open_]
-        likely = [pool.terms[open_[k]] for k in np.argsort(-gains) if gains[k] > 0.0][:HIDDEN_TRIED]
+        shown = pool.gains(pool.fit(chosen), open_)
+        order = np.argsort(self.costs(pool, chosen)[open_] - shown)
+        likely = [pool.terms[open_[k]] for k in order if shown[k] > FAINT][:HIDDEN_TRIED]
         sets = ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
         return self._first_better(now, (self._pool(noise, terms) for terms in sets))
 
@@ -185,12 +189,16 @@ class Search(Moves):
         return self._first_better(now, (self._pool(noise, terms) for _, terms in nearest))
 
     def _first_better(self, now: Pool, others: Iterable[Pool]) -> Pool | None:
-        """The first pool that scores better than another, each at its own noise, its last term paying; None without."""
+        """The first pool that scores better than another, each at its own noise, its last term paying; None without.
+
+        Of two pushes at one time either may be what the other leaves.
+        """
         motion, worth = self.equations.motion, self._worth(now)
         for other in others:
             every = range(len(other.terms))
             trial = self._at_own_noise(other, every)
-            if self._worth(trial) > worth + BETTER and self.pays(trial, every, every[-1]):
+            better = self._worth(trial) > worth + BETTER and self.pays(trial, every, every[-1])
+            if better and not any(leftover(trial, every, one) for one in every):
                 return trial
             self.equations.take(motion)
         return None
