@@ -75,23 +75,13 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
             simpler = contains(term, rival) or _settles_into(term, rival)
             simpler &= judgement.probability < PLAINLY * probability
             plainly = richer and probability > PLAINLY * judgement.probability
-            if not (plainly or simpler or ahead):
-                continue
-            other = _instead(selection, one, rival)
-            if ahead:
-                instead, other = other.chosen[-1], _with_parts(search, _consistent(search, other), term)
-                better = search.score(other.pool, other.chosen) > search.score(pool, selection.chosen)
-                if not (better and search.pays(other.pool, other.chosen, instead)):
-                    continue
-            if not plainly or _earned(search, other, selection, one):
-                return other
+            if plainly or simpler or ahead:
+                other = _instead(selection, one, rival)
+                if ahead:
+                    other = _with_parts(search, other, term)
+                if not plainly or _earned(search, other, selection, one):
+                    return other
     return None
-
-
-def _consistent(search: Search, selection: Selection) -> Selection:
-    """The selection with its last term's shape found beside the others: it was found beside what others they were."""
-    pool = search.refined_one(selection.pool, selection.chosen, selection.chosen[-1])
-    return Selection(pool, selection.chosen, pool.fit(selection.chosen))
 
 
 def _with_parts(search: Search, selection: Selection, term: Term) -> Selection:

@@ -92,14 +92,13 @@ class Moves:
                 return pool, chosen
             candidate = open_[best]
             grown = [c for c in chosen if not contains(pool.terms[candidate], pool.terms[c])] + [candidate]
-            trial = self.refined_one(pool, grown, candidate)
+            trial = self._refined_one(pool, grown, candidate)
             if self.pays(trial, grown, candidate):
                 pool, chosen = trial, grown
             else:
                 refused.add(candidate)
 
-    def refined_one(self, pool: Pool, chosen: Sequence[int], one: int) -> Pool:
-        """The pool with one term's shape where it fits best beside the other chosen ones."""
+    def _refined_one(self, pool: Pool, chosen: Sequence[int], one: int) -> Pool:
         term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
         return pool if term == pool.terms[one] else pool.replacing(one, term)
 

@@ -185,17 +185,16 @@ class Motion:
             result[rows] = np.gradient(values[rows], 1.0 / self.signals.rate, axis=0)
         return result
 
-    def shifted(self, position_change: np.ndarray) -> np.ndarray:
-        """Change of the rigid effort per unit of a small change of the motion, (N, n) [N·m].
+    def shifted(self, target: int, change: np.ndarray) -> np.ndarray:
+        """Change of the rigid effort per unit of a small change of one joint's motion, (N, n) [N·m].
 
         Args:
-            position_change: direction of the change of position, (N, n); velocity and acceleration follow as
-                its time derivatives.
+            change: direction of the change of its position, (N,); velocity and acceleration follow as its time derivatives.
         """
-        rate = self.derivative(position_change)
-        changes = (position_change, rate, self.derivative(rate))
+        rate = self.derivative(change)
+        changes = (change, rate, self.derivative(rate))
         return np.asarray(
-            sum((by @ c[..., None])[..., 0] for by, c in zip(self._slopes, changes, strict=True))
+            sum(by[:, :, target] * c[:, None] for by, c in zip(self._slopes, changes, strict=True))
         )
 
     @cached_property

@@ -10,6 +10,9 @@ from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 
+HARDLY_TURNED = 1e-4
+"""Below this offset the effort changes in proportion to it [rad]."""
+
 
 class PositionOffset(Effect):
     """An encoder whose zero is off: measured position = true position + offset.
@@ -34,7 +37,9 @@ class PositionOffset(Effect):
         plant.position_offset[target] += values["offset"]
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        at = shape["at"] if abs(shape["at"]) > 1e-4 else 1e-4
+        at = shape["at"]
+        if abs(at) < HARDLY_TURNED:
+            return -motion.shifted(target, np.ones(len(motion.time)))[..., None]
         change = np.zeros(motion.robot.width)
         change[target] = -at
         return (motion.changed(change) / at)[..., None]

@@ -48,9 +48,7 @@ class JointElasticity(Effect):
         return np.minimum(typical, 1.0 / (SOFTEST**2 * float(motion.usual_inertia[target])))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        deflection = np.zeros(motion.position.shape)
-        deflection[:, target] = motion.calmed(motion.gear_load[:, target])
-        return -motion.shifted(deflection)[..., None]
+        return -motion.shifted(target, motion.calmed(motion.gear_load[:, target]))[..., None]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"stiffness": 1.0 / max(float(coefficients[0]), 1e-9)}
