@@ -13,8 +13,8 @@ from bdnn_ros.effects.base import Effect
 RESAMPLES = 1000
 MINIMUM_SHARE = 0.02
 """An effect that removes an error of this share of the effort's spread at some joint is worth a name."""
-LEAST_SHARE = 0.005
-"""So is a brief one of this share that removes more than all that is left."""
+OUTSTANDING_SHARE, BRIEF_SHARE = 0.01, 0.005
+"""So is one of this share that removes more than all that is left, and a brief one of half of that."""
 OVERSHADOWED = 0.5
 """Less than this share of what is left could as well be a part of that, and earns no name."""
 ACTING = 0.25
@@ -95,7 +95,8 @@ def noticeable(brief: bool, less: np.ndarray, after: np.ndarray, scale: np.ndarr
         scale: the effort's spread, (n,) [N·m].
     """
     size = np.sqrt(np.maximum(less, 0.0))
-    outstanding = brief & (size >= LEAST_SHARE * scale) & (size >= after)
+    least = BRIEF_SHARE if brief else OUTSTANDING_SHARE
+    outstanding = (size >= least * scale) & (size >= after)
     large = (size >= MINIMUM_SHARE * scale) & (size >= OVERSHADOWED * after)
     return bool((large | outstanding).any())
 
