@@ -71,9 +71,11 @@ def test_wear_is_found_on_every_joint_and_nothing_else(tmp_path, seed):
     report = diagnosed(bag)
     assert {f["effect"] for f in report["findings"]} == WORN, words(report)
     for finding in report["findings"]:
-        quantity = next(iter(finding["parameters"].items()))
-        value = truth["worn"][finding["joint"]][quantity[0]]
-        assert quantity[1]["value"] == pytest.approx(value, rel=0.1), finding["sentence"]
+        ((name, quantity),) = finding["parameters"].items()
+        true, value, std = truth["worn"][finding["joint"]][name], quantity["value"], quantity["std"]
+        assert abs(value - true) < 3.0 * std, finding["sentence"]
+        if std < 0.05 * value:  # else its interval says that it is known no better
+            assert value == pytest.approx(true, rel=0.1), finding["sentence"]
 
 
 @pytest.mark.parametrize(
