@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.building import turns
+from bdnn_ros.diagnosis.building import DWELLING_WIDTHS, STICKING_WIDTHS, sticks, turns
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.noise import Noise, slipping
 from bdnn_ros.robot import Robot
@@ -34,7 +36,7 @@ def test_rows_are_sure_where_slip_is_less_than_the_other_noise():
 def test_a_direction_is_doubted_at_reversals_and_not_between():
     robot = Robot.bundled("arm2")
     signals = prepare(simulate(robot, seed=1, duration=10.0, noise=Sensors.of(0.0)).recording)
-    doubt, sticking = turns(signals)
+    doubt, sticking = turns(signals), sticks(signals, STICKING_WIDTHS)
     for j in range(2):
         v = signals.velocity[:, j]
         turning = np.flatnonzero(v[1:] * v[:-1] < 0.0)
@@ -43,6 +45,26 @@ def test_a_direction_is_doubted_at_reversals_and_not_between():
         assert fast.any() and doubt[fast, j].max() < 1e-3
         assert doubt[turning, j].min() > 0.1
         assert not sticking[fast, j].any()
+
+
+def test_a_joint_dwells_wherever_it_sticks_and_not_the_other_way_round():
+    """What it bears while it creeps tells its causes; only where it stays for long nothing tells anything."""
+    signals = prepare(simulate(Robot.bundled("arm2"), seed=1, duration=10.0).recording)
+    position = signals.position.copy()
+    pause = {0: 1.0, 1: 4.0}
+    creeping = np.zeros(position.shape, bool)
+    for j, widths in pause.items():
+        begin = len(position) // 2
+        creeping[begin : begin + round(widths * signals.kernel_std * signals.rate), j] = True
+    still = replace(
+        signals,
+        velocity=np.where(creeping, 0.0, np.copysign(1.0, signals.velocity)),
+        acceleration=np.full(position.shape, 1.0),
+    )
+    dwelling, sticking = sticks(still, DWELLING_WIDTHS), sticks(still, STICKING_WIDTHS)
+    assert dwelling.any(axis=0).tolist() == [True, True]
+    assert sticking.any(axis=0).tolist() == [False, True]
+    assert not (sticking & ~dwelling).any()
 
 
 @pytest.fixture(scope="module")

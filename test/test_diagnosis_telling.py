@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import Removal, noticeable, removed
-from bdnn_ros.diagnosis.identifiability import Judgement, folded, likelier, plainer
+from bdnn_ros.diagnosis.identifiability import Judgement, folded, likelier, plainer, weighed
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.search import Selection
 from bdnn_ros.effects.registry import get, variants
@@ -156,6 +156,17 @@ def test_a_richer_law_that_hardly_says_more_is_no_rival(monkeypatch, beyond, own
     assert [rival.effect.name for rival, _ in found.rivals] == listed
 
 
+@pytest.mark.parametrize("better", [True, False])
+def test_a_term_is_steady_where_blocks_that_had_no_say_bear_it_out(better):
+    asked = []
+    search = SimpleNamespace(predicts_better=lambda pool, one, other: asked.append((one, other)) or better)
+    pool = SimpleNamespace(terms=[Term(get("armature"), joint) for joint in range(8)])
+    selection = SimpleNamespace(pool=pool, chosen=(4, 7))
+    found = weighed(search, selection, [Judgement(1.0, 0.0, ())] * 2)
+    assert asked == [((4, 7), [7]), ((4, 7), [4])]
+    assert [one.steady for one in found] == [better, better]
+
+
 def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({})):
     """What is told once the likelier has taken its place; None where nothing gives way.
 
@@ -172,23 +183,28 @@ def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({
 
 
 @pytest.mark.parametrize(
-    "name, there, less, told",
+    "name, there, less, steady, told",
     [
-        ("backlash", False, 0.0, True),
-        ("backlash", True, 0.0, False),
-        ("external_wrench", False, 0.0, True),
-        ("coulomb_friction", False, 0.0, False),
-        ("coulomb_friction", True, 0.1, True),
+        ("backlash", False, 0.0, True, True),
+        ("backlash", True, 0.0, True, False),
+        ("external_wrench", False, 0.0, False, True),
+        ("coulomb_friction", False, 0.0, True, False),
+        ("coulomb_friction", True, 0.1, True, True),
+        ("coulomb_friction", True, 0.1, False, False),
     ],
 )
-def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, name, there, less, told):
+def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, name, there, less, steady, told):
+    """What lasts is named only where it helps throughout, on blocks that were not fitted to."""
     held_out, ever = Removal(np.array([less]), less > 0.0, there), Removal(np.array([0.1]), True, True)
     monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
     monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
     monkeypatch.setattr(telling, "_finding", lambda robot, estimate, judgement, share: estimate)
     equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
     attempt = SimpleNamespace(
-        test=np.arange(9) < 2, judgements=[Judgement(1.0, 0.0, ())], fitted=None, extended=None
+        test=np.arange(9) < 2,
+        judgements=[Judgement(1.0, 0.0, (), steady)],
+        fitted=None,
+        extended=None,
     )
     estimate = SimpleNamespace(term=Term(get(name), 0), shown=True)
     findings, _ = telling._findings(Robot.bundled("arm2"), equations, attempt, [estimate])

@@ -111,7 +111,7 @@ def test_friction_of_a_joint_that_sticks_is_not_a_delay_of_its_effort():
     simulated = simulate(robot, seed=4, duration=20.0, noise=QUIET, reality=worn)
     equations = seen(simulated, worn)
     lead, sticking = equations.nuisances[:, 5, 0], equations.nuisances[:, 5, BLURS.stop + 5]
-    rows, target = equations.usable[:, 5], equations.target[:, 5]
+    rows, target = (equations.usable & ~equations.dwelling)[:, 5], equations.target[:, 5]
     alone = np.linalg.lstsq(lead[rows, None], target[rows], rcond=None)[0]
     both = np.linalg.lstsq(np.stack([lead, sticking], axis=1)[rows], target[rows], rcond=None)[0]
     held = 0.5 / simulated.recording.rate

@@ -11,7 +11,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
-from bdnn_ros.diagnosis.identifiability import Judgement, folded, judge, likelier, plainer
+from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier, plainer, weighed
 from bdnn_ros.diagnosis.search import Progress, Search, Selection
 from bdnn_ros.diagnosis.settling import settled, windows_anew
 from bdnn_ros.effects.motion import Motion
@@ -146,7 +146,7 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
         if better is None:
             break
         selection, judgements = better, judge(search, better)
-    return selection, folded(selection, judgements)
+    return selection, weighed(search, selection, judgements)
 
 
 def surprise(left: np.ndarray, sure: np.ndarray, test: np.ndarray, scale: np.ndarray) -> float:

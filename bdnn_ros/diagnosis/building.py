@@ -24,8 +24,8 @@ TURNING_WIDTHS = 2.0
 """The low-pass reaches so many of its standard deviations."""
 SLOW_SHARE = 0.02
 """A joint creeps below this share of its usual speed."""
-STICKING_WIDTHS = 0.5
-"""A joint that creeps for so many standard deviations of the low-pass sticks."""
+DWELLING_WIDTHS, STICKING_WIDTHS = 0.5, 2.0
+"""A joint that creeps for so many standard deviations of the low-pass dwells; it sticks after so many."""
 
 
 def build(
@@ -70,8 +70,7 @@ def build(
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     masses = (np.arange(len(relative)) % PER_LINK == 0) & (covariance is None)
     rigid = signals.smooth(motion.regressor)[rows] @ relative
-    doubt, sticking = turns(signals)
-    usable = ~(resting | sticking)[rows]
+    usable = ~(resting | sticks(signals, STICKING_WIDTHS))[rows]
     block = (signals.time[rows] - signals.time[rows[0]]) // BLOCK_SECONDS
     _, block = np.unique(block, return_inverse=True)
     effort = signals.smooth(signals.effort)[rows]
@@ -84,7 +83,8 @@ def build(
         rows,
         target,
         usable,
-        doubt[rows],
+        turns(signals)[rows],
+        sticks(signals, DWELLING_WIDTHS)[rows],
         block,
         runs,
         rigid,
@@ -103,27 +103,39 @@ def identified_inertials(covariance: np.ndarray) -> np.ndarray:
     return np.asarray(directions * np.sqrt(np.maximum(variances, 0.0)) / IDENTIFIED)
 
 
-def turns(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """How much of the low-pass at each sample a joint turns round or creeps in, (N, n), and whether one sticks near, (N, n) bool.
+def turns(signals: Signals) -> np.ndarray:
+    """How much of the low-pass at each sample a joint turns round or creeps in, (N, n).
 
     A joint that sticks has any effort between both directions' friction; no motion tells which. When it turned is known to
     about what motion was softened by.
     """
+    turning = _creeps(signals) | (
+        np.abs(signals.velocity) < np.abs(signals.acceleration) * signals.motion_std
+    )
+    for rows in signals.segments:
+        v = signals.velocity[rows]
+        turning[rows][1:] |= v[1:] * v[:-1] <= 0.0
+    return np.abs(signals.smooth(signals.soften(turning.astype(float))))
+
+
+def sticks(signals: Signals, widths: float) -> np.ndarray:
+    """Samples near which a joint creeps for so many standard deviations of the low-pass, (N, n) bool."""
     width = signals.kernel_std * signals.rate
     reach = 2 * int(np.ceil(TURNING_WIDTHS * width)) + 1
+    result = _creeps(signals)
+    for rows in signals.segments:
+        stuck = binary_opening(result[rows], np.ones((int(np.ceil(widths * width)), 1), bool))
+        result[rows] = maximum_filter1d(stuck, reach, axis=0)
+    return result
+
+
+def _creeps(signals: Signals) -> np.ndarray:
+    """Samples at which a joint is far slower than usual, (N, n) bool."""
     moving = ~signals.at_rest
     usual = np.sqrt(
         np.sum(np.where(moving, signals.velocity, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1)
     )
-    slow = np.abs(signals.velocity) < SLOW_SHARE * usual
-    turning = slow | (np.abs(signals.velocity) < np.abs(signals.acceleration) * signals.motion_std)
-    sticking = np.zeros_like(slow)
-    for rows in signals.segments:
-        v = signals.velocity[rows]
-        turning[rows][1:] |= v[1:] * v[:-1] <= 0.0
-        stuck = binary_opening(slow[rows], np.ones((int(np.ceil(STICKING_WIDTHS * width)), 1), bool))
-        sticking[rows] = maximum_filter1d(stuck, reach, axis=0)
-    return np.abs(signals.smooth(signals.soften(turning.astype(float)))), sticking
+    return np.asarray(np.abs(signals.velocity) < SLOW_SHARE * usual)
 
 
 def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:

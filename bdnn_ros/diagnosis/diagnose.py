@@ -18,6 +18,7 @@ from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
 from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
+from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import RecordingError
@@ -109,9 +110,9 @@ def examine(
             f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
             "Record at least 10 s of motion, better 30 s.",
         )
-    attempt = best_attempt(equations, Candidates.of(robot), LINK_ERRORS if known is None else DOUBTS, say)
-    fitted = attempt.fitted
-    pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
+    candidates = Candidates.of(robot)
+    attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
+    pool = _exact(candidates, equations, attempt.fitted)
     fit = pool.whole
     found = estimates(pool, fit)
     equations.count(pool.sure)
@@ -130,3 +131,17 @@ def examine(
         remainder,
         model,
     )
+
+
+def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
+    """The terms where no joint dwells: what it bears there tells causes, but passes for less than their size.
+
+    Shapes of the friction of joints that do are found anew in the rows that are left.
+    """
+    dwelling = equations.usable & equations.dwelling
+    equations.count(equations.usable & ~dwelling)
+    pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
+    moved = [
+        c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
+    ]
+    return refined(candidates, equations, pool, moved)

@@ -62,6 +62,7 @@ class Equations:
         target: measured effort minus the simulation's, (R, n) [N·m].
         usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest or sticking.
         doubt: share of each row's low-pass in which the joint turns round or creeps, so that it may stick, (R, n).
+        dwelling: rows in which it creeps for so long that its dry friction passes for less than it is, (R, n) bool.
         block: held-out block of each row, (R,) int, starting at 0.
         runs: rows of each gap-free piece.
         rigid: columns of the links' relative errors, (R, n, n * PER_LINK), one unit = an error of 100 %.
@@ -78,6 +79,7 @@ class Equations:
     target: np.ndarray
     usable: np.ndarray
     doubt: np.ndarray
+    dwelling: np.ndarray
     block: np.ndarray
     runs: list[slice]
     rigid: np.ndarray

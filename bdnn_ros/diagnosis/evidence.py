@@ -239,6 +239,10 @@ class Pool:
         """What the fit leaves of the target, unwhitened rows (R, n) [N·m]; see `contribution`."""
         return self.equations.target - self.contribution(fit, blur)
 
+    def white_residual(self, fit: Fit) -> np.ndarray:
+        """What the fit leaves, in units of its noise, rows (R, n)."""
+        return np.asarray(self.white_target - self.white[:, :, self.columns_of(fit.terms)] @ fit.coefficients)
+
     def contribution(self, fit: Fit, blur: bool = True) -> np.ndarray:
         """What the links' errors, the nuisances and the terms of a fit add to the effort, rows (R, n) [N·m].
 

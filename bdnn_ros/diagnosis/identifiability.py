@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,11 +46,13 @@ class Judgement:
         probability: against its rivals and against nothing.
         nothing: probability that neither it nor a rival is there.
         rivals: other terms for its place and their probabilities, most probable first.
+        steady: whether it helps throughout, on blocks that were not fitted to.
     """
 
     probability: float
     nothing: float
     rivals: tuple[tuple[Term, float], ...]
+    steady: bool = True
 
 
 def judge(search: Search, selection: Selection) -> list[Judgement]:
@@ -105,6 +107,15 @@ def _slight(richer: Selection, part: int) -> bool:
     return not brief and _beyond(richer.pool, richer.fit, law, part) < SLIGHT
 
 
+def weighed(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> list[Judgement]:
+    """The judgements once nothing changes any more: each with whether its term helps throughout."""
+    pool, chosen = selection.pool, selection.chosen
+    return [
+        replace(judgement, steady=search.predicts_better(pool, chosen, [c for c in chosen if c != one]))
+        for one, judgement in zip(chosen, folded(selection, judgements), strict=True)
+    ]
+
+
 def folded(selection: Selection, judgements: Sequence[Judgement]) -> list[Judgement]:
     """The judgements with rivals that hardly say more than a finding counted for it."""
     result = []
@@ -155,7 +166,7 @@ def plainer(selection: Selection) -> Selection:
 def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     """What a term does that another on its joint cannot, root mean square where it does so, per spread of the effort."""
     equations, joint = pool.equations, pool.terms[one].target
-    rows = equations.usable[:, joint]
+    rows = (equations.usable & ~equations.dwelling)[:, joint]
     does = (equations.columns(pool.terms[one])[rows, joint]) @ pool.coefficients(fit, one)
     columns = equations.columns(pool.terms[part])[rows, joint]
     left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]

@@ -135,8 +135,7 @@ def _ranges(term: Term) -> list[float]:
 
 def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Covariance of all unknowns (P, P) by the scatter of the blocks' pulls on them; white columns are (R, n, P)."""
-    left = pool.white_target - pool.white[:, :, pool.columns_of(fit.terms)] @ fit.coefficients
-    pulls = np.einsum("rjp,rj->rp", white, left)
+    pulls = np.einsum("rjp,rj->rp", white, pool.white_residual(fit))
     block, blocks = pool.equations.block, pool.equations.blocks
     by_block = np.zeros((blocks, pulls.shape[1]))
     np.add.at(by_block, block, pulls)

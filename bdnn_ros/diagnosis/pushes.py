@@ -143,13 +143,8 @@ def _outdone(pool: Pool, chosen: Sequence[int], one: int, other: int) -> bool:
 def _of_creeping(pool: Pool, chosen: Sequence[int], others: Sequence[int]) -> bool:
     """Whether most of what a set explains better than some others of it is what creeping joints do."""
     motion, rows = pool.equations.motion, pool.equations.rows
-    usual = np.sqrt(np.mean(motion.velocity**2, axis=0))
-    with_all, without = (
-        pool.white_target - pool.white[:, :, pool.columns_of(some)] @ pool.fit(some).coefficients
-        for some in (chosen, others)
-    )
-    better = without**2 - with_all**2
-    creeping = np.abs(motion.velocity[rows]) < CREEPING * usual
+    better = pool.white_residual(pool.fit(others)) ** 2 - pool.white_residual(pool.fit(chosen)) ** 2
+    creeping = np.abs(motion.velocity[rows]) < CREEPING * motion.usual_velocity
     return bool(better[creeping].sum() > 0.5 * better.sum() > 0.0)
 
 

@@ -95,7 +95,7 @@ class StribeckFriction(Effect):
     source = ARMSTRONG
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
     contains = ("coulomb_friction",)
-    shape_bounds = MappingProxyType({"velocity": (5e-3, 1.0)})
+    shape_bounds = MappingProxyType({"velocity": (5e-3, 0.5)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         coulomb, extra, velocity = values["coulomb"], values["static"] - values["coulomb"], values["velocity"]

@@ -97,6 +97,11 @@ class Motion:
         return CALM * float(np.sqrt(rates)) / (2.0 * np.pi)
 
     @cached_property
+    def usual_velocity(self) -> np.ndarray:
+        """Root mean square velocity of each joint, (n,) [rad/s]."""
+        return np.asarray(np.sqrt(np.mean(self.velocity**2, axis=0)))
+
+    @cached_property
     def usual_acceleration(self) -> np.ndarray:
         """Root mean square acceleration of each joint, (n,) [rad/s²]."""
         return np.asarray(np.sqrt(np.mean(self.acceleration**2, axis=0)))

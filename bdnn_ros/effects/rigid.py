@@ -11,7 +11,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
@@ -121,6 +121,9 @@ class Payload(OnBody):
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
         mass = coefficients[0] + (0.0 if std is None else CERTAIN * std[0])
         return bool(np.linalg.norm(coefficients[1:]) <= REACH * mass)
+
+    def shown(self, values: Values, stds: Values) -> bool:
+        return values["mass"] > SHOWN * stds["mass"]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         moments = np.asarray(coefficients[1:4])
