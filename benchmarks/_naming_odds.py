@@ -35,6 +35,8 @@ def evidence(
         hidden: what was installed.
     """
     robot, equations = examination.robot, examination.equations
+    counted = equations.usable
+    equations.count(equations.ever_usable)  # what a search sees, more than what parameters are estimated from
     own = [_term(one) for one in hidden if not one.effect.kinematic]
     terms = [*own, *_wear(truth, robot)]
     pool = Pool(equations, examination.pool.noise, terms, examination.pool.link_error)
@@ -43,7 +45,9 @@ def evidence(
         noise = noise_of(equations, residual, 1e-4 * equations.effort_scale)
         relieve(Candidates.of(robot), equations, pool)
         pool = Pool(equations, noise, terms, pool.link_error)
-    return {(term.effect.name, term.target): _gain(pool, k) for k, term in enumerate(own)}
+    gained = {(term.effect.name, term.target): _gain(pool, k) for k, term in enumerate(own)}
+    equations.count(counted)
+    return gained
 
 
 def _gain(pool: Pool, one: int) -> float:
