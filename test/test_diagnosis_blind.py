@@ -84,6 +84,7 @@ def test_wear_is_found_on_every_joint_and_nothing_else(tmp_path, seed):
         ("backlash", 116000, "arm7", False),  # slow noise passed for what a small gap leaves
         ("payload", 118038, "arm2", False),  # links that nobody believes left less
         ("stribeck_friction", 118340, "arm6", True),  # white noise showed less than its prior cost
+        ("stribeck_friction", 121900, "arm6", False),  # rows where the joint dwells had no say
     ],
 )
 def test_what_a_search_once_missed_is_named(tmp_path, effect, seed, robot, worn):

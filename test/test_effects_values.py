@@ -178,3 +178,16 @@ def test_what_a_motion_does_not_show_of_a_push_is_not_told_as_nothing():
     assert "(1, ?, 1) N and (1, 1, 1) N·m" in get("external_wrench").sentence("hand", values)
     force = next(p for p in get("external_wrench").parameters if p.name == "force_y")
     assert force.seen(0.0, 90.0) and force.seen(500.0, 900.0) and not force.seen(0.0, 2000.0)
+
+
+@pytest.mark.parametrize("std, shown", [(0.2, True), (0.6, False)])
+def test_a_payload_is_shown_by_a_mass_that_is_surely_there(std, shown):
+    """What turns a link's inertia alone is a rotor as well."""
+    values = {"mass": 1.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.5}
+    assert get("payload").shown(values, {**dict.fromkeys(values, 0.4), "mass": std}) is shown
+
+
+def test_a_stribeck_velocity_is_slow():
+    """A law that falls over the whole range of speeds is drag by another name."""
+    law = get("stribeck_friction")
+    assert law.shape_allowed({"velocity": 0.3}) and not law.shape_allowed({"velocity": 0.66})
