@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of
 
-from bdnn_ros.diagnosis import identifiability, telling
+from bdnn_ros.diagnosis import diagnose, identifiability, telling
+from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
@@ -165,6 +166,31 @@ def test_a_term_is_steady_where_blocks_that_had_no_say_bear_it_out(better):
     found = weighed(search, selection, [Judgement(1.0, 0.0, ())] * 2)
     assert asked == [((4, 7), [7]), ((4, 7), [4])]
     assert [one.steady for one in found] == [better, better]
+
+
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("shown", [False, True])
+def test_a_law_that_is_not_shown_is_told_as_what_it_settles_into(monkeypatch, shown, there):
+    """Unless that is told already."""
+    names = ["viscous_friction", "hysteresis", *["coulomb_friction"] * there]
+    equations = equations_of(["coulomb_friction@arm2_joint1:coulomb=0.3"])
+    terms = [Term(get(name), 0) for name in names]
+    terms[1] = terms[1].shaped({"breakaway": 0.001})
+    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.effort_scale), terms, 0.05)
+    plain = Term(get("coulomb_friction"), 0)
+    judgements = [Judgement(0.7, 0.0, ((plain, 0.2), (terms[0], 0.1))) for _ in terms]
+    rows = np.zeros(len(equations.rows), bool)
+    attempt = Attempt(rows, judgements, pool, equations.target)
+    monkeypatch.setattr(
+        diagnose, "estimates", lambda pool, fit: [SimpleNamespace(term=t, shown=shown) for t in pool.terms]
+    )
+    told, refitted = diagnose._plain(equations, attempt, pool)
+    wanted = names if shown else ["viscous_friction", "coulomb_friction"]
+    assert [t.effect.name for t in refitted.terms] == [t.effect.name for t in told.fitted.terms] == wanted
+    assert len(told.judgements) == len(wanted)
+    if not (shown or there):
+        assert told.judgements[1].probability == pytest.approx(0.9)
+        assert [rival.effect.name for rival, _ in told.judgements[1].rivals] == ["viscous_friction"]
 
 
 def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({})):

@@ -191,3 +191,12 @@ def test_a_stribeck_velocity_is_slow():
     """A law that falls over the whole range of speeds is drag by another name."""
     law = get("stribeck_friction")
     assert law.shape_allowed({"velocity": 0.3}) and not law.shape_allowed({"velocity": 0.66})
+
+
+@pytest.mark.parametrize(
+    "force, breakaway, shown", [(0.1, 0.002, True), (0.1, 0.003, False), (0.3, 0.002, False)]
+)
+def test_a_bristle_is_shown_by_a_force_and_a_travel_that_are_well_known(force, breakaway, shown):
+    """A joint that creeps looks like a short one."""
+    stds = {"force": force, "breakaway": breakaway}
+    assert get("hysteresis").shown({"force": 1.0, "breakaway": 0.01}, stds) is shown

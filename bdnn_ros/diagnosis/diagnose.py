@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, best_attempt
+from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, best_attempt
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.identifiability import SETTLES_INTO
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
@@ -21,6 +22,7 @@ from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
+from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
@@ -112,7 +114,7 @@ def examine(
         )
     candidates = Candidates.of(robot)
     attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
-    pool = _exact(candidates, equations, attempt.fitted)
+    attempt, pool = _plain(equations, attempt, _exact(candidates, equations, attempt.fitted))
     fit = pool.whole
     found = estimates(pool, fit)
     equations.count(pool.sure)
@@ -145,3 +147,28 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
         c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
     ]
     return refined(candidates, equations, pool, moved)
+
+
+def _plain(equations: Equations, attempt: Attempt, pool: Pool) -> tuple[Attempt, Pool]:
+    """The attempt and its pool with laws that are not shown given up for what they settle into, unless that is there already."""
+    instead = {
+        k: Term(get(SETTLES_INTO[one.term.effect.name]), one.term.target)
+        for k, one in enumerate(estimates(pool, pool.whole))
+        if one.term.effect.name in SETTLES_INTO and not one.shown
+    }
+    places = {term.place for term in pool.terms}
+    kept = [k for k in range(len(pool.terms)) if k not in instead or instead[k].place not in places]
+    if not instead:
+        return attempt, pool
+
+    def refitted(terms: Sequence[Term]) -> Pool:
+        return Pool(equations, pool.noise, [instead.get(k, terms[k]) for k in kept], pool.link_error)
+
+    counted = equations.usable
+    equations.count(counted & ~attempt.test[:, None])
+    fitted = refitted(attempt.fitted.terms)
+    equations.count(counted)
+    judgements = [
+        attempt.judgements[k].told_as(instead[k]) if k in instead else attempt.judgements[k] for k in kept
+    ]
+    return replace(attempt, judgements=judgements, fitted=fitted), refitted(pool.terms)

@@ -54,6 +54,12 @@ class Judgement:
     rivals: tuple[tuple[Term, float], ...]
     steady: bool = True
 
+    def told_as(self, plain: Term) -> Judgement:
+        """The same of a law that stands for the term and may have been a rival of it."""
+        same = sum(probability for rival, probability in self.rivals if rival.place == plain.place)
+        others = tuple(pair for pair in self.rivals if pair[0].place != plain.place)
+        return replace(self, probability=self.probability + same, rivals=others)
+
 
 def judge(search: Search, selection: Selection) -> list[Judgement]:
     """Rivals of every chosen term, in the order of `selection.chosen`."""

@@ -19,6 +19,9 @@ BONA = "Bona, Indri, Friction compensation in robotics: an overview, CDC 2005"
 RESOLVED = 0.25
 """A Stribeck velocity that is passed within this share of the low-pass's standard deviation cannot be told from sticking."""
 
+KNOWN = 4.0
+"""Standard deviations by which a bristle's force and travel must exceed nothing: a joint that creeps looks like a short one."""
+
 
 class CoulombFriction(Effect):
     """Constant dry friction: `coulomb` against the direction of motion, sticking at rest."""
@@ -242,6 +245,9 @@ class Hysteresis(Effect):
     source = "Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968"
     coefficient_bounds = ((0.0, np.inf),)
     shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
+
+    def shown(self, values: Values, stds: Values) -> bool:
+        return all(values[name] > KNOWN * stds[name] for name in ("force", "breakaway"))
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         force, breakaway = values["force"], values["breakaway"]
