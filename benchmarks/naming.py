@@ -58,9 +58,8 @@ does, and less than any description knows.
   it is listed as a rival.
 - *Tellable*: with all else that is true of the robot given, the recording holds more evidence for the hidden effect
   than outweighs 150 others, against the errors of all links and against a simpler effect that it contains. This
-  knows what to look for; a diagnosis does not. It sees what the diagnosis does, behind one low-pass for all joints: of
-  friction that changes at each reversal a wider one may show more. A wrong link among links that are all a little
-  wrong often is not tellable.
+  knows what to look for; a diagnosis does not. It sees what the diagnosis does, behind one low-pass for all joints.
+  A wrong link among links that are all a little wrong often is not tellable.
 - *First*: no finding but wear stands before it. *Silent*: not named, and nothing false named either.
 - On worn robots Coulomb, viscous friction and rotor inertia are true on every joint. A link's inertia
   is true where the link really is off by about as much.

@@ -50,16 +50,14 @@ def test_a_direction_is_doubted_at_reversals_and_not_between():
 def test_a_joint_dwells_wherever_it_sticks_and_not_the_other_way_round():
     """What it bears while it creeps tells its causes; only where it stays for long nothing tells anything."""
     signals = prepare(simulate(Robot.bundled("arm2"), seed=1, duration=10.0).recording)
-    position = signals.position.copy()
-    pause = {0: 1.0, 1: 4.0}
-    creeping = np.zeros(position.shape, bool)
-    for j, widths in pause.items():
-        begin = len(position) // 2
+    creeping = np.zeros(signals.velocity.shape, bool)
+    begin = len(creeping) // 2
+    for j, widths in enumerate((1.0, 4.0)):
         creeping[begin : begin + round(widths * signals.kernel_std * signals.rate), j] = True
     still = replace(
         signals,
         velocity=np.where(creeping, 0.0, np.copysign(1.0, signals.velocity)),
-        acceleration=np.full(position.shape, 1.0),
+        acceleration=np.ones(creeping.shape),
     )
     dwelling, sticking = sticks(still, DWELLING_WIDTHS), sticks(still, STICKING_WIDTHS)
     assert dwelling.any(axis=0).tolist() == [True, True]
