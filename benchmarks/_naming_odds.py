@@ -1,7 +1,7 @@
 """What a recording can tell at best: the evidence for a hidden effect, for one who knows what to look for.
 
 Nothing but the effect is in question: what else is true of the robot is given, with its shapes and all but its sizes. What
-links' errors explain as well, or a simpler effect that this one contains, no diagnosis can tell from it.
+links' errors explain as well, or a simpler effect that this one contains or settles into, no diagnosis can tell from it.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ def evidence(
 def _gain(pool: Pool, one: int) -> float:
     """Log evidence of all terms less the best of what one of them could be instead: nothing, or a part of it."""
     term, count = pool.terms[one], len(pool.terms)
-    parts = [Term(get(name), term.target) for name in term.effect.contains]
+    settled = [term.effect.settles_into] if term.effect.settles_into else []
+    parts = [Term(get(name), term.target) for name in (*term.effect.contains, *settled)]
     rest = [k for k in range(count) if k != one]
     instead = [rest, *([*rest, count + k] for k in range(len(parts)))]
     with_parts = Pool(pool.equations, pool.noise, [*pool.terms, *parts], pool.link_error)

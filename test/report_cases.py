@@ -95,7 +95,7 @@ class LeastSquares:
             covariance = np.zeros((size + len(spread),) * 2)
             covariance[:size, :size] = self.covariance[rows, rows]
             covariance[size:, size:] = np.diag(spread)
-            found.append(Estimate(term, self.coefficients[rows], covariance, covariance))
+            found.append(Estimate(term, self.coefficients[rows], *[covariance] * 3))
             at += size
         return found
 

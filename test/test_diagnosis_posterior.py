@@ -96,7 +96,7 @@ def test_without_shapes_it_is_the_fits_covariance():
 
 def of(one, coefficients, covariance):
     """An estimate whose blocks agree as well as the noise lets them."""
-    return Estimate(one, coefficients, covariance, covariance)
+    return Estimate(one, coefficients, covariance, covariance, covariance)
 
 
 def test_uncertainty_passes_through_what_a_parameter_is_made_of():
@@ -126,3 +126,37 @@ def test_where_blocks_disagree_more_than_the_noise_says_the_interval_is_theirs()
     (estimate,) = estimates(pool, pool.fit([0]))
     assert estimate.robust[0, 0] > 4.0 * estimate.covariance[0, 0]
     assert estimate.quantities["viscous"].std >= np.sqrt(estimate.robust[0, 0])
+
+
+def test_what_a_body_weighs_bears_twice_the_errors_of_the_links():
+    """Not what else there is: of the links' errors the prior says nothing to a drive."""
+    specs = ("payload@arm2_link2:mass=0.8,com_x=0.02,com_z=0.06", f"viscous_friction@{J1}:viscous=0.5")
+    robot = Robot.bundled("arm2")
+    equations, terms = equations_of(specs), [term(spec, robot)[0] for spec in specs]
+    noise = Noise(np.zeros((2, 1)), np.full(2, 0.02))
+    pool = Pool(equations, noise, terms, LINK_ERROR)
+    payload, viscous = estimates(pool, pool.whole)
+    wider, _ = estimates(pool.believing(2.0 * LINK_ERROR), pool.whole)
+    np.testing.assert_allclose(payload.doubting, wider.covariance, rtol=1e-6, atol=1e-12)
+    assert payload.doubting[0, 0] > 1.5 * payload.covariance[0, 0]
+    assert payload.quantities["mass"].std >= np.sqrt(payload.doubting[0, 0])
+    np.testing.assert_array_equal(viscous.doubting, viscous.covariance)
+
+
+@pytest.mark.parametrize("force, shown", [(0.3, True), (0.15, False), (0.0, False)])
+def test_what_lies_within_two_deviations_of_nothing_is_not_shown(force, shown):
+    """By the larger covariance."""
+    coulomb, _ = term(f"coulomb_friction@{J1}:coulomb=1", Robot.bundled("arm2"))
+    spread = [np.array([[variance]]) for variance in (0.01**2, 0.1**2, 0.4**2)]
+    estimate = Estimate(coulomb, np.array([force]), *spread)
+    assert estimate.clear == pytest.approx(force / 0.1)
+    assert estimate.shown is shown
+
+
+def test_what_lies_far_from_nothing_in_one_direction_is_shown():
+    """Neither of two forces is known, their sum is."""
+    uneven, _ = term(f"asymmetric_friction@{J1}:positive=1,negative=1", Robot.bundled("arm2"))
+    covariance = np.array([[1.0, -0.999], [-0.999, 1.0]])
+    estimate = of(uneven, np.array([0.5, 0.5]), covariance)
+    assert estimate.clear == pytest.approx(1.0 / np.sqrt(0.002))
+    assert estimate.shown

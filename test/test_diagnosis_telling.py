@@ -49,7 +49,7 @@ def test_a_push_over_most_of_a_recording_is_not_brief(until, worth):
     """It must remove 1 % of the effort, as all else that is more than the rest, not half a percent."""
     part = np.where(np.arange(4000) < until, 0.008, 0.0)[:, None]
     _, (removal,) = removal_of("external_wrench", part, [np.arange(4000)[:, None] < 400], 0.005)
-    assert removal.noticeable == worth
+    assert removal.noticeable == removal.brief == worth
 
 
 def test_a_push_came_and_went_where_it_hardly_acts():
@@ -168,11 +168,11 @@ def test_a_term_is_steady_where_blocks_that_had_no_say_bear_it_out(better):
     assert [one.steady for one in found] == [better, better]
 
 
-@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("there", [None, "coulomb_friction", "asymmetric_friction"])
 @pytest.mark.parametrize("shown", [False, True])
 def test_a_law_that_is_not_shown_is_told_as_what_it_settles_into(monkeypatch, shown, there):
-    """Unless that is told already."""
-    names = ["viscous_friction", "hysteresis", *["coulomb_friction"] * there]
+    """Unless that is told already, or a law that contains it."""
+    names = ["viscous_friction", "hysteresis", *[there] * bool(there)]
     equations = equations_of(["coulomb_friction@arm2_joint1:coulomb=0.3"])
     terms = [Term(get(name), 0) for name in names]
     terms[1] = terms[1].shaped({"breakaway": 0.001})
@@ -184,10 +184,10 @@ def test_a_law_that_is_not_shown_is_told_as_what_it_settles_into(monkeypatch, sh
     monkeypatch.setattr(
         diagnose, "estimates", lambda pool, fit: [SimpleNamespace(term=t, shown=shown) for t in pool.terms]
     )
-    told, refitted = diagnose._plain(equations, attempt, pool)
-    wanted = names if shown else ["viscous_friction", "coulomb_friction"]
+    told, refitted, found = diagnose._plain(equations, attempt, pool)
+    wanted = names if shown else ["viscous_friction", there or "coulomb_friction"]
     assert [t.effect.name for t in refitted.terms] == [t.effect.name for t in told.fitted.terms] == wanted
-    assert len(told.judgements) == len(wanted)
+    assert len(told.judgements) == len(found) == len(wanted)
     if not (shown or there):
         assert told.judgements[1].probability == pytest.approx(0.9)
         assert [rival.effect.name for rival, _ in told.judgements[1].rivals] == ["viscous_friction"]
@@ -214,6 +214,8 @@ def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({
         ("backlash", False, 0.0, True, True),
         ("backlash", True, 0.0, True, False),
         ("external_wrench", False, 0.0, False, True),
+        ("lasting external_wrench", False, 0.0, True, False),
+        ("lasting external_wrench", False, 0.1, False, False),
         ("coulomb_friction", False, 0.0, True, False),
         ("coulomb_friction", True, 0.1, True, True),
         ("coulomb_friction", True, 0.1, False, False),
@@ -221,7 +223,10 @@ def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({
 )
 def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, name, there, less, steady, told):
     """What lasts is named only where it helps throughout, on blocks that were not fitted to."""
-    held_out, ever = Removal(np.array([less]), less > 0.0, there), Removal(np.array([0.1]), True, True)
+    lasting, _, name = name.rpartition(" ")
+    brief = get(name).brief and not lasting
+    held_out = Removal(np.array([less]), less > 0.0, there, brief)
+    ever = Removal(np.array([0.1]), True, True, brief)
     monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
     monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
     monkeypatch.setattr(telling, "_finding", lambda robot, estimate, judgement, share: estimate)

@@ -207,6 +207,14 @@ def test_a_drawn_push_acts_at_a_known_place_or_is_a_force_at_any():
     assert set(places) == {0, 1, "anywhere"}
 
 
+def test_a_drawn_gap_is_crossed():
+    """One that is not is a wrong zero, and no motion of the kind could tell."""
+    motion = planned_motion(Robot.bundled("arm7"), seed=1)
+    crossed = {j for j in range(7) if np.ptp(np.sign(motion.gear_load[:, j])) == 2}
+    drawn = {draw(np.random.default_rng(seed), motion, ["backlash"]).target for seed in range(15, 20)}
+    assert drawn <= crossed < set(range(7))
+
+
 def test_the_same_effect_is_not_drawn_twice_at_one_place():
     motion = planned_motion(Robot.bundled("arm2"))
     rng, found = np.random.default_rng(0), []

@@ -13,9 +13,9 @@ from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.identifiability import SETTLES_INTO
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
+from bdnn_ros.diagnosis.odds import contains
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
 from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
@@ -114,9 +114,7 @@ def examine(
         )
     candidates = Candidates.of(robot)
     attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
-    attempt, pool = _plain(equations, attempt, _exact(candidates, equations, attempt.fitted))
-    fit = pool.whole
-    found = estimates(pool, fit)
+    attempt, pool, found = _plain(equations, attempt, _exact(candidates, equations, attempt.fitted))
     equations.count(pool.sure)
     remainder = describe(equations, pool.left())
     diagnosis = told(recordings, robot, equations, attempt, found, remainder)
@@ -126,7 +124,7 @@ def examine(
         robot,
         equations,
         pool,
-        fit,
+        pool.whole,
         tuple(found),
         attempt.test,
         attempt.extended,
@@ -141,7 +139,7 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
     Shapes of the friction of joints that do are found anew in the rows that are left.
     """
     dwelling = equations.usable & equations.dwelling
-    equations.count(equations.usable & ~dwelling)
+    equations.count(equations.exact)
     pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
     moved = [
         c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
@@ -149,17 +147,24 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
     return refined(candidates, equations, pool, moved)
 
 
-def _plain(equations: Equations, attempt: Attempt, pool: Pool) -> tuple[Attempt, Pool]:
-    """The attempt and its pool with laws that are not shown given up for what they settle into, unless that is there already."""
+def _plain(equations: Equations, attempt: Attempt, pool: Pool) -> tuple[Attempt, Pool, list[Estimate]]:
+    """The attempt, its pool and the pool's estimates, with laws that are not shown given up for what they settle into.
+
+    Where another law says that already they only go.
+    """
+    found = estimates(pool, pool.whole)
     instead = {
-        k: Term(get(SETTLES_INTO[one.term.effect.name]), one.term.target)
-        for k, one in enumerate(estimates(pool, pool.whole))
-        if one.term.effect.name in SETTLES_INTO and not one.shown
+        k: Term(get(one.term.effect.settles_into), one.term.target)
+        for k, one in enumerate(found)
+        if one.term.effect.settles_into and not one.shown
     }
-    places = {term.place for term in pool.terms}
-    kept = [k for k in range(len(pool.terms)) if k not in instead or instead[k].place not in places]
     if not instead:
-        return attempt, pool
+        return attempt, pool, found
+    said = {
+        k: any(other.place == plain.place or contains(other, plain) for other in pool.terms)
+        for k, plain in instead.items()
+    }
+    kept = [k for k in range(len(pool.terms)) if not said.get(k)]
 
     def refitted(terms: Sequence[Term]) -> Pool:
         return Pool(equations, pool.noise, [instead.get(k, terms[k]) for k in kept], pool.link_error)
@@ -171,4 +176,5 @@ def _plain(equations: Equations, attempt: Attempt, pool: Pool) -> tuple[Attempt,
     judgements = [
         attempt.judgements[k].told_as(instead[k]) if k in instead else attempt.judgements[k] for k in kept
     ]
-    return replace(attempt, judgements=judgements, fitted=fitted), refitted(pool.terms)
+    plain = refitted(pool.terms)
+    return replace(attempt, judgements=judgements, fitted=fitted), plain, estimates(plain, plain.whole)

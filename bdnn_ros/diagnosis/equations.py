@@ -102,6 +102,11 @@ class Equations:
         return self.target.shape[1]
 
     @property
+    def exact(self) -> np.ndarray:
+        """Rows that count and in which no dry friction passes for less than it is, (R, n) bool."""
+        return self.usable & ~self.dwelling
+
+    @property
     def blocks(self) -> int:
         """Number of held-out blocks."""
         return int(self.block.max()) + 1

@@ -33,11 +33,13 @@ class Removal:
         less: mean squared error of each joint, (n,) [(N·m)²].
         noticeable: whether that is worth a name.
         there: whether it acts at these rows at all.
+        brief: whether it acts for moments only.
     """
 
     less: np.ndarray
     noticeable: bool
     there: bool
+    brief: bool
 
 
 def removed(
@@ -76,6 +78,7 @@ def _removal(
         less,
         noticeable(brief, then, rms(extended, where), equations.effort_scale),
         float(np.sum(part[rows & moments] ** 2)) > PASSING * float(np.sum(part[moments] ** 2)),
+        brief,
     )
 
 

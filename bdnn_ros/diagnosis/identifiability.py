@@ -28,8 +28,6 @@ TIE = 0.1
 """A rival at least this probable makes the finding a tie, and earns advice."""
 SLIGHT = 0.01
 """What does less than this share of the effort beyond a part of it, where it does anything, is that part."""
-SETTLES_INTO = {"hysteresis": "coulomb_friction", "backlash": "position_offset"}
-"""What becomes of it: hysteresis is dry friction once a joint has broken away, a gap that is never crossed an offset."""
 SAME_PHYSICS = {
     "payload": "link_inertia",
     "link_inertia": "payload",
@@ -172,7 +170,7 @@ def plainer(selection: Selection) -> Selection:
 def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     """What a term does that another on its joint cannot, root mean square where it does so, per spread of the effort."""
     equations, joint = pool.equations, pool.terms[one].target
-    rows = (equations.usable & ~equations.dwelling)[:, joint]
+    rows = equations.exact[:, joint]
     does = (equations.columns(pool.terms[one])[rows, joint]) @ pool.coefficients(fit, one)
     columns = equations.columns(pool.terms[part])[rows, joint]
     left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]
@@ -241,7 +239,7 @@ def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
 
 def _settles_into(term: Term, rival: Term) -> bool:
     """Whether a term is a rival but for moments that the motion may not have."""
-    return SETTLES_INTO.get(term.effect.name) == rival.effect.name and term.target == rival.target
+    return term.effect.settles_into == rival.effect.name and term.target == rival.target
 
 
 def _same_physics(term: Term, rival: Term) -> bool:

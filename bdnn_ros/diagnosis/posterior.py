@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,19 +12,24 @@ from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.leads import hold_spread, parted
 from bdnn_ros.diagnosis.result import Quantity
+from bdnn_ros.effects.base import SHOWN
 
 RELATIVE_STEP = 1e-3
 GIVEN = 1e-9
 """Spread of a shape parameter that no search moves, such as a link's mass by the description."""
+DOUBTED = 2.0
+"""The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A term with its coefficients and two covariances of coefficients and shape.
+    """A term with its coefficients and three covariances of coefficients and shape.
 
     Attributes:
         covariance: by the noise model.
         robust: by how much blocks of time disagree (sandwich, clustered by block; White, Econometrica 48(4), 1980).
+        doubting: by the noise model, of a body with the links' errors believed twice as large as they seem: how large those
+            are the same motion told. Of other terms the same as `covariance`.
         acting: what acts per coefficient; see `Pool.acting`.
     """
 
@@ -31,6 +37,7 @@ class Estimate:
     coefficients: np.ndarray
     covariance: np.ndarray
     robust: np.ndarray
+    doubting: np.ndarray
     acting: float = 1.0
 
     @property
@@ -40,18 +47,36 @@ class Estimate:
 
     @property
     def shown(self) -> bool:
-        """Whether its parameters are known well enough for a name, and none is pressed against what is possible."""
-        stds = {name: quantity.std for name, quantity in self.quantities.items()}
-        return self.possible and self.term.effect.shown(self.values, stds)
+        """Whether it is known well enough for a name: to be there at all, and its parameters, none pressed against an end."""
+        stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
+        known = self.term.effect.shown(self.values, {p.name: float(std) for p, std in stds})
+        return self.possible and self.clear > SHOWN and known
 
     @property
     def possible(self) -> bool:
         """Whether such an effect can be, as well as its coefficients are known."""
         return self.term.effect.believable(self.coefficients, np.sqrt(np.diag(self.covariance)))
 
+    @property
+    def clear(self) -> float:
+        """How many standard deviations its coefficients lie from nothing, all together, by the larger covariance."""
+        rows = slice(len(self.coefficients))
+        return min(
+            math.sqrt(max(self.coefficients @ np.linalg.pinv(one[rows, rows]) @ self.coefficients, 0.0))
+            for one in (self.covariance, self.robust)
+        )
+
     @cached_property
     def quantities(self) -> dict[str, Quantity]:
-        """Parameters with standard deviations, by linear propagation: the larger by both covariances."""
+        """Parameters with standard deviations, by linear propagation: the largest by all covariances."""
+        values, stds = self.values, self._stds(self.covariance, self.robust, self.doubting)
+        return {
+            p.name: Quantity(values[p.name], float(std), p.unit)
+            for p, std in zip(self.term.effect.parameters, stds, strict=True)
+        }
+
+    def _stds(self, *covariances: np.ndarray) -> np.ndarray:
+        """Standard deviations of the parameters, the largest by some covariances of coefficients and shape."""
         names = [name for name, _ in self.term.shape]
         shape = np.array([value for _, value in self.term.shape])
         possible, _ = self.term.effect.coefficients(self.values)
@@ -74,13 +99,9 @@ class Estimate:
         acting = np.where(linear, self.acting, 1.0)
         variances = [
             np.einsum("ij,jk,ik->i", jacobian, np.outer(acting, acting) * one + ideal, jacobian)
-            for one in (self.covariance, self.robust)
+            for one in covariances
         ]
-        std = np.sqrt(np.maximum(np.max(variances, axis=0), 0.0))
-        return {
-            p.name: Quantity(float(v), float(s), p.unit)
-            for p, v, s in zip(self.term.effect.parameters, centre, std, strict=True)
-        }
+        return np.asarray(np.sqrt(np.maximum(np.max(variances, axis=0), 0.0)))
 
 
 def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
@@ -109,8 +130,11 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
         ranges = [span for c in fit.terms for span in _ranges(pool.terms[c])]
         precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
     tall = white.reshape(-1, white.shape[2])
-    covariance = np.linalg.inv(tall.T @ tall + np.diag(precision))
+    gram = tall.T @ tall
+    covariance = np.linalg.inv(gram + np.diag(precision))
     robust = _clustered(pool, fit, white, covariance)
+    precision[: pool.base] = pool.believing(DOUBTED * pool.link_error).precision[: pool.base]
+    doubting = np.linalg.inv(gram + np.diag(precision))
     _, moved = parted(pool, fit)
     result, start = [], pool.base
     for (term, chosen, coefficients), span in zip(parts, spans, strict=True):
@@ -121,8 +145,9 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
             pick[0, equations.rigid.shape[2]] = 1.0
         beyond = np.zeros((len(rows), len(rows)))
         beyond[0, 0] = hold_spread(pool, chosen) ** 2
-        own, scattered = (pick @ one @ pick.T + beyond for one in (covariance, robust))
-        result.append(Estimate(term, coefficients, own, scattered, pool.acting(fit, chosen)))
+        third = doubting if term.effect.on_body else covariance
+        own, scattered, doubted = (pick @ one @ pick.T + beyond for one in (covariance, robust, third))
+        result.append(Estimate(term, coefficients, own, scattered, doubted, pool.acting(fit, chosen)))
         start += len(pool.slots[chosen])
     return result
 

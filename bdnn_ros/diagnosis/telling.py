@@ -87,9 +87,9 @@ def _findings(
     ):
         less, large_enough = held_out.less, held_out.noticeable or ever.noticeable
         # a push, or the crossings of a gap, may have come and gone outside the held-out rows
-        gone = estimate.term.effect.brief and not held_out.there
+        gone = held_out.brief and not held_out.there
         borne_out = gone or float(np.sum(less / scale**2)) > 0.0
-        borne_out &= estimate.term.effect.brief or judgement.steady
+        borne_out &= held_out.brief or judgement.steady
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
         if not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
             continue

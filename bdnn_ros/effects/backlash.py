@@ -36,6 +36,7 @@ class Backlash(Effect):
     title = "backlash"
     on = "joint"
     brief = True
+    settles_into = "position_offset"
     parameters = (
         Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),
         Parameter("crossing", "rad", 0.0, CROSSINGS[1], plausible=(0.002, 0.03), default="gap"),

@@ -82,6 +82,8 @@ class Effect(ABC):
     """No law is exact: so much of each coefficient is added to its standard deviation, whatever the noise."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
+    settles_into: ClassVar[str | None] = None
+    """What becomes of it where the motion lacks the moments that tell it: a gap that is never crossed is an offset."""
     of_load: ClassVar[bool] = False
     """Its columns are made from the load, so a better estimate of the load changes them."""
     of_bodies: ClassVar[bool] = False

@@ -47,6 +47,8 @@ def _section(name: str) -> str:
         lines += ["", f"Confused with: {confused}."]
         if effect.contains:
             lines += [f"Contains: {', '.join(f'`{other}`' for other in effect.contains)}."]
+        if effect.settles_into:
+            lines += [f"Settles into: `{effect.settles_into}`."]
         lines += [f"Shown by: {effect.shown_by}.", f"Source: {effect.source}.", ""]
     return "\n".join(lines)
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bdnn_ros.effects.backlash import side
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.environment import POINT, TORQUE
 from bdnn_ros.effects.motion import Motion
@@ -207,6 +208,8 @@ def _sensible(effect: Effect, values: dict[str, float], target: int, motion: Mot
             :, target
         ].max()
         return bool(np.sqrt(values["stiffness"] / inertia) >= SOFTEST)
+    if effect.name == "backlash":  # one that is never crossed is a wrong zero
+        return bool(np.ptp(side(motion, target, values["crossing"])) > 0.0)
     if effect.name == "link_inertia":
         return 0.4 <= values["scale"] <= 2.5 and abs(np.log(values["scale"])) >= np.log1p(LEAST_SCALED)
     if effect.name == "payload":

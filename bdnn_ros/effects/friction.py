@@ -244,6 +244,7 @@ class Hysteresis(Effect):
     shown_by = "many small reversals, of about the breakaway distance, beside large ones"
     source = "Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968"
     coefficient_bounds = ((0.0, np.inf),)
+    settles_into = "coulomb_friction"
     shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
 
     def shown(self, values: Values, stds: Values) -> bool:
