@@ -53,8 +53,9 @@ def evidence(
 def _gain(pool: Pool, one: int) -> float:
     """Log evidence of all terms less the best of what one of them could be instead: nothing, or a part of it."""
     term, count = pool.terms[one], len(pool.terms)
-    settled = [term.effect.settles_into] if term.effect.settles_into else []
-    parts = [Term(get(name), term.target) for name in (*term.effect.contains, *settled)]
+    parts = [Term(get(name), term.target) for name in term.effect.contains]
+    settled = term.settled(pool.equations.motion)
+    parts += [] if settled is None else [settled]
     rest = [k for k in range(count) if k != one]
     instead = [rest, *([*rest, count + k] for k in range(len(parts)))]
     with_parts = Pool(pool.equations, pool.noise, [*pool.terms, *parts], pool.link_error)

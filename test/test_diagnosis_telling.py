@@ -173,24 +173,62 @@ def test_a_term_is_steady_where_blocks_that_had_no_say_bear_it_out(better):
 def test_a_law_that_is_not_shown_is_told_as_what_it_settles_into(monkeypatch, shown, there):
     """Unless that is told already, or a law that contains it."""
     names = ["viscous_friction", "hysteresis", *[there] * bool(there)]
-    equations = equations_of(["coulomb_friction@arm2_joint1:coulomb=0.3"])
-    terms = [Term(get(name), 0) for name in names]
-    terms[1] = terms[1].shaped({"breakaway": 0.001})
-    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.effort_scale), terms, 0.05)
-    plain = Term(get("coulomb_friction"), 0)
-    judgements = [Judgement(0.7, 0.0, ((plain, 0.2), (terms[0], 0.1))) for _ in terms]
-    rows = np.zeros(len(equations.rows), bool)
-    attempt = Attempt(rows, judgements, pool, equations.target)
-    monkeypatch.setattr(
-        diagnose, "estimates", lambda pool, fit: [SimpleNamespace(term=t, shown=shown) for t in pool.terms]
+    told, refitted = told_plainly(
+        monkeypatch, names, "coulomb_friction@arm2_joint1:coulomb=0.3", {"breakaway": 0.001}, shown
     )
-    told, refitted, found = diagnose._plain(equations, attempt, pool)
     wanted = names if shown else ["viscous_friction", there or "coulomb_friction"]
     assert [t.effect.name for t in refitted.terms] == [t.effect.name for t in told.fitted.terms] == wanted
-    assert len(told.judgements) == len(found) == len(wanted)
+    assert len(told.judgements) == len(wanted)
     if not (shown or there):
         assert told.judgements[1].probability == pytest.approx(0.9)
         assert [rival.effect.name for rival, _ in told.judgements[1].rivals] == ["viscous_friction"]
+
+
+def test_a_gap_that_is_not_shown_is_told_as_the_zero_that_fits(monkeypatch):
+    told, refitted = told_plainly(
+        monkeypatch, ["armature", "backlash"], "position_offset@arm2_joint1:offset=0.2", {"crossing": 0.01}
+    )
+    for pool in (told.fitted, refitted):
+        assert [t.effect.name for t in pool.terms] == ["armature", "position_offset"]
+        assert dict(pool.terms[1].shape)["at"] == pytest.approx(0.2, abs=0.02)
+        assert pool.coefficients(pool.whole, 1)[0] == pytest.approx(0.2, abs=0.02)
+
+
+def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_else():
+    equations = equations_of([])
+    equations.dwelling = np.arange(len(equations.rows))[:, None] % 50 == [-1, 0]
+    counted = equations.usable.copy()
+    names = ("coulomb_friction@1", "armature@1", "stribeck_friction@0")
+    terms = [Term(get(name), int(joint)) for name, joint in (one.split("@") for one in names)]
+    terms[2] = terms[2].shaped({"velocity": 0.1})
+    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.effort_scale), terms, 0.05)
+    seen = []
+
+    def refined(equations, pool, fit, one):
+        seen.append((one, fit.terms))
+        return pool.terms[one]
+
+    diagnose._exact(SimpleNamespace(refined=refined), equations, pool)
+    assert seen == [(0, (0, 1, 2)), (1, (0, 1, 2))]
+    np.testing.assert_array_equal(equations.usable, counted & ~equations.dwelling)
+
+
+def told_plainly(monkeypatch, names, truth, shape, shown=False):
+    """The attempt and the pool that are told of some laws of the first joint, the second of this shape."""
+    equations = equations_of([truth])
+    terms = [Term(get(name), 0) for name in names]
+    terms[1] = terms[1].shaped(shape)
+    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.effort_scale), terms, 0.05)
+    plain = Term(get(terms[1].effect.settles_into), 0)
+    judgements = [Judgement(0.7, 0.0, ((plain, 0.2), (terms[0], 0.1))) for _ in terms]
+    attempt = Attempt(np.zeros(len(equations.rows), bool), judgements, pool, equations.target)
+    monkeypatch.setattr(
+        diagnose, "estimates", lambda pool, fit: [SimpleNamespace(term=t, shown=shown) for t in pool.terms]
+    )
+    candidates = Candidates.of(equations.motion.robot)
+    told, refitted, found = diagnose._plain(candidates, equations, attempt, pool)
+    assert len(found) == len(refitted.terms)
+    return told, refitted
 
 
 def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({})):

@@ -22,7 +22,6 @@ from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
-from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
@@ -114,7 +113,9 @@ def examine(
         )
     candidates = Candidates.of(robot)
     attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
-    attempt, pool, found = _plain(equations, attempt, _exact(candidates, equations, attempt.fitted))
+    attempt, pool, found = _plain(
+        candidates, equations, attempt, _exact(candidates, equations, attempt.fitted)
+    )
     equations.count(pool.sure)
     remainder = describe(equations, pool.left())
     diagnosis = told(recordings, robot, equations, attempt, found, remainder)
@@ -144,20 +145,19 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
     moved = [
         c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
     ]
-    return refined(candidates, equations, pool, moved)
+    return refined(candidates, equations, pool, range(len(pool.terms)), moved)
 
 
-def _plain(equations: Equations, attempt: Attempt, pool: Pool) -> tuple[Attempt, Pool, list[Estimate]]:
+def _plain(
+    candidates: Candidates, equations: Equations, attempt: Attempt, pool: Pool
+) -> tuple[Attempt, Pool, list[Estimate]]:
     """The attempt, its pool and the pool's estimates, with laws that are not shown given up for what they settle into.
 
     Where another law says that already they only go.
     """
     found = estimates(pool, pool.whole)
-    instead = {
-        k: Term(get(one.term.effect.settles_into), one.term.target)
-        for k, one in enumerate(found)
-        if one.term.effect.settles_into and not one.shown
-    }
+    settled = ((k, one.term.settled(equations.motion)) for k, one in enumerate(found) if not one.shown)
+    instead = {k: plain for k, plain in settled if plain is not None}
     if not instead:
         return attempt, pool, found
     said = {
@@ -167,7 +167,10 @@ def _plain(equations: Equations, attempt: Attempt, pool: Pool) -> tuple[Attempt,
     kept = [k for k in range(len(pool.terms)) if not said.get(k)]
 
     def refitted(terms: Sequence[Term]) -> Pool:
-        return Pool(equations, pool.noise, [instead.get(k, terms[k]) for k in kept], pool.link_error)
+        told = [instead.get(k) or terms[k] for k in kept]
+        moved = [at for at, k in enumerate(kept) if k in instead]
+        plain = Pool(equations, pool.noise, told, pool.link_error)
+        return refined(candidates, equations, plain, range(len(kept)), moved)
 
     counted = equations.usable
     equations.count(counted & ~attempt.test[:, None])

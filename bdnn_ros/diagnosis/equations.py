@@ -15,6 +15,7 @@ import numpy as np
 from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots
 from bdnn_ros.robot import Robot
 
@@ -48,6 +49,13 @@ class Term:
     def shaped(self, shape: dict[str, float]) -> Term:
         """The same effect with another shape."""
         return Term(self.effect, self.target, self.link, tuple(sorted(shape.items())))
+
+    def settled(self, motion: Motion) -> Term | None:
+        """What it settles into, with its first shape; None where it is always itself."""
+        if self.effect.settles_into is None:
+            return None
+        plain = get(self.effect.settles_into)
+        return Term(plain, self.target).shaped(plain.shapes(motion, self.target)[0])
 
 
 @dataclass

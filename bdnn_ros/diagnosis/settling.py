@@ -22,9 +22,15 @@ NOISE_ROUNDS = 3
 LAST_ROUNDS = 2
 
 
-def refined(candidates: Candidates, equations: Equations, pool: Pool, chosen: Sequence[int]) -> Pool:
-    """The pool with the shapes of some terms moved to where they fit best, one after another."""
-    for one in chosen:
+def refined(
+    candidates: Candidates,
+    equations: Equations,
+    pool: Pool,
+    chosen: Sequence[int],
+    moved: Sequence[int] | None = None,
+) -> Pool:
+    """The pool with the shapes of its chosen terms, or of some of them, moved to where they fit best, one after another."""
+    for one in chosen if moved is None else moved:
         term = candidates.refined(equations, pool, pool.fit(chosen), one)
         if term != pool.terms[one]:
             pool = pool.replacing(one, term)
