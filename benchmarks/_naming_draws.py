@@ -34,11 +34,16 @@ WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
 ROMEO = "ShoulderPitch ShoulderYaw ElbowRoll ElbowYaw WristRoll WristYaw WristPitch"
 G1 = "shoulder_pitch shoulder_roll shoulder_yaw elbow wrist_roll wrist_pitch wrist_yaw"
-EXAMPLES = {
+EXAMPLES: dict[str, tuple[str, tuple[str, ...]]] = {
     "romeo": ("romeo_description/urdf/romeo_small.urdf", tuple(f"L{name}" for name in ROMEO.split())),
     "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", tuple(f"left_{name}_joint" for name in G1.split())),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", ()),
+    "kinova": ("kinova_description/robots/kinova.urdf", ()),
+    "z1": ("z1_description/urdf/z1.urdf", ()),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", ()),
+    "so100": ("so_arm_description/urdf/so100.urdf", ()),
 }
-"""Arms of example-robot-data, files and joints: nothing in the diagnosis was chosen by them."""
+"""Arms of example-robot-data, files and joints, none for all: nothing in the diagnosis was chosen by them."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15
 """What is drawn how often, where the command line does not fix it."""
 

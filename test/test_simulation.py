@@ -255,3 +255,11 @@ def test_a_scenarios_truth_says_everything():
 def test_scenarios_that_make_no_sense_are_refused(option, says):
     with pytest.raises(UsageError, match=says):
         Scenario(Robot.bundled("arm2"), **option).run()
+
+
+def test_joints_whose_limits_leave_no_room_are_named():
+    """As in a file of an exporter that knows no limits."""
+    robot = Robot.bundled("arm2")
+    limits = replace(robot.limits, lower=np.zeros(2), upper=np.array([0.0, 1.0]))
+    with pytest.raises(UsageError, match="leave arm2_joint1 no room"):
+        Scenario(replace(robot, limits=limits)).run()

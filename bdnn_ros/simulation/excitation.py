@@ -52,7 +52,7 @@ def fourier(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Traject
         time: evenly spaced from 0, (N,) [s].
 
     Raises:
-        UsageError: no series was found that keeps the limits.
+        UsageError: no series was found that keeps the limits, or they leave a joint no room.
     """
     best, score = None, -np.inf
     coarse = time[:: max(len(time) // 250, 1)]
@@ -161,9 +161,16 @@ def _information(robot: Robot, motion: Trajectory) -> float:
 
 
 def _range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Position limits, a half turn each way where there are none or wider ones."""
+    """Position limits, a half turn each way where there are none or wider ones.
+
+    Raises:
+        UsageError: a joint's limits leave it no room, as those of an exporter that knows none.
+    """
     lower = np.maximum(robot.limits.lower, -np.pi)
     upper = np.minimum(robot.limits.upper, np.pi)
+    stuck = [joint for joint, room in zip(robot.joints, upper - lower, strict=True) if room <= 0.0]
+    if stuck:
+        raise UsageError(f"The URDF's limits leave {', '.join(stuck)} no room to move.", "Widen them.")
     return lower, upper
 
 
