@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
+from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 
@@ -129,9 +129,6 @@ class EffortDelay(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["delay"]]), {"at": values["delay"]}
-
-    def shown(self, values: Values, stds: Values) -> bool:
-        return values["delay"] > SHOWN * stds["delay"]
 
     def sentence(self, where: str, values: Values) -> str:
         return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms after its stamp."

@@ -154,9 +154,6 @@ class ExternalTorque(Push):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["torque"]]), {key: values[key] for key in ("start", "end")}
 
-    def shown(self, values: Values, stds: Values) -> bool:
-        return abs(values["torque"]) > SHOWN * stds["torque"]
-
     def sentence(self, where: str, values: Values) -> str:
         return (
             f"Something turns {where} from {values['start']:.2f} s to {values['end']:.2f} s with "
