@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 KERNEL_WIDTHS = 4.0
@@ -16,6 +18,7 @@ def gaussian_std(cutoff: float) -> float:
     return float(np.sqrt(np.log(2.0)) / (2.0 * np.pi * cutoff))
 
 
+@lru_cache(maxsize=64)
 def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights of the low-pass and of its first and second derivative, to be convolved with even samples.
 
@@ -31,6 +34,8 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
     spread = (weights * t**2).sum()
     second = (t**2 - spread) * weights
     second /= 0.5 * (second * t**2).sum()
+    for kept in (weights, first, second):
+        kept.flags.writeable = False
     return weights, first, second
 
 

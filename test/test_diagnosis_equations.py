@@ -9,7 +9,7 @@ import pytest
 from diagnosis_cases import CUTOFF, coloured, equations_of, signals_of, term, white
 from scipy.linalg import toeplitz
 
-from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build, nominal_effort, relative_inertials
+from bdnn_ros.diagnosis.building import BLOCK_SECONDS, MOST_BLOCKS, build, nominal_effort, relative_inertials
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of, without_trends
 from bdnn_ros.diagnosis.equations import Equations
@@ -218,6 +218,16 @@ def test_blocks_are_runs_of_about_two_seconds_that_cover_everything(plain):
     for b in range(plain.blocks):
         assert np.ptp(time[plain.block == b]) <= BLOCK_SECONDS
     assert plain.blocks == np.ceil(np.ptp(time) / BLOCK_SECONDS)
+
+
+def test_a_long_recording_has_longer_blocks(robot):
+    signals = signals_of(duration=2.0 * MOST_BLOCKS + 20.0)
+    equations = build(signals, robot)
+    time = equations.motion.time[equations.rows]
+    lengths = [np.ptp(time[equations.block == b]) for b in range(equations.blocks)]
+    assert equations.blocks == MOST_BLOCKS
+    assert min(lengths) > BLOCK_SECONDS
+    assert np.ptp(lengths) < 0.1 * BLOCK_SECONDS
 
 
 def test_two_recordings_share_no_run_and_no_block(robot):

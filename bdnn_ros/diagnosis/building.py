@@ -14,8 +14,8 @@ from bdnn_ros.signals import Signals
 
 ROWS_PER_CUTOFF = 2.5
 """Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
-BLOCK_SECONDS = 2.0
-"""Held-out blocks are about this long."""
+BLOCK_SECONDS, MOST_BLOCKS = 2.0, 40
+"""Held-out blocks are about this long; longer in a recording that would have more of them."""
 IDENTIFIED = 0.01
 """One standard deviation of identified links, where errors of a description's links are relative."""
 THIN = 0.3
@@ -69,9 +69,9 @@ def build(
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     masses = (np.arange(len(relative)) % PER_LINK == 0) & (covariance is None)
-    rigid = signals.smooth(motion.regressor)[rows] @ relative
     usable = ~(resting | sticks(signals, STICKING_WIDTHS))[rows]
-    block = (signals.time[rows] - signals.time[rows[0]]) // BLOCK_SECONDS
+    since = signals.time[rows] - signals.time[rows[0]]
+    block = since // max(BLOCK_SECONDS, since[-1] / (MOST_BLOCKS - 1e-6))
     _, block = np.unique(block, return_inverse=True)
     effort = signals.smooth(signals.effort)[rows]
     scale = np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9))
@@ -87,7 +87,6 @@ def build(
         sticks(signals, DWELLING_WIDTHS)[rows],
         block,
         runs,
-        rigid,
         relative,
         masses,
         scale,

@@ -73,8 +73,7 @@ class Equations:
         dwelling: rows in which it creeps for so long that its dry friction passes for less than it is, (R, n) bool.
         block: held-out block of each row, (R,) int, starting at 0.
         runs: rows of each gap-free piece.
-        rigid: columns of the links' relative errors, (R, n, n * PER_LINK), one unit = an error of 100 %.
-        relative: from those relative errors to inertial parameters, (n * PER_LINK, n * PER_LINK).
+        relative: from relative errors of the links to inertial parameters, (n * PER_LINK, n * PER_LINK).
         masses: which of them are of a described link's mass, (n * PER_LINK,) bool.
         effort_scale: spread of each joint's effort, (n,) [N·m].
         lead: how far the recorded effort is known to be ahead of the motion [s].
@@ -90,7 +89,6 @@ class Equations:
     dwelling: np.ndarray
     block: np.ndarray
     runs: list[slice]
-    rigid: np.ndarray
     relative: np.ndarray
     masses: np.ndarray
     effort_scale: np.ndarray
@@ -123,12 +121,10 @@ class Equations:
         """Values at the working rate (N, ...) as rows: low-passed and thinned, (R, ...)."""
         signals, result = self.motion.signals, np.zeros((len(self.rows), *values.shape[1:]))
         for j in range(values.shape[1]):
-            if values[:, j].any():
-                result[:, j] = (
-                    self.motion.advanced(signals.smooth(values[:, j]), self.lead)[self.rows]
-                    if self.lead
-                    else signals.smooth_at(values[:, j], self.rows)
-                )
+            if not self.lead:
+                result[:, j] = signals.smooth_at(values[:, j], self.rows)
+            elif values[:, j].any():
+                result[:, j] = self.motion.advanced(signals.smooth(values[:, j]), self.lead)[self.rows]
         return result
 
     def columns(self, term: Term) -> np.ndarray:
@@ -152,6 +148,11 @@ class Equations:
     def of_body(self, body: int, added: np.ndarray) -> np.ndarray:
         """Columns of what adds to a body's inertial parameters (PER_LINK, k) as rows, (R, n, k) [N·m per unit]."""
         return np.asarray(self._regressor[:, :, slots(body)] @ added)
+
+    @cached_property
+    def rigid(self) -> np.ndarray:
+        """Columns of the links' relative errors, (R, n, n * PER_LINK), one unit = an error of 100 %."""
+        return np.asarray(self._regressor @ self.relative)
 
     @cached_property
     def _regressor(self) -> np.ndarray:

@@ -73,12 +73,20 @@ class _Sums:
         if not allowed.any():
             return int(starts[0]), int(ends[-1])
         a, b = a[allowed], b[allowed]
-        seen = self.seen[b] - self.seen[a]
-        inner = self.grams[b] - self.grams[a] + np.diag(self.prior) - seen @ seen.transpose(0, 2, 1)
+        inner = self.grams[b] - self.grams[a] + np.diag(self.prior) - self._seen_between(a, b)
         moment = self.moments[b] - self.moments[a]
         explained = 0.5 * np.einsum("wk,wk->w", moment, np.linalg.solve(inner, moment[..., None])[..., 0])
         best = int(np.argmax(explained - 0.5 * np.linalg.slogdet(inner)[1]))
         return int(a[best]), int(b[best])
+
+    def _seen_between(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Gram matrices of what the fit's columns see from row to row, (W, k, k) of rows (W,): of few rows many windows."""
+        marks, at = np.unique(np.concatenate([a, b]), return_inverse=True)
+        start, end = at[: len(a)], at[len(a) :]
+        count, size = len(marks), self.seen.shape[1]
+        tall = self.seen[marks].reshape(count * size, -1)
+        of = np.ascontiguousarray((tall @ tall.T).reshape(count, size, count, size).swapaxes(1, 2))
+        return np.asarray(of[end, end] + of[start, start] - of[start, end] - of[end, start])
 
 
 def _running(values: np.ndarray) -> np.ndarray:
