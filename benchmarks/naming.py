@@ -47,6 +47,7 @@ A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort),
 motion and duration from its seed, writes a bag without the truth, diagnoses the bag, and only then compares.
 What contains a simpler effect (Stribeck and asymmetric friction, a drift) adds at least 5 % to what the simpler one
 says; a link is off by 20 % or more, beside others that are off by 5 or 10 %; a payload hangs from the second link on.
+The load of a loose joint changes its sign, so that its gap is crossed: one that never is, is a wrong zero.
 A push on a link acts at the origin of its frame, at its centre of mass or, a force alone, anywhere within a tenth of a
 metre of the origin along each axis.
 The share of a payload or a link is that of the joint that carries most of it: a gram is 5 % of what a last joint
@@ -57,8 +58,9 @@ does, and less than any description knows.
   first joint that is not vertical; a force on the axis of a link's joint, and the same on the link before) counts where
   it is listed as a rival.
 - *Tellable*: with all else that is true of the robot given, the recording holds more evidence for the hidden effect
-  than outweighs 150 others, against the errors of all links and against a simpler effect that it contains. This
-  knows what to look for; a diagnosis does not. It sees what the diagnosis does, behind one low-pass for all joints.
+  than outweighs 150 others, against the errors of all links and against a simpler effect that it contains or
+  settles into. This knows what to look for; a diagnosis does not. It sees what the diagnosis does, behind one low-pass
+  for all joints.
   A wrong link among links that are all a little wrong often is not tellable.
 - *First*: no finding but wear stands before it. *Silent*: not named, and nothing false named either.
 - On worn robots Coulomb, viscous friction and rotor inertia are true on every joint. A link's inertia

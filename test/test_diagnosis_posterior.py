@@ -143,11 +143,12 @@ def test_what_a_body_weighs_bears_twice_the_errors_of_the_links():
     np.testing.assert_array_equal(viscous.doubting, viscous.covariance)
 
 
-@pytest.mark.parametrize("force, shown", [(0.3, True), (0.15, False), (0.0, False)])
-def test_what_lies_within_two_deviations_of_nothing_is_not_shown(force, shown):
-    """By the larger covariance."""
+@pytest.mark.parametrize("force, shown", [(0.32, True), (0.28, False), (0.0, False)])
+@pytest.mark.parametrize("widest", range(3))
+def test_what_lies_within_three_deviations_of_nothing_is_not_shown(force, shown, widest):
+    """By the largest covariance."""
     coulomb, _ = term(f"coulomb_friction@{J1}:coulomb=1", Robot.bundled("arm2"))
-    spread = [np.array([[variance]]) for variance in (0.01**2, 0.1**2, 0.4**2)]
+    spread = [np.array([[0.1**2 if k == widest else 0.01**2]]) for k in range(3)]
     estimate = Estimate(coulomb, np.array([force]), *spread)
     assert estimate.clear == pytest.approx(force / 0.1)
     assert estimate.shown is shown

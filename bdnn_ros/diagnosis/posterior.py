@@ -12,11 +12,12 @@ from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.leads import hold_spread, parted
 from bdnn_ros.diagnosis.result import Quantity
-from bdnn_ros.effects.base import SHOWN
 
 RELATIVE_STEP = 1e-3
 GIVEN = 1e-9
 """Spread of a shape parameter that no search moves, such as a link's mass by the description."""
+CLEAR = 3.0
+"""A name takes so many standard deviations from nothing: true causes lie at more, what passes for one often at less."""
 DOUBTED = 2.0
 """The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
 
@@ -50,7 +51,7 @@ class Estimate:
         """Whether it is known well enough for a name: to be there at all, and its parameters, none pressed against an end."""
         stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
         known = self.term.effect.shown(self.values, {p.name: float(std) for p, std in stds})
-        return self.possible and self.clear > SHOWN and known
+        return self.possible and self.clear > CLEAR and known
 
     @property
     def possible(self) -> bool:
@@ -59,11 +60,11 @@ class Estimate:
 
     @property
     def clear(self) -> float:
-        """How many standard deviations its coefficients lie from nothing, all together, by the larger covariance."""
+        """How many standard deviations its coefficients lie from nothing, all together, by the largest covariance."""
         rows = slice(len(self.coefficients))
         return min(
             math.sqrt(max(self.coefficients @ np.linalg.pinv(one[rows, rows]) @ self.coefficients, 0.0))
-            for one in (self.covariance, self.robust)
+            for one in (self.covariance, self.robust, self.doubting)
         )
 
     @cached_property
