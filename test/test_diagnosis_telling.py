@@ -8,69 +8,16 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of
 
-from bdnn_ros.diagnosis import diagnose, identifiability, telling
+from bdnn_ros.diagnosis import diagnose, identifiability
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import Removal, noticeable, removed
 from bdnn_ros.diagnosis.identifiability import Judgement, folded, likelier, plainer, weighed
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.search import Selection
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
-
-
-def test_a_finding_is_worth_a_name_where_it_takes_much_or_most_of_the_rest():
-    lasting, brief, scale = False, True, np.array([1.0, 10.0])
-    assert noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.05, 0.5]), scale)
-    assert not noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.07, 0.5]), scale)
-    assert noticeable(lasting, np.array([0.0, 0.11]) ** 2, np.array([0.5, 0.1]), scale)
-    assert not noticeable(lasting, np.array([0.0, 0.11]) ** 2, np.array([0.5, 0.12]), scale)
-    assert noticeable(brief, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
-    assert not noticeable(lasting, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
-    assert not noticeable(brief, np.array([0.01, 0.01]) ** 2, np.array([0.02, 0.005]), scale)
-    assert not noticeable(brief, np.array([-0.03, 0.0]), np.array([0.0, 0.0]), scale)
-
-
-@pytest.mark.parametrize(
-    "name, worth", [("backlash", True), ("coulomb_friction", False), ("external_wrench", False)]
-)
-def test_what_acts_for_moments_again_and_again_is_judged_by_those(name, worth):
-    """4 % of the effort in a twentieth of the rows is 0.9 % of it in all of them."""
-    part = np.where(np.arange(4000) % 100 < 5, 0.04, 0.0)[:, None]
-    left, (removal,) = removal_of(name, part, [np.ones((4000, 1), bool)])
-    assert removal.noticeable == worth
-    assert removal.less[0] == pytest.approx(np.mean((left + part) ** 2) - np.mean(left**2))
-
-
-@pytest.mark.parametrize("until, worth", [(400, True), (3000, False)])
-def test_a_push_over_most_of_a_recording_is_not_brief(until, worth):
-    """It must remove 1 % of the effort, as all else that is more than the rest, not half a percent."""
-    part = np.where(np.arange(4000) < until, 0.008, 0.0)[:, None]
-    _, (removal,) = removal_of("external_wrench", part, [np.arange(4000)[:, None] < 400], 0.005)
-    assert removal.noticeable == removal.brief == worth
-
-
-def test_a_push_came_and_went_where_it_hardly_acts():
-    part = np.where(np.arange(4000) < 400, 0.04, 0.0)[:, None]
-    stretches = [np.arange(4000)[:, None] >= start for start in (380, 300)]
-    _, (elsewhere, here) = removal_of("external_wrench", part, stretches)
-    assert not elsewhere.there and here.there
-
-
-def removal_of(name, part, stretches, noise=0.02):
-    """What is left by an effect whose effort is known, and what it removes in some rows."""
-    left = noise * np.random.default_rng(0).standard_normal((4000, 1))
-    pool = SimpleNamespace(
-        terms=[SimpleNamespace(effect=get(name))],
-        whole=SimpleNamespace(),
-        left=lambda: left,
-        coefficients=lambda fit, chosen: np.ones(1),
-    )
-    equations = SimpleNamespace(columns=lambda term: part[:, :, None], effort_scale=np.ones(1))
-    (removals,) = removed(equations, pool, left, *stretches)
-    return left, removals
 
 
 def test_a_finding_gives_way_to_a_rival_that_is_likelier():
@@ -244,40 +191,6 @@ def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({
     )
     better = likelier(search, SimpleNamespace(pool=pool, chosen=chosen), judgements)
     return None if better is None else {terms[c].effect.name for c in better.chosen}
-
-
-@pytest.mark.parametrize(
-    "name, there, less, steady, told",
-    [
-        ("backlash", False, 0.0, True, True),
-        ("backlash", True, 0.0, True, False),
-        ("external_wrench", False, 0.0, False, True),
-        ("lasting external_wrench", False, 0.0, True, False),
-        ("lasting external_wrench", False, 0.1, False, False),
-        ("coulomb_friction", False, 0.0, True, False),
-        ("coulomb_friction", True, 0.1, True, True),
-        ("coulomb_friction", True, 0.1, False, False),
-    ],
-)
-def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, name, there, less, steady, told):
-    """What lasts is named only where it helps throughout, on blocks that were not fitted to."""
-    lasting, _, name = name.rpartition(" ")
-    brief = get(name).brief and not lasting
-    held_out = Removal(np.array([less]), less > 0.0, there, brief)
-    ever = Removal(np.array([0.1]), True, True, brief)
-    monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
-    monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
-    monkeypatch.setattr(telling, "_finding", lambda robot, estimate, judgement, share: estimate)
-    equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
-    attempt = SimpleNamespace(
-        test=np.arange(9) < 2,
-        judgements=[Judgement(1.0, 0.0, (), steady)],
-        fitted=None,
-        extended=None,
-    )
-    estimate = SimpleNamespace(term=Term(get(name), 0), shown=True)
-    findings, _ = telling._findings(Robot.bundled("arm2"), equations, attempt, [estimate])
-    assert (findings == [estimate]) is told
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,8 @@ CLEAR = 3.0
 """A name takes so many standard deviations from nothing: true causes lie at more, what passes for one often at less."""
 DOUBTED = 2.0
 """The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
+CLEAR_IF_DOUBTED = 2.0
+"""And so many where the links' errors are believed larger: a link as far off as `CLEAR` of those would have no name else."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Estimate:
         """Whether it is known well enough for a name: to be there at all, and its parameters, none pressed against an end."""
         stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
         known = self.term.effect.shown(self.values, {p.name: float(std) for p, std in stds})
-        return self.possible and self.clear > CLEAR and known
+        return self.possible and self.clear and known
 
     @property
     def possible(self) -> bool:
@@ -59,13 +61,16 @@ class Estimate:
         return self.term.effect.believable(self.coefficients, np.sqrt(np.diag(self.covariance)))
 
     @property
-    def clear(self) -> float:
-        """How many standard deviations its coefficients lie from nothing, all together, by the largest covariance."""
+    def clear(self) -> bool:
+        """Whether its coefficients, all together, lie far enough from nothing by every covariance."""
+        known = min(self._distance(self.covariance), self._distance(self.robust))
+        return known > CLEAR and self._distance(self.doubting) > CLEAR_IF_DOUBTED
+
+    def _distance(self, covariance: np.ndarray) -> float:
+        """How many standard deviations the coefficients lie from nothing, all together."""
         rows = slice(len(self.coefficients))
-        return min(
-            math.sqrt(max(self.coefficients @ np.linalg.pinv(one[rows, rows]) @ self.coefficients, 0.0))
-            for one in (self.covariance, self.robust, self.doubting)
-        )
+        squared = self.coefficients @ np.linalg.pinv(covariance[rows, rows]) @ self.coefficients
+        return math.sqrt(max(squared, 0.0))
 
     @cached_property
     def quantities(self) -> dict[str, Quantity]:

@@ -91,11 +91,10 @@ def _findings(
         borne_out = gone or float(np.sum(less / scale**2)) > 0.0
         borne_out &= held_out.brief or judgement.steady
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
-        if not (large_enough and borne_out and (estimate.shown or _alone(estimate, found))):
+        if not (large_enough and borne_out) or leftover(attempt.fitted, every, one):
             continue
-        if leftover(attempt.fitted, every, one):
-            continue
-        if judgement.nothing <= DOUBTFUL:
+        shown = estimate.shown or _alone(estimate, found)
+        if shown and judgement.nothing <= DOUBTFUL:
             findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / before))
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())

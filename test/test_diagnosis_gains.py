@@ -1,0 +1,114 @@
+"""What a cause removes, and whether that is worth a name."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis import telling
+from bdnn_ros.diagnosis.equations import Term
+from bdnn_ros.diagnosis.gains import Removal, noticeable, removed
+from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.effects.registry import get
+from bdnn_ros.robot import Robot
+
+
+def test_a_finding_is_worth_a_name_where_it_takes_much_or_most_of_the_rest():
+    lasting, brief, scale = False, True, np.array([1.0, 10.0])
+    assert noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.05, 0.5]), scale)
+    assert not noticeable(lasting, np.array([0.03, 0.0]) ** 2, np.array([0.07, 0.5]), scale)
+    assert noticeable(lasting, np.array([0.0, 0.11]) ** 2, np.array([0.5, 0.1]), scale)
+    assert not noticeable(lasting, np.array([0.0, 0.11]) ** 2, np.array([0.5, 0.12]), scale)
+    assert noticeable(brief, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
+    assert not noticeable(lasting, np.array([0.0, 0.06]) ** 2, np.array([0.5, 0.05]), scale)
+    assert not noticeable(brief, np.array([0.01, 0.01]) ** 2, np.array([0.02, 0.005]), scale)
+    assert not noticeable(brief, np.array([-0.03, 0.0]), np.array([0.0, 0.0]), scale)
+
+
+@pytest.mark.parametrize(
+    "name, worth", [("backlash", True), ("coulomb_friction", False), ("external_wrench", False)]
+)
+def test_what_acts_for_moments_again_and_again_is_judged_by_those(name, worth):
+    """4 % of the effort in a twentieth of the rows is 0.9 % of it in all of them."""
+    part = np.where(np.arange(4000) % 100 < 5, 0.04, 0.0)[:, None]
+    left, (removal,) = removal_of(name, part, [np.ones((4000, 1), bool)])
+    assert removal.noticeable == worth
+    assert removal.less[0] == pytest.approx(np.mean((left + part) ** 2) - np.mean(left**2))
+
+
+@pytest.mark.parametrize("until, worth", [(400, True), (3000, False)])
+def test_a_push_over_most_of_a_recording_is_not_brief(until, worth):
+    """It must remove 1 % of the effort, as all else that is more than the rest, not half a percent."""
+    part = np.where(np.arange(4000) < until, 0.008, 0.0)[:, None]
+    _, (removal,) = removal_of("external_wrench", part, [np.arange(4000)[:, None] < 400], 0.005)
+    assert removal.noticeable == removal.brief == worth
+
+
+def test_a_push_came_and_went_where_it_hardly_acts():
+    part = np.where(np.arange(4000) < 400, 0.04, 0.0)[:, None]
+    stretches = [np.arange(4000)[:, None] >= start for start in (380, 300)]
+    _, (elsewhere, here) = removal_of("external_wrench", part, stretches)
+    assert not elsewhere.there and here.there
+
+
+def removal_of(name, part, stretches, noise=0.02):
+    """What is left by an effect whose effort is known, and what it removes in some rows."""
+    left = noise * np.random.default_rng(0).standard_normal((4000, 1))
+    pool = SimpleNamespace(
+        terms=[SimpleNamespace(effect=get(name))],
+        whole=SimpleNamespace(),
+        left=lambda: left,
+        coefficients=lambda fit, chosen: np.ones(1),
+    )
+    equations = SimpleNamespace(columns=lambda term: part[:, :, None], effort_scale=np.ones(1))
+    (removals,) = removed(equations, pool, left, *stretches)
+    return left, removals
+
+
+@pytest.mark.parametrize(
+    "name, there, less, steady, told",
+    [
+        ("backlash", False, 0.0, True, True),
+        ("backlash", True, 0.0, True, False),
+        ("external_wrench", False, 0.0, False, True),
+        ("lasting external_wrench", False, 0.0, True, False),
+        ("lasting external_wrench", False, 0.1, False, False),
+        ("coulomb_friction", False, 0.0, True, False),
+        ("coulomb_friction", True, 0.1, True, True),
+        ("coulomb_friction", True, 0.1, False, False),
+    ],
+)
+def test_what_is_brief_may_have_acted_outside_the_held_out_rows(monkeypatch, name, there, less, steady, told):
+    """What lasts is named only where it helps throughout, on blocks that were not fitted to."""
+    lasting, _, name = name.rpartition(" ")
+    estimate = SimpleNamespace(term=Term(get(name), 0), shown=True)
+    removal = Removal(np.array([less]), less > 0.0, there, get(name).brief and not lasting)
+    findings, _ = findings_of(monkeypatch, estimate, removal, Judgement(1.0, 0.0, (), steady))
+    assert (findings == [estimate]) is told
+
+
+@pytest.mark.parametrize(
+    "less, nothing, doubtful", [(0.2, 0.01, True), (0.2, 0.6, False), (0.1, 0.01, False)]
+)
+def test_what_is_large_and_not_known_well_enough_for_a_name_is_no_all_clear(
+    monkeypatch, less, nothing, doubtful
+):
+    """However surely it is there: then the simulation is wrong, and nobody can say what is."""
+    estimate = SimpleNamespace(term=Term(get("coulomb_friction"), 0), shown=False)
+    removal = Removal(np.array([less]), True, True, False)
+    told = findings_of(monkeypatch, estimate, removal, Judgement(1.0 - nothing, nothing, ()))
+    assert told == ([], doubtful)
+
+
+def findings_of(monkeypatch, estimate, held_out, judgement):
+    """What is told of one term by what it removes where it was held out; a little of all rows besides."""
+    ever = Removal(np.array([0.1]), True, True, held_out.brief)
+    monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
+    monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
+    monkeypatch.setattr(telling, "_finding", lambda robot, estimate, judgement, share: estimate)
+    equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
+    test = np.arange(9) < 2
+    attempt = SimpleNamespace(test=test, judgements=[judgement], fitted=None, extended=None)
+    return telling._findings(Robot.bundled("arm2"), equations, attempt, [estimate])
