@@ -16,8 +16,9 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.glitches import without_glitches
 from bdnn_ros.kernels import convolved_at, even_grid, gaussian_kernel, gaussian_std, passed_noise
-from bdnn_ros.recording import Recording, position_noise, white_noise
+from bdnn_ros.recording import Recording, cut_off, position_noise, white_noise
 from bdnn_ros.repeats import without_repeats
 
 DEFAULT_CUTOFF = 10.0
@@ -48,6 +49,7 @@ class Signals:
         raw_rate: the recording's own rate [Hz].
         flat: cut-off of the flattened low-pass the signals have passed [Hz]; None where it was the one of `smooth`.
         effort_noise: standard deviation of the white noise on the measured effort, (n,) [N·m], or None.
+        cut: where the measured effort stood at a limit of its sensor, (N, n) bool, or None.
     """
 
     time: np.ndarray
@@ -64,6 +66,7 @@ class Signals:
     raw_rate: float
     flat: float | None = None
     effort_noise: np.ndarray | None = None
+    cut: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -161,8 +164,14 @@ class Signals:
             acceleration=self.acceleration[index],
             effort=None if self.effort is None else self.effort[index],
             reported_velocity=None if self.reported_velocity is None else self.reported_velocity[index],
+            cut=None if self.cut is None else self.cut[index],
             segments=tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a),
         )
+
+
+def mended(recording: Recording) -> Recording:
+    """The recording as `prepare` takes it: without what its driver said twice or read wrong, each with a note."""
+    return without_glitches(without_repeats(recording))
 
 
 def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
@@ -180,7 +189,7 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
             f"{recording.name}: {len(recording)} samples are too few to tell a motion.",
             "Record at least some seconds of motion.",
         )
-    recording = without_repeats(recording)
+    recording = mended(recording)
     chosen = suitable_cutoff(recording.rate, cutoff)
     step, every = even_grid(recording.rate, SAMPLES_PER_CUTOFF * chosen)
     pieces = [_segment(recording, rows, chosen, step, every) for rows in recording.segments()]
@@ -207,6 +216,9 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
         position_noise=position_noise(recording),
         raw_rate=recording.rate,
         effort_noise=None if recording.effort is None else white_noise(recording.effort),
+        cut=None
+        if recording.effort is None
+        else cut_off(recording.effort)[np.searchsorted(recording.time, joined["time"])],
     )
 
 

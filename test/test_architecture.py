@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
     {"dynamics", "errors", "kernels"},
     {"recording", "urdf"},
-    {"repeats"},
+    {"glitches", "repeats"},
     {"robot", "signals"},
     {"scores"},
     {"effects", "bdnn", "physical", "bags"},

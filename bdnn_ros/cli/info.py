@@ -13,7 +13,7 @@ import numpy as np
 from bdnn_ros import bags
 from bdnn_ros.cli import options
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.recording import Recording, moving
+from bdnn_ros.recording import Recording, cut_off, moving
 from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, prepare
 from bdnn_ros.urdf import Limits
@@ -21,8 +21,6 @@ from bdnn_ros.urdf import Limits
 HELP = "say what a bag holds and whether it is fit for identification"
 NEAR_LIMIT = 0.98
 """An effort or velocity above this share of its limit counts as saturated."""
-PLATEAU = 5
-"""So many equal samples in a row at a joint's extreme effort are a plateau: the effort was clipped."""
 CLIPPED = 0.01
 """A share of samples at a limit that is worth a word."""
 UNEVEN = 0.2
@@ -170,19 +168,7 @@ def _saturated(recording: Recording, limits: Limits | None) -> np.ndarray:
     at_limit = np.zeros(recording.effort.shape, bool)
     if limits is not None:
         at_limit = np.abs(recording.effort) >= NEAR_LIMIT * limits.effort
-    return np.asarray(np.mean(at_limit | _plateaus(recording.effort), axis=0))
-
-
-def _plateaus(effort: np.ndarray) -> np.ndarray:
-    """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort, (N, n) bool."""
-    result = np.zeros(effort.shape, bool)
-    for k, column in enumerate(effort.T):
-        for extreme in (column.min(), column.max()):
-            inside = np.concatenate([[0], column == extreme, [0]]).astype(int)
-            starts, ends = np.flatnonzero(np.diff(inside) > 0), np.flatnonzero(np.diff(inside) < 0)
-            for start, end in zip(starts, ends, strict=True):
-                result[start:end, k] |= PLATEAU <= end - start < len(column)
-    return result
+    return np.asarray(np.mean(at_limit | cut_off(recording.effort), axis=0))
 
 
 def _reversals(velocity: np.ndarray) -> int:

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, TextIO
 
@@ -16,7 +17,7 @@ from bdnn_ros import bags
 from bdnn_ros.errors import RecordingError, RobotError, UsageError, listed
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import BUNDLED, Robot
-from bdnn_ros.signals import MINIMUM_SAMPLES
+from bdnn_ros.signals import MINIMUM_SAMPLES, mended
 
 
 def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one", "many"]) -> None:
@@ -93,7 +94,7 @@ def load(
     ]
     robot = given or _own_robot(args, recordings, needs_robot)
     chosen = required or _common_joints(recordings, robot)
-    recordings = [recording.select(chosen) for recording in recordings]
+    recordings = [_with_notes(recording.select(chosen)) for recording in recordings]
     for recording in recordings:
         for note in recording.notes:
             say(note)
@@ -110,6 +111,11 @@ def load(
         if given or needs_robot:
             raise
         return recordings, None
+
+
+def _with_notes(recording: Recording) -> Recording:
+    """The recording as it was read, with notes on what every use of it will mend."""
+    return replace(recording, notes=mended(recording).notes)
 
 
 def require_motion(recording: Recording) -> None:

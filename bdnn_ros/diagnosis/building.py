@@ -24,6 +24,8 @@ TURNING_WIDTHS = 2.0
 """The low-pass reaches so many of its standard deviations."""
 SLOW_SHARE = 0.02
 """A joint creeps below this share of its usual speed."""
+CUT_SHARE = 0.02
+"""An effort tells nothing where so much of what the low-pass saw was cut off."""
 DWELLING_WIDTHS, STICKING_WIDTHS = 0.5, 2.0
 """A joint that creeps for so many standard deviations of the low-pass dwells; it sticks after so many."""
 
@@ -69,7 +71,7 @@ def build(
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     masses = (np.arange(len(relative)) % PER_LINK == 0) & (covariance is None)
-    usable = ~(resting | sticks(signals, STICKING_WIDTHS))[rows]
+    usable = ~(resting | sticks(signals, STICKING_WIDTHS) | cut(signals))[rows]
     since = signals.time[rows] - signals.time[rows[0]]
     block = since // max(BLOCK_SECONDS, since[-1] / (MOST_BLOCKS - 1e-6))
     _, block = np.unique(block, return_inverse=True)
@@ -115,6 +117,14 @@ def turns(signals: Signals) -> np.ndarray:
         v = signals.velocity[rows]
         turning[rows][1:] |= v[1:] * v[:-1] <= 0.0
     return np.abs(signals.smooth(signals.soften(turning.astype(float))))
+
+
+def cut(signals: Signals) -> np.ndarray:
+    """Samples whose low-passed effort its sensor cut off, (N, n) bool; none of a joint that was at its limit most of the time."""
+    if signals.cut is None or not signals.cut.any():
+        return np.zeros(signals.position.shape, bool)
+    seen = np.abs(signals.smooth(signals.soften(signals.cut.astype(float)))) > CUT_SHARE
+    return np.asarray(seen & (seen.mean(axis=0) < 0.5))
 
 
 def sticks(signals: Signals, widths: float) -> np.ndarray:

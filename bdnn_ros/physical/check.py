@@ -12,7 +12,7 @@ from bdnn_ros.physical.combinations import WORDS, Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
 from bdnn_ros.physical.structure import LEAD
-from bdnn_ros.recording import Recording, moving
+from bdnn_ros.recording import Recording, cut_off, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
 
@@ -225,9 +225,12 @@ def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:
 def saturated(recording: Recording, robot: Robot) -> Iterator[Remark]:
     """Joints that are at their effort limit."""
     effort = recording.require_effort()
-    for joint, column, limit in zip(robot.joints, effort.T, robot.limits.effort, strict=True):
-        share = float(np.mean(np.abs(column) >= AT_LIMIT * limit))
-        if share > SATURATED and np.abs(column).max() <= limit / AT_LIMIT:
+    limits = np.where(
+        np.abs(effort).max(axis=0) <= robot.limits.effort / AT_LIMIT, robot.limits.effort, np.inf
+    )
+    at_limit = cut_off(effort) | (np.abs(effort) >= AT_LIMIT * limits)
+    for joint, share in zip(robot.joints, at_limit.mean(axis=0), strict=True):
+        if share > SATURATED:
             yield Remark(
                 joint,
                 f"{recording.name}: {joint} is at its effort limit {100 * share:.0f} % of the time.",

@@ -1,0 +1,69 @@
+"""Readings that stand out alone: a bus or a sensor that was wrong for a sample or two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from bdnn_ros.errors import listed
+from bdnn_ros.recording import Recording
+
+WINDOW = 5
+"""The median of so many samples bridges a glitch of two; a step stays a step."""
+STANDS_OUT = 20.0
+"""A glitch is further from the median than so many times what nine of ten readings around it are."""
+AROUND = 25
+"""Readings on either side that it is compared with."""
+RARE = 5.0
+"""And than so many times what one in a hundred of all are."""
+SHARES = {"position": 0.01, "velocity": 0.5, "effort": 0.5}
+"""And than this share of the range that the readings cover: nothing jumps, but an impact in a gear is felt for a sample."""
+
+
+def without_glitches(recording: Recording) -> Recording:
+    """The recording with every reading that stands out alone replaced by the median of five around it.
+
+    One wrong reading among thousands passes for a push, and a low-pass spreads it. What lasts three samples is kept: so
+    brief a contact is real, as far as anyone can tell; and so is what happens often.
+    """
+    found: dict[str, int] = {}
+    mended: dict[str, Any] = {}
+    for field, share in SHARES.items():
+        values = getattr(recording, field)
+        if values is None or len(values) <= 2 * AROUND:
+            continue
+        clean, counts = _bridged(values, share, recording.segments())
+        if counts.any():
+            mended[field] = clean
+            for joint, count in zip(recording.joints, counts, strict=True):
+                found[joint] = found.get(joint, 0) + int(count)
+    if not mended:
+        return recording
+    joints = listed(joint for joint, count in found.items() if count)
+    readings = "1 reading" if sum(found.values()) == 1 else f"{sum(found.values())} readings"
+    note = (
+        f"{recording.name}: {readings} of {joints} stood out alone ({listed(mended)}); "
+        "replaced by the median of the readings around. Check the driver and its bus."
+    )
+    return replace(recording, **mended, notes=(*recording.notes, note))
+
+
+def _bridged(values: np.ndarray, share: float, segments: list[slice]) -> tuple[np.ndarray, np.ndarray]:
+    """Values (N, n) without glitches, and how many each column had, (n,)."""
+    usual = np.concatenate(
+        [median_filter(values[rows], size=(WINDOW, 1), mode="nearest") for rows in segments]
+    )
+    apart = np.abs(values - usual)
+    low, high = np.percentile(values, [0.5, 99.5], axis=0)
+    least = np.maximum(RARE * np.percentile(apart, 99.0, axis=0), share * (high - low))
+    clean, counts = values, np.zeros(values.shape[1], int)
+    for row, joint in np.argwhere(apart > least):
+        around = apart[max(row - AROUND, 0) : row + AROUND + 1, joint]
+        if apart[row, joint] > STANDS_OUT * np.percentile(around, 90.0):
+            clean = values.copy() if clean is values else clean
+            clean[row, joint] = usual[row, joint]
+            counts[joint] += 1
+    return clean, counts

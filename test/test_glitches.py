@@ -1,0 +1,143 @@
+"""Wrong readings: replaced where they stand out alone, left out where a sensor is at its limit; nothing named for them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
+from bdnn_ros.diagnosis.building import build
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.glitches import without_glitches
+from bdnn_ros.physical import check
+from bdnn_ros.recording import Recording, cut_off
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.simulation.simulate import simulate
+
+STRIBECK = "stribeck_friction@arm2_joint1:coulomb=1.0,static=2.0,velocity=0.05"
+
+
+def swing(noise: float = 0.01) -> Recording:
+    """Two joints that swing, with friction that turns over where they do."""
+    time = np.arange(4000) / 500.0
+    position = np.stack([np.sin(2.0 * time), 0.5 * np.cos(3.0 * time)], axis=1)
+    velocity = np.gradient(position, time, axis=0)
+    rng = np.random.default_rng(0)
+    effort = np.sign(velocity) + position + noise * rng.standard_normal(position.shape)
+    return Recording(
+        time, ("a", "b"), position + 1e-5 * rng.standard_normal(position.shape), velocity, effort
+    )
+
+
+def glitched(recording: Recording, seed: int = 0) -> Recording:
+    """A few efforts and positions read wrong, one or two in a row."""
+    rng = np.random.default_rng(seed)
+    position, effort = recording.position.copy(), recording.require_effort().copy()
+    for row in rng.choice(len(recording) - 2, 6, replace=False):
+        effort[row : row + 1 + row % 2, row % recording.width] = 10.0 * np.abs(effort).max()
+    for row in rng.choice(len(recording) - 2, 2, replace=False):
+        position[row, row % recording.width] += 0.3
+    return replace(recording, position=position, effort=effort)
+
+
+@pytest.mark.parametrize("field, length", [("effort", 1), ("effort", 2), ("position", 1), ("velocity", 2)])
+def test_readings_that_stand_out_alone_are_replaced_and_told(field, length):
+    recording = swing()
+    wrong = getattr(recording, field).copy()
+    wrong[1000 : 1000 + length, 1] += 8.0
+    mended = without_glitches(replace(recording, **{field: wrong}))
+    values, right = getattr(mended, field), getattr(recording, field)
+    np.testing.assert_array_equal(
+        np.delete(values, [1000, 1001], axis=0), np.delete(right, [1000, 1001], axis=0)
+    )
+    assert np.abs(values[1000:1002] - right[1000:1002]).max() < 0.05
+    assert mended.notes == (
+        f"recording: {length} reading{'s' * (length > 1)} of b stood out alone ({field}); "
+        "replaced by the median of the readings around. Check the driver and its bus.",
+    )
+
+
+@pytest.mark.parametrize("lasting", [3, 50])
+def test_what_lasts_or_is_no_more_than_noise_steps_and_rounding_is_kept(lasting):
+    recording = swing()
+    pushed = recording.require_effort().copy()
+    pushed[1000 : 1000 + lasting] += 8.0
+    for kept in (
+        recording,
+        replace(recording, effort=pushed),
+        replace(
+            recording,
+            effort=np.round(recording.require_effort(), 1),
+            position=np.round(recording.position, 2),
+        ),
+        replace(recording, effort=np.zeros_like(pushed), velocity=None),
+        recording.part(slice(0, 30)),
+    ):
+        assert without_glitches(kept) is kept
+
+
+def test_impacts_of_a_loose_gear_are_kept():
+    robot = Robot.bundled("arm2")
+    loose = parse_spec("backlash@arm2_joint2:gap=0.02", robot)
+    recording = simulate(robot, [loose], seed=1, duration=20.0).recording
+    assert without_glitches(recording) is recording
+
+
+@pytest.mark.parametrize("spec", [STRIBECK, None])
+def test_wrong_readings_and_a_sensor_at_its_limit_change_no_verdict(spec):
+    robot = Robot.bundled("arm2")
+    hidden = [] if spec is None else [parse_spec(spec, robot)]
+    recording = simulate(robot, hidden, seed=3, duration=30.0).recording
+    limit = 0.75 * np.abs(recording.require_effort()).max(axis=0)
+    cut = replace(recording, effort=np.clip(recording.require_effort(), -limit, limit))
+    right = diagnose([recording], robot)
+    assert [finding.effect for finding in right.findings] == ([] if spec is None else ["stribeck_friction"])
+    for wrong in (glitched(recording), cut):
+        found = diagnose([wrong], robot)
+        assert found.verdict == right.verdict
+        assert [(f.effect, f.joint) for f in found.findings] == [(f.effect, f.joint) for f in right.findings]
+
+
+def test_rows_that_saw_a_sensor_at_its_limit_do_not_count():
+    robot = Robot.bundled("arm2")
+    recording = simulate(robot, seed=3, duration=20.0).recording
+    effort = recording.require_effort()
+    limit = 0.8 * effort[:, 0].max()
+    cut = replace(recording, effort=np.minimum(effort, [limit, np.inf]))
+    before, after = (build(flattened(prepare(one), 5.0), robot) for one in (recording, cut))
+    lost = before.usable & ~after.usable
+    assert not lost[:, 1].any()
+    at_limit = np.interp(
+        before.motion.signals.time[before.rows],
+        recording.time,
+        cut_off(cut.require_effort())[:, 0].astype(float),
+    )
+    assert lost[(at_limit > 0.5) & before.usable[:, 0], 0].all()
+    assert 0.02 < lost[:, 0].mean() < 0.5
+    mostly = replace(recording, effort=np.clip(effort, -0.05, 0.05))
+    assert build(flattened(prepare(mostly), 5.0), robot).usable.any()
+
+
+def test_a_sensor_at_its_own_limit_is_remarked_on():
+    robot = Robot.bundled("arm2")
+    recording = simulate(robot, seed=3, duration=10.0).recording
+    effort = recording.require_effort()
+    cut = replace(recording, effort=np.minimum(effort, [np.inf, 0.7 * effort[:, 1].max()]))
+    assert list(check.saturated(recording, robot)) == []
+    assert [remark.about for remark in check.saturated(cut, robot)] == [robot.joints[1]]
+
+
+def test_a_command_says_what_it_replaced(tmp_path, capsys):
+    robot = Robot.bundled("arm2")
+    recording = simulate(robot, seed=3, duration=15.0).recording
+    bag = bags.write(glitched(recording), tmp_path / "bag")
+    main(["diagnose", str(bag), "--out", str(tmp_path / "out")])
+    assert "stood out alone" in capsys.readouterr().err
+    (note,) = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["notes"]
+    assert "stood out alone" in note
