@@ -17,8 +17,6 @@ STILL_WIDTHS = 12.0
 """A joint that covers less than this many standard deviations of its position's noise does not move."""
 STILL_RANGE = 1e-4
 """Nor does one that covers less than this [rad]."""
-PLATEAU = 5
-"""So many equal samples in a row at a joint's extreme effort are a plateau: the effort was cut off."""
 
 
 @dataclass(frozen=True)
@@ -266,18 +264,6 @@ def moving(recording: Recording) -> np.ndarray:
         return np.zeros(recording.width, bool)
     still = np.maximum(STILL_RANGE, STILL_WIDTHS * position_noise(recording))
     return np.asarray(np.ptp(recording.position, axis=0) > still)
-
-
-def cut_off(effort: np.ndarray) -> np.ndarray:
-    """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort, (N, n) bool."""
-    result = np.zeros(effort.shape, bool)
-    for k, column in enumerate(effort.T):
-        for extreme in (column.min(), column.max()):
-            inside = np.concatenate([[0], column == extreme, [0]]).astype(int)
-            starts, ends = np.flatnonzero(np.diff(inside) > 0), np.flatnonzero(np.diff(inside) < 0)
-            for start, end in zip(starts, ends, strict=True):
-                result[start:end, k] |= PLATEAU <= end - start < len(column)
-    return result
 
 
 def _refuse_invalid(recording: Recording, field: str, values: np.ndarray) -> None:

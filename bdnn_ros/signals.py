@@ -18,8 +18,9 @@ from scipy.ndimage import convolve1d
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.glitches import without_glitches
 from bdnn_ros.kernels import convolved_at, even_grid, gaussian_kernel, gaussian_std, passed_noise
-from bdnn_ros.recording import Recording, cut_off, position_noise, white_noise
+from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.repeats import without_repeats
+from bdnn_ros.unmeasured import unmeasured
 
 DEFAULT_CUTOFF = 10.0
 """-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""
@@ -49,7 +50,7 @@ class Signals:
         raw_rate: the recording's own rate [Hz].
         flat: cut-off of the flattened low-pass the signals have passed [Hz]; None where it was the one of `smooth`.
         effort_noise: standard deviation of the white noise on the measured effort, (n,) [N·m], or None.
-        cut: where the measured effort stood at a limit of its sensor, (N, n) bool, or None.
+        unmeasured: where the effort says nothing of what acts, (N, n) bool, or None.
     """
 
     time: np.ndarray
@@ -66,7 +67,7 @@ class Signals:
     raw_rate: float
     flat: float | None = None
     effort_noise: np.ndarray | None = None
-    cut: np.ndarray | None = None
+    unmeasured: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -164,7 +165,7 @@ class Signals:
             acceleration=self.acceleration[index],
             effort=None if self.effort is None else self.effort[index],
             reported_velocity=None if self.reported_velocity is None else self.reported_velocity[index],
-            cut=None if self.cut is None else self.cut[index],
+            unmeasured=None if self.unmeasured is None else self.unmeasured[index],
             segments=tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a),
         )
 
@@ -216,9 +217,9 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
         position_noise=position_noise(recording),
         raw_rate=recording.rate,
         effort_noise=None if recording.effort is None else white_noise(recording.effort),
-        cut=None
+        unmeasured=None
         if recording.effort is None
-        else cut_off(recording.effort)[np.searchsorted(recording.time, joined["time"])],
+        else unmeasured(recording.effort)[np.searchsorted(recording.time, joined["time"])],
     )
 
 

@@ -29,7 +29,7 @@ def signals_of(robot: str = "arm2", duration: float = 12.0, seed: int = 0) -> Si
     plan = fourier(arm, time, np.random.default_rng(seed))
     recording = Recording(time, arm.joints, plan.position, plan.velocity, np.zeros_like(plan.position))
     signals = flattened(prepare(recording), CUTOFF)
-    return replace(signals, effort=nominal_effort(arm, signals))
+    return replace(signals, effort=nominal_effort(arm, signals), unmeasured=None)
 
 
 def term(spec: str, robot: Robot) -> tuple[Term, np.ndarray]:

@@ -13,9 +13,10 @@ import numpy as np
 from bdnn_ros import bags
 from bdnn_ros.cli import options
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.recording import Recording, cut_off, moving
+from bdnn_ros.recording import Recording, moving
 from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.unmeasured import cut_off
 from bdnn_ros.urdf import Limits
 
 HELP = "say what a bag holds and whether it is fit for identification"

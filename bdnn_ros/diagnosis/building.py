@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
 from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.units import require_unit
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
@@ -24,8 +25,8 @@ TURNING_WIDTHS = 2.0
 """The low-pass reaches so many of its standard deviations."""
 SLOW_SHARE = 0.02
 """A joint creeps below this share of its usual speed."""
-CUT_SHARE = 0.02
-"""An effort tells nothing where so much of what the low-pass saw was cut off."""
+UNSEEN = 0.02
+"""An effort tells nothing where so much of what the low-pass saw was not measured."""
 DWELLING_WIDTHS, STICKING_WIDTHS = 0.5, 2.0
 """A joint that creeps for so many standard deviations of the low-pass dwells; it sticks after so many."""
 
@@ -71,7 +72,13 @@ def build(
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     masses = (np.arange(len(relative)) % PER_LINK == 0) & (covariance is None)
-    usable = ~(resting | sticks(signals, STICKING_WIDTHS) | cut(signals))[rows]
+    usable = ~(resting | sticks(signals, STICKING_WIDTHS) | unseen(signals))[rows]
+    if not usable.any():
+        raise RecordingError(
+            "Wherever the robot moves its effort is at a limit or stands still.",
+            "Check that the driver reports it, or move the robot more gently.",
+        )
+    require_unit(signals.effort[rows], simulated[rows], signals.sign[rows], usable)
     since = signals.time[rows] - signals.time[rows[0]]
     block = since // max(BLOCK_SECONDS, since[-1] / (MOST_BLOCKS - 1e-6))
     _, block = np.unique(block, return_inverse=True)
@@ -119,12 +126,11 @@ def turns(signals: Signals) -> np.ndarray:
     return np.abs(signals.smooth(signals.soften(turning.astype(float))))
 
 
-def cut(signals: Signals) -> np.ndarray:
-    """Samples whose low-passed effort its sensor cut off, (N, n) bool; none of a joint that was at its limit most of the time."""
-    if signals.cut is None or not signals.cut.any():
+def unseen(signals: Signals) -> np.ndarray:
+    """Samples whose low-passed effort holds much that was not measured, (N, n) bool."""
+    if signals.unmeasured is None or not signals.unmeasured.any():
         return np.zeros(signals.position.shape, bool)
-    seen = np.abs(signals.smooth(signals.soften(signals.cut.astype(float)))) > CUT_SHARE
-    return np.asarray(seen & (seen.mean(axis=0) < 0.5))
+    return np.abs(signals.smooth(signals.soften(signals.unmeasured.astype(float)))) > UNSEEN
 
 
 def sticks(signals: Signals, widths: float) -> np.ndarray:

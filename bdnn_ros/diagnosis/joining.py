@@ -39,7 +39,7 @@ def concatenated(parts: list[Signals]) -> Signals:
         values = [getattr(part, key) for part in parts]
         return None if any(v is None for v in values) else np.concatenate(values)
 
-    keys = ("position", "velocity", "acceleration", "effort", "reported_velocity", "cut")
+    keys = ("position", "velocity", "acceleration", "effort", "reported_velocity", "unmeasured")
     return replace(
         parts[0],
         time=np.concatenate([p.time - p.time[0] + shift for p, shift in zip(parts, shifts, strict=True)]),

@@ -41,6 +41,5 @@ def _noise_ratio(recording: Recording, robot: Robot, cutoff: float) -> float:
     acceleration = passed_noise(position_noise(recording), std, recording.rate, order=2)
     effort = passed_noise(white_noise(recording.require_effort()), std, recording.rate)
     from_position = np.sqrt(mass**2 @ acceleration**2)
-    return float(
-        np.max(from_position / np.maximum(effort, 1e-4 * np.std(recording.require_effort(), axis=0)))
-    )
+    own = np.maximum(effort, 1e-4 * np.std(recording.require_effort(), axis=0))
+    return float(np.max(from_position[own > 0.0] / own[own > 0.0], initial=0.0))

@@ -12,9 +12,10 @@ from bdnn_ros.physical.combinations import WORDS, Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
 from bdnn_ros.physical.structure import LEAD
-from bdnn_ros.recording import Recording, cut_off, moving
+from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.unmeasured import absent, cut_off, held
 
 UNKNOWN = 0.5
 """A parameter whose standard deviation is still this share of what it was before is hardly known."""
@@ -38,6 +39,8 @@ AT_LIMIT = 0.98
 """An effort this near its limit is saturated, unless it goes beyond as well: then the limit does not cut."""
 SATURATED = 0.01
 """Share of saturated samples that is worth a word."""
+HELD_SECONDS = 0.05
+"""Efforts that stand still for less than this are not worth a word [s]."""
 BEYOND = 0.05
 """A joint that leaves its range by this share of it is another, or in another unit."""
 EXAMPLES = 3
@@ -103,7 +106,8 @@ def check_data(recordings: Sequence[Recording], robot: Robot, cutoff: float | No
 def _oddities(recordings: Sequence[Recording], robot: Robot, signals: Sequence[Signals]) -> list[Remark]:
     found: list[Remark] = []
     for recording, one in zip(recordings, signals, strict=True):
-        found += [*beyond(recording, robot), *saturated(recording, robot), *odd_velocity(recording, one)]
+        found += [*beyond(recording, robot), *unread(recording), *saturated(recording, robot)]
+        found += odd_velocity(recording, one)
     return found
 
 
@@ -222,13 +226,32 @@ def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:
         )
 
 
+def unread(recording: Recording) -> Iterator[Remark]:
+    """Joints whose driver reports no effort, and for how long it repeated all of them."""
+    effort = recording.require_effort()
+    missing = [joint for joint, gone in zip(recording.joints, absent(effort), strict=True) if gone]
+    if missing:
+        yield Remark(
+            listed(missing),
+            f"{recording.name}: the effort of {listed(missing)} never changes.",
+            "Check that the driver reports it: nothing can be said about it.",
+        )
+    seconds = float(held(effort).sum() / max(recording.rate, 1e-9))
+    if seconds > HELD_SECONDS and len(missing) < recording.width:
+        yield Remark(
+            "",
+            f"{recording.name}: all efforts stand still for {seconds:.2g} s, longer than usual.",
+            "If the robot moved meanwhile, check the driver; such moments do not count in a diagnosis.",
+        )
+
+
 def saturated(recording: Recording, robot: Robot) -> Iterator[Remark]:
     """Joints that are at their effort limit."""
     effort = recording.require_effort()
     limits = np.where(
         np.abs(effort).max(axis=0) <= robot.limits.effort / AT_LIMIT, robot.limits.effort, np.inf
     )
-    at_limit = cut_off(effort) | (np.abs(effort) >= AT_LIMIT * limits)
+    at_limit = (cut_off(effort) & ~held(effort)[:, None]) | (np.abs(effort) >= AT_LIMIT * limits)
     for joint, share in zip(robot.joints, at_limit.mean(axis=0), strict=True):
         if share > SATURATED:
             yield Remark(

@@ -1,0 +1,49 @@
+"""Where a recorded effort says nothing of what acts: a sensor at its limit, a driver that stands still, none at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+PLATEAU = 5
+"""So many equal samples in a row at a joint's extreme effort are a plateau: the effort was cut off."""
+HELD = 3.0
+"""Efforts of all joints that stay for so many times as long as they usually do are held by their driver."""
+
+
+def unmeasured(effort: np.ndarray) -> np.ndarray:
+    """Samples of an effort (N, n) at which it was not measured, (N, n) bool."""
+    return cut_off(effort) | held(effort)[:, None] | absent(effort)
+
+
+def absent(effort: np.ndarray) -> np.ndarray:
+    """Joints whose effort is the same throughout, (n,) bool: their driver reports none."""
+    return np.asarray(np.ptp(effort, axis=0) == 0.0)
+
+
+def cut_off(effort: np.ndarray) -> np.ndarray:
+    """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort, (N, n) bool."""
+    result = np.zeros(effort.shape, bool)
+    for k, column in enumerate(effort.T):
+        for extreme in (column.min(), column.max()):
+            for start, stop in _runs(column == extreme):
+                result[start:stop, k] |= PLATEAU <= stop - start < len(column)
+    return result
+
+
+def held(effort: np.ndarray) -> np.ndarray:
+    """Samples that repeat the efforts of all joints for much longer than is usual here, (N,) bool."""
+    result = np.zeros(len(effort), bool)
+    fresh = np.flatnonzero(np.append(True, (np.diff(effort, axis=0) != 0.0).any(axis=1)))
+    usual = np.percentile(np.diff(fresh), 90.0) if len(fresh) > 1 else len(effort)
+    longest = max(PLATEAU, HELD * usual)
+    for start, stop in zip(fresh, [*fresh[1:], len(effort)], strict=True):
+        result[start + 1 : stop] = stop - start > longest
+    return result
+
+
+def _runs(inside: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Rows [start, stop) of each run of True, of (N,) bool."""
+    edges = np.diff(np.concatenate([[0], inside.astype(int), [0]]))
+    yield from zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)

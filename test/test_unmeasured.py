@@ -1,0 +1,130 @@
+"""Efforts that say nothing of what acts: they do not count, are told, and nothing is named for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_glitches import glitched
+
+from bdnn_ros.diagnosis.building import build
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical import check
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.simulation.simulate import simulate
+from bdnn_ros.unmeasured import absent, cut_off, held, unmeasured
+
+STRIBECK = "stribeck_friction@arm2_joint1:coulomb=1.0,static=2.0,velocity=0.05"
+LOW = 5.0
+"""A low-pass that diagnoses use [Hz]."""
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return Robot.bundled("arm2")
+
+
+@pytest.fixture(scope="module")
+def plain(arm: Robot) -> Recording:
+    return simulate(arm, seed=3, duration=20.0).recording
+
+
+def usable(recording: Recording, robot: Robot) -> np.ndarray:
+    return build(flattened(prepare(recording), LOW), robot).usable
+
+
+def clipped(recording: Recording, share: float) -> Recording:
+    effort = recording.require_effort()
+    limit = share * np.abs(effort).max(axis=0)
+    return replace(recording, effort=np.clip(effort, -limit, limit))
+
+
+def dropped(recording: Recording) -> Recording:
+    """All efforts zero for 60 ms, five times."""
+    effort = recording.require_effort().copy()
+    for start in np.linspace(0.1, 0.9, 5) * recording.duration:
+        effort[(recording.time > start) & (recording.time < start + 0.06)] = 0.0
+    return replace(recording, effort=effort)
+
+
+def test_runs_at_an_extreme_are_a_limit_and_a_short_one_is_a_peak():
+    effort = np.sin(np.arange(100.0))[:, None] * [1.0, 1.0]
+    effort[20:26, 0] = 1.5
+    effort[40:44, 1] = -1.5
+    assert np.flatnonzero(cut_off(effort)[:, 0]).tolist() == list(range(20, 26))
+    assert not cut_off(effort)[:, 1].any()
+
+
+@pytest.mark.parametrize("each", [1, 3])
+def test_efforts_are_held_where_they_stay_longer_than_usual(each):
+    effort = np.repeat(np.random.default_rng(0).standard_normal((300, 2)), each, axis=0)
+    effort[60:90] = effort[60]
+    effort[120:130, 1] = 0.0
+    assert np.flatnonzero(held(effort)).tolist() == list(range(61, 90))
+
+
+def test_an_effort_that_never_changes_is_none():
+    effort = np.stack([np.zeros(50), np.sin(np.arange(50.0))], axis=1)
+    assert absent(effort).tolist() == [True, False]
+    np.testing.assert_array_equal(unmeasured(effort), [[True, False]] * 50)
+
+
+@pytest.mark.parametrize("spec", [STRIBECK, None])
+def test_wrong_readings_change_no_verdict(arm, spec):
+    hidden = [] if spec is None else [parse_spec(spec, arm)]
+    recording = simulate(arm, hidden, seed=3, duration=30.0).recording
+    right = diagnose([recording], arm)
+    assert [finding.effect for finding in right.findings] == ([] if spec is None else ["stribeck_friction"])
+    for wrong in (glitched(recording), clipped(recording, 0.75), dropped(recording)):
+        found = diagnose([wrong], arm)
+        assert found.verdict == right.verdict
+        assert [(f.effect, f.joint) for f in found.findings] == [(f.effect, f.joint) for f in right.findings]
+
+
+def test_a_joint_whose_effort_is_not_reported_is_left_out_and_the_others_are_told(arm):
+    recording = simulate(arm, [parse_spec(STRIBECK, arm)], seed=3, duration=30.0).recording
+    effort = recording.require_effort() * [1.0, 0.0]
+    (finding,) = diagnose([replace(recording, effort=effort)], arm).findings
+    assert (finding.effect, finding.joint) == ("stribeck_friction", "arm2_joint1")
+
+
+def test_rows_that_saw_a_limit_do_not_count_for_its_joint(arm, plain):
+    effort = plain.require_effort()
+    cut = replace(plain, effort=np.minimum(effort, [0.8 * effort[:, 0].max(), np.inf]))
+    before = build(flattened(prepare(plain), LOW), arm)
+    lost = before.usable & ~usable(cut, arm)
+    assert not lost[:, 1].any()
+    at = cut_off(cut.require_effort())[:, 0].astype(float)
+    at_limit = np.interp(before.motion.signals.time[before.rows], plain.time, at) > 0.5
+    assert lost[at_limit & before.usable[:, 0], 0].all()
+    assert 0.02 < lost[:, 0].mean() < 0.5
+
+
+def test_every_kind_is_remarked_on(arm, plain):
+    def about(recording):
+        return [
+            (one.about, one.problem) for one in (*check.unread(recording), *check.saturated(recording, arm))
+        ]
+
+    effort = plain.require_effort()
+    assert about(plain) == []
+    ((joint, problem),) = about(replace(plain, effort=effort * [1.0, 0.0]))
+    assert joint == arm.joints[1] and "never changes" in problem
+    ((_, problem),) = about(dropped(plain))
+    assert "stand still for 0.2" in problem
+    ((joint, problem),) = about(replace(plain, effort=np.minimum(effort, [np.inf, 0.7 * effort[:, 1].max()])))
+    assert joint == arm.joints[1] and "at its effort limit" in problem
+
+
+@pytest.mark.parametrize(
+    "factor, sentence", [(1000.0, "another unit"), (0.001, "another unit"), (0.0, "stands still")]
+)
+def test_efforts_in_another_unit_or_none_are_refused(arm, plain, factor, sentence):
+    with pytest.raises(RecordingError, match=sentence):
+        usable(replace(plain, effort=factor * plain.require_effort()), arm)
+    usable(replace(plain, effort=-2.0 * plain.require_effort()), arm)
