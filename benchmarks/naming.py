@@ -37,7 +37,10 @@ HERE = Path(__file__).resolve().parent
 RECORDS = HERE / "results" / "naming.jsonl"
 DOCUMENT = HERE.parent / "docs" / "naming.md"
 RECORDED = HERE / "results" / "naming_recordings.json"
-SOURCES = ("diagnosis", "effects", "simulation", "signals.py", "kernels.py", "recording.py", "robot.py")
+SOURCES = (
+    *("diagnosis", "effects", "simulation", "signals.py", "kernels.py", "recording.py", "robot.py"),
+    *("glitches.py", "repeats.py", "unmeasured.py"),
+)
 FIRST_SEED, BUDGET = 10000, 120.0
 HEAD = """# Naming hidden effects: blind draws
 
