@@ -29,6 +29,8 @@ SAMPLES_PER_CUTOFF = 20.0
 """Working rate per cut-off frequency: 200 Hz for 10 Hz."""
 MINIMUM_SAMPLES = 20
 """A segment shorter than this many working samples is left out."""
+UNSEEN = 0.02
+"""An effort tells nothing where so much of what the low-pass saw was not measured."""
 REST_WIDTHS = 5.0
 """A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
 
@@ -146,6 +148,13 @@ class Signals:
         """Where a joint stands still, so that dry friction has no direction, (N, n) bool."""
         slow = np.abs(self.velocity) < self.rest_velocity
         return slow & (np.abs(self.acceleration) * self.motion_std < 2.0 * self.rest_velocity)
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """Where the effort, low-passed once more, holds little that was not measured, (N, n) bool."""
+        if self.unmeasured is None or not self.unmeasured.any():
+            return np.ones(self.position.shape, bool)
+        return np.abs(self.smooth(self.soften(self.unmeasured.astype(float)))) < UNSEEN
 
     def between(self, start: float, end: float) -> Signals:
         """The samples with start <= time < end [s]."""

@@ -25,8 +25,6 @@ TURNING_WIDTHS = 2.0
 """The low-pass reaches so many of its standard deviations."""
 SLOW_SHARE = 0.02
 """A joint creeps below this share of its usual speed."""
-UNSEEN = 0.02
-"""An effort tells nothing where so much of what the low-pass saw was not measured."""
 DWELLING_WIDTHS, STICKING_WIDTHS = 0.5, 2.0
 """A joint that creeps for so many standard deviations of the low-pass dwells; it sticks after so many."""
 
@@ -72,7 +70,7 @@ def build(
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     masses = (np.arange(len(relative)) % PER_LINK == 0) & (covariance is None)
-    usable = ~(resting | sticks(signals, STICKING_WIDTHS) | unseen(signals))[rows]
+    usable = ~(resting | sticks(signals, STICKING_WIDTHS) | ~signals.seen)[rows]
     if not usable.any():
         raise RecordingError(
             "Wherever the robot moves its effort is at a limit or stands still.",
@@ -124,13 +122,6 @@ def turns(signals: Signals) -> np.ndarray:
         v = signals.velocity[rows]
         turning[rows][1:] |= v[1:] * v[:-1] <= 0.0
     return np.abs(signals.smooth(signals.soften(turning.astype(float))))
-
-
-def unseen(signals: Signals) -> np.ndarray:
-    """Samples whose low-passed effort holds much that was not measured, (N, n) bool."""
-    if signals.unmeasured is None or not signals.unmeasured.any():
-        return np.zeros(signals.position.shape, bool)
-    return np.abs(signals.smooth(signals.soften(signals.unmeasured.astype(float)))) > UNSEEN
 
 
 def sticks(signals: Signals, widths: float) -> np.ndarray:

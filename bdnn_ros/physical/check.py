@@ -241,7 +241,7 @@ def unread(recording: Recording) -> Iterator[Remark]:
         yield Remark(
             "",
             f"{recording.name}: all efforts stand still for {seconds:.2g} s, longer than usual.",
-            "If the robot moved meanwhile, check the driver; such moments do not count in a diagnosis.",
+            "If the robot moved meanwhile, check the driver; such moments do not count.",
         )
 
 

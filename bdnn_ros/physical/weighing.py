@@ -12,6 +12,8 @@ SLIDING = 0.05
 TURNING_WEIGHT = 0.2
 """Rows near a joint's reversal, slower than so many velocity limits, count less for its parameters, down to this:
 dry friction may then be anything. What is learned beside the parameters is chosen with all rows alike."""
+UNSEEN_WEIGHT = 1e-6
+"""What a row counts for a joint whose effort was not measured there."""
 REST_WEIGHT = 0.1
 """What a row counts for a joint at rest: dry friction may then hold anything up to its breakaway."""
 
@@ -19,7 +21,7 @@ REST_WEIGHT = 0.1
 def certainty(
     signals: Signals, rows: np.ndarray, state: Directions, friction: np.ndarray, residual: np.ndarray
 ) -> np.ndarray:
-    """Share of a row's error that is not doubt of friction's direction, (len(rows), n), 0 to 1.
+    """Share of a row's error that is not doubt of friction's direction, (len(rows), n), 0 to 1; hardly any if unmeasured.
 
     Without it slow motion, whose reversals the position's noise hides, pulls over what fast motion told.
 
@@ -28,7 +30,8 @@ def certainty(
         residual: standard deviation of what is usually left of each joint, (n,) [N·m].
     """
     doubt = friction * signals.smooth(signals.smooth(state.doubt))[rows]
-    return np.asarray(residual**2 / (residual**2 + doubt**2))
+    measured = np.where(signals.seen[rows], 1.0, UNSEEN_WEIGHT)
+    return np.asarray(measured * residual**2 / (residual**2 + doubt**2))
 
 
 def sliding(signals: Signals, rows: np.ndarray, scales: Scales) -> np.ndarray:
