@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical import check
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -52,6 +53,12 @@ def dropped(recording: Recording) -> Recording:
     return replace(recording, effort=effort)
 
 
+def without_effort(recording: Recording, joint: int) -> Recording:
+    effort = recording.require_effort().copy()
+    effort[:, joint] = 0.0
+    return replace(recording, effort=effort)
+
+
 def test_runs_at_an_extreme_are_a_limit_and_a_short_one_is_a_peak():
     effort = np.sin(np.arange(100.0))[:, None] * [1.0, 1.0]
     effort[20:26, 0] = 1.5
@@ -88,9 +95,24 @@ def test_wrong_readings_change_no_verdict(arm, spec):
 
 def test_a_joint_whose_effort_is_not_reported_is_left_out_and_the_others_are_told(arm):
     recording = simulate(arm, [parse_spec(STRIBECK, arm)], seed=3, duration=30.0).recording
-    effort = recording.require_effort() * [1.0, 0.0]
-    (finding,) = diagnose([replace(recording, effort=effort)], arm).findings
+    (finding,) = diagnose([without_effort(recording, 1)], arm).findings
     assert (finding.effect, finding.joint) == ("stribeck_friction", "arm2_joint1")
+
+
+@pytest.mark.parametrize("wrong", [dropped, lambda recording: without_effort(recording, 1)])
+def test_identification_leaves_out_what_was_not_measured(arm, plain, wrong):
+    """A joint without a sensor keeps what is believed of it, and the other is as good as ever."""
+    signals = prepare(plain)
+
+    def error(one: Recording) -> np.ndarray:
+        model = Identifier(arm).fit([one])
+        np.testing.assert_allclose(model.robot.inertials, arm.inertials, atol=0.1)
+        left = signals.smooth(signals.effort - model.predict(signals))[signals.interior]
+        return np.std(left, axis=0) / np.std(signals.effort, axis=0)
+
+    left = error(wrong(plain))
+    assert left[0] < 1.1 * error(plain)[0] + 1e-3
+    assert left[1] < 0.7
 
 
 def test_rows_that_saw_a_limit_do_not_count_for_its_joint(arm, plain):
@@ -113,7 +135,7 @@ def test_every_kind_is_remarked_on(arm, plain):
 
     effort = plain.require_effort()
     assert about(plain) == []
-    ((joint, problem),) = about(replace(plain, effort=effort * [1.0, 0.0]))
+    ((joint, problem),) = about(without_effort(plain, 1))
     assert joint == arm.joints[1] and "never changes" in problem
     ((_, problem),) = about(dropped(plain))
     assert "stand still for 0.2" in problem
