@@ -85,11 +85,14 @@ def test_impacts_of_a_loose_gear_are_kept():
     assert without_glitches(recording) is recording
 
 
-def test_a_command_says_what_it_replaced(tmp_path, capsys):
+def test_a_command_says_what_it_replaced_and_what_was_not_measured(tmp_path, capsys):
     robot = Robot.bundled("arm2")
-    recording = simulate(robot, seed=3, duration=15.0).recording
-    bag = bags.write(glitched(recording), tmp_path / "bag")
-    main(["diagnose", str(bag), "--out", str(tmp_path / "out")])
-    assert "stood out alone" in capsys.readouterr().err
-    (note,) = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["notes"]
-    assert "stood out alone" in note
+    recording = glitched(simulate(robot, seed=3, duration=15.0).recording)
+    effort = recording.require_effort() * [1.0, 0.0]
+    bag = bags.write(replace(recording, effort=effort), tmp_path / "bag")
+    assert main(["diagnose", str(bag), "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr()
+    notes = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["notes"]
+    for words, printed in (("stood out alone", told.err), ("arm2_joint2 never changes", told.out)):
+        assert words in printed
+        assert sum(words in note for note in notes) == 1

@@ -67,17 +67,18 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("There is no simulation to compare with.", "Give --urdf FILE or --robot NAME.")
     with _progress() as say:
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
-        examination = replace(examination, diagnosis=_sourced(examination.diagnosis, args))
+        remarks = [str(remark) for remark in check_data(recordings, robot, args.cutoff)]
+        lines = verdict_lines(examination)
+        examination = replace(examination, diagnosis=_completed(examination.diagnosis, args, remarks))
         say("writing")
         args.out.mkdir(parents=True, exist_ok=True)
         save_model(args.out, extend(examination))
         write_extension(examination, args.out)
-        remarks = [str(remark) for remark in check_data(recordings, robot, args.cutoff)]
         report = args.out / "report.html"
         write_report(examination, report, remarks)
         effort_figure(examination, args.out / "effort.png")
         examination.diagnosis.save(args.out / "diagnosis.json")
-    print("\n".join(verdict_lines(examination)))
+    print("\n".join(lines))
     for sentence in options.shortened(remarks, MOST_REMARKS, report):
         print(f"Data check: {sentence}")
     print(f"report: {report}")
@@ -147,11 +148,11 @@ def _rivals(finding: Finding) -> str:
     return f"    {finding.effect} at {finding.where} could also be: {others}"
 
 
-def _sourced(diagnosis: Diagnosis, args: argparse.Namespace) -> Diagnosis:
+def _completed(diagnosis: Diagnosis, args: argparse.Namespace, remarks: Sequence[str]) -> Diagnosis:
+    """The diagnosis with what it was asked of, and what the data check found."""
     simulation = str(args.model or args.urdf or args.robot or "/robot_description of the bag")
-    return replace(
-        diagnosis, source={**diagnosis.source, "urdf": simulation, "bags": [str(b) for b in args.bags]}
-    )
+    source = {**diagnosis.source, "urdf": simulation, "bags": [str(b) for b in args.bags]}
+    return replace(diagnosis, source=source, notes=(*diagnosis.notes, *remarks))
 
 
 @contextmanager
