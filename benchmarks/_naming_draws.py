@@ -114,7 +114,7 @@ def done(draw: Draw) -> dict[str, Any]:
     """The record of a draw: simulated, written as a bag, diagnosed from the bag, and only then compared."""
     record: dict[str, Any] = {"key": draw.key, "draw": asdict(draw)}
     try:
-        simulated, truth = _scenario(draw).run()
+        simulated, truth = scenario(draw).run()
     except BdnnError as error:
         return {**record, "status": NOT_DRAWN, "why": str(error)}
     start = time.process_time()
@@ -205,7 +205,8 @@ def example(file: str) -> Path:
     raise DataError(f"There is no {Path(file).name} here.", 'Install it: pip install ".[bench-extra]".')
 
 
-def _scenario(draw: Draw) -> Scenario:
+def scenario(draw: Draw) -> Scenario:
+    """What `bdnn simulate` would be asked for."""
     return Scenario(
         robot_of(draw.robot),
         hide=draw.hidden,

@@ -26,6 +26,7 @@ from typing import Any
 
 from _naming_draws import EXAMPLES, Choices, Draw, done
 from _naming_options import run_options
+from _naming_readings import section as readings
 from _naming_recordings import in_words, recorded, tables
 from _naming_simulator import section
 from _naming_tables import by_condition, by_effect, confusion, counted, shows, summary
@@ -204,6 +205,7 @@ def write_document(results: Path) -> None:
         markdown(by_effect(records)),
         "\n## By condition\n",
         markdown(by_condition(records)),
+        *readings(fingerprint()),
         *section(fingerprint()),
         *real_recordings(),
     ]

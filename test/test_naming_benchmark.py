@@ -6,14 +6,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from _naming_draws import Choices
 from _naming_judging import judge
+from _naming_readings import WAYS, table
 from _naming_recordings import in_words, tables
 from _naming_tables import Totals, confusion
 from _naming_text import text
@@ -222,3 +225,30 @@ def test_halves_of_a_recording_agree_differ_or_list_a_rival():
     )
     _, rows = tables({"arm": parts})[0]
     assert [row[-1] for row in rows[1:4]] == ["one", "one", "differ"] and rows[1][3] == "a rival"
+
+
+def test_every_way_to_spoil_a_recording_leaves_one_that_differs():
+    time = np.arange(5000) / 500.0
+    position = np.stack([np.sin(2.0 * time), np.cos(time)], axis=1)
+    rng = np.random.default_rng(0)
+    effort = position + 0.01 * rng.standard_normal(position.shape)
+    recording = Recording(time, ("a", "b"), position, np.gradient(position, time, axis=0), effort)
+    for way, misread in WAYS.items():
+        spoiled = misread(recording, np.random.default_rng(1))
+        same = len(spoiled) == len(recording) and all(
+            np.array_equal(getattr(spoiled, field), getattr(recording, field))
+            for field in ("time", "position", "velocity", "effort")
+            if getattr(spoiled, field) is not None
+        )
+        assert (same and spoiled.velocity is not None) == (way == "as recorded"), way
+
+
+def test_ways_are_told_apart_in_their_order():
+    outcome = {"hidden": [], "false": ["x"], "true": []}
+    records = [
+        {"way": way, "status": "diagnosed", "truth": [], "outcome": outcome, "cpu_seconds": 1.0}
+        for way in reversed(WAYS)
+    ]
+    head, *rows = table(records)
+    assert [row[0] for row in rows] == list(WAYS)
+    assert {row[head.index("false findings")] for row in rows} == {"1"}

@@ -1,0 +1,173 @@
+"""Ways in which recordings of real robots are read badly, and what diagnoses of such recordings add up to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from _naming_tables import Record, Totals, counted
+from _naming_text import Rows, markdown, percent
+from scipy.signal import lfilter
+
+from bdnn_ros.recording import Recording
+
+RECORDS = Path(__file__).resolve().parent / "results" / "naming_readings.jsonl"
+Misread = Callable[[Recording, np.random.Generator], Recording]
+
+LOST = 0.02
+"""Share of lost messages."""
+JITTER = 0.1
+"""Standard deviation of the stamps, in sample periods."""
+WRONG_READINGS = 2e-4
+"""Share of efforts read wrong by ten standard deviations, and half as many positions by half of one."""
+LIMIT = 0.75
+"""Share of the largest effort at which a sensor is at its limit."""
+DROPOUTS, DROPOUT = 5, 0.06
+"""How often all efforts are zero, and for how long [s]."""
+SLOW = 50.0
+"""Rate of a slow driver [Hz]."""
+SENSOR_CUTOFF = 10.0
+"""Of a first-order low-pass in the effort sensors [Hz]."""
+
+
+def as_recorded(recording: Recording, rng: np.random.Generator) -> Recording:
+    """As the simulation made it."""
+    return recording
+
+
+def encoder(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Positions in steps of 14 bits a turn, velocity as their difference quotient."""
+    step = 2.0 * np.pi / 2**14
+    position = np.round(recording.position / step) * step
+    return replace(recording, position=position, velocity=np.gradient(position, recording.time, axis=0))
+
+
+def jittered(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Stamps that are off by a tenth of a period."""
+    period = float(np.median(np.diff(recording.time)))
+    off = np.clip(JITTER * rng.standard_normal(len(recording)), -0.4, 0.4)
+    return replace(recording, time=recording.time + period * off)
+
+
+def lossy(recording: Recording, rng: np.random.Generator) -> Recording:
+    """One message in fifty lost."""
+    return recording.part(rng.random(len(recording)) > LOST)
+
+
+def slow(recording: Recording, rng: np.random.Generator) -> Recording:
+    """50 messages a second."""
+    return recording.part(slice(None, None, max(round(recording.rate / SLOW), 1)))
+
+
+def without_velocity(recording: Recording, rng: np.random.Generator) -> Recording:
+    """No velocity."""
+    return replace(recording, velocity=None)
+
+
+def held(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Efforts measured at a third of the rate, each published three times."""
+    return replace(recording, effort=recording.require_effort()[np.arange(len(recording)) // 3 * 3])
+
+
+def lagging(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Effort sensors behind a low-pass of 10 Hz."""
+    effort = recording.require_effort()
+    share = 1.0 - np.exp(-2.0 * np.pi * SENSOR_CUTOFF / recording.rate)
+    passed = lfilter([share], [1.0, share - 1.0], effort - effort[0], axis=0)
+    return replace(recording, effort=passed + effort[0])
+
+
+def wrong_readings(recording: Recording, rng: np.random.Generator) -> Recording:
+    """One effort in 5 000 and one position in 10 000 read wrong."""
+    position, effort = recording.position.copy(), recording.require_effort().copy()
+    for values, often, far in ((effort, WRONG_READINGS, 10.0), (position, 0.5 * WRONG_READINGS, 0.5)):
+        wrong = rng.random(values.shape) < often
+        values[wrong] += (far * values.std(axis=0) * rng.choice([-1.0, 1.0], values.shape))[wrong]
+    return replace(recording, position=position, effort=effort)
+
+
+def limited(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Effort sensors at their limit above three quarters of the largest effort."""
+    limit = LIMIT * np.abs(recording.require_effort()).max(axis=0)
+    return replace(recording, effort=np.clip(recording.require_effort(), -limit, limit))
+
+
+def dropping(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Efforts zero for 60 ms, five times."""
+    effort = recording.require_effort().copy()
+    for start in rng.uniform(0.0, recording.duration - DROPOUT, DROPOUTS):
+        effort[(recording.time >= start) & (recording.time < start + DROPOUT)] = 0.0
+    return replace(recording, effort=effort)
+
+
+WAYS: dict[str, Misread] = {
+    "as recorded": as_recorded,
+    "encoders of 14 bits": encoder,
+    "stamps off by a tenth of a period": jittered,
+    "2 % of the messages lost": lossy,
+    "50 messages a second": slow,
+    "no velocity": without_velocity,
+    "each effort published three times": held,
+    "effort sensors of 10 Hz": lagging,
+    "one reading in 5 000 wrong": wrong_readings,
+    "sensors at their limit above 75 %": limited,
+    "efforts zero for 60 ms, five times": dropping,
+}
+
+
+def table(records: Sequence[Record]) -> Rows:
+    """A row for each way."""
+    rows = [
+        [
+            "recorded",
+            "draws",
+            "named",
+            "first",
+            "silent",
+            "false findings",
+            "median error",
+            "covered",
+            "CPU s",
+        ]
+    ]
+    for way in WAYS:
+        some = counted([record for record in records if record["way"] == way])
+        if not some:
+            continue
+        totals = Totals(some)
+        seconds = [record["cpu_seconds"] for record in totals.diagnosed]
+        rows.append(
+            [
+                way,
+                str(len(some)),
+                *(percent(totals.named(key)) for key in ("named", "first", "abstained")),
+                str(len(totals.false)),
+                percent(totals.error(), 1),
+                percent(totals.covered()),
+                f"{np.median(seconds):.1f}" if seconds else "-",
+            ]
+        )
+    return rows
+
+
+def section(code: str) -> list[str]:
+    """Part of a document; nothing without results.
+
+    Args:
+        code: tells the sources as they stand from those that made the results.
+    """
+    if not RECORDS.is_file():
+        return []
+    read = [json.loads(row) for row in RECORDS.read_text(encoding="utf-8").splitlines()]
+    records = list({(record["draw"]["seed"], record["way"]): record for record in read}.values())
+    now = sum(record["code"] == code for record in counted(records))
+    return [
+        "\n## Recordings that were read badly\n",
+        "Made by `python benchmarks/naming_readings.py --budget 0`: one effect of each kind is hidden, links are 5 % off, four\n"
+        "of ten robots are worn; the same recording is then diagnosed as it is, and in every way that drivers spoil them.\n",
+        f"{len(counted(records))} diagnoses, {now} by the sources as they stand.\n",
+        markdown(table(records)),
+    ]
