@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_glitches import glitched
 
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.registry import parse_spec
@@ -141,6 +144,12 @@ def test_every_kind_is_remarked_on(arm, plain):
     assert "stand still for 0.2" in problem
     ((joint, problem),) = about(replace(plain, effort=np.minimum(effort, [np.inf, 0.7 * effort[:, 1].max()])))
     assert joint == arm.joints[1] and "at its effort limit" in problem
+
+
+def test_info_says_that_a_joint_reports_no_effort(arm, plain, tmp_path, capsys):
+    main(["info", str(bags.write(without_effort(plain, 1), tmp_path / "bag")), "--json"])
+    (concern,) = json.loads(capsys.readouterr().out)["concerns"]
+    assert concern == "The effort of arm2_joint2 never changes: its driver reports none."
 
 
 @pytest.mark.parametrize(

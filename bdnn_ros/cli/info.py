@@ -16,7 +16,7 @@ from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, prepare
-from bdnn_ros.unmeasured import cut_off
+from bdnn_ros.unmeasured import absent, cut_off
 from bdnn_ros.urdf import Limits
 
 HELP = "say what a bag holds and whether it is fit for identification"
@@ -150,6 +150,11 @@ def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
     steps = np.concatenate([np.diff(recording.time[rows]) for rows in recording.segments()])
     if np.std(steps) > UNEVEN / recording.rate:
         found.append("Stamps are uneven: stamp the joint states where they are measured.")
+    if recording.effort is not None:
+        missing = [
+            name for name, gone in zip(recording.joints, absent(recording.effort), strict=True) if gone
+        ]
+        found += [f"The effort of {name} never changes: its driver reports none." for name in missing]
     for joint in joints:
         if not joint.moves:
             continue
