@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from _naming_brief import BRIEF, in_brief
 from _naming_tables import Record, Totals, counted
-from _naming_text import Rows, markdown, percent
+from _naming_text import Rows, markdown
 from scipy.signal import lfilter
 
 from bdnn_ros.recording import Recording
@@ -120,36 +121,11 @@ WAYS: dict[str, Misread] = {
 
 def table(records: Sequence[Record]) -> Rows:
     """A row for each way."""
-    rows = [
-        [
-            "recorded",
-            "draws",
-            "named",
-            "first",
-            "silent",
-            "false findings",
-            "median error",
-            "covered",
-            "CPU s",
-        ]
-    ]
+    rows = [["recorded", *BRIEF, "CPU s"]]
     for way in WAYS:
-        some = counted([record for record in records if record["way"] == way])
-        if not some:
-            continue
-        totals = Totals(some)
-        seconds = [record["cpu_seconds"] for record in totals.diagnosed]
-        rows.append(
-            [
-                way,
-                str(len(some)),
-                *(percent(totals.named(key)) for key in ("named", "first", "abstained")),
-                str(len(totals.false)),
-                percent(totals.error(), 1),
-                percent(totals.covered()),
-                f"{np.median(seconds):.1f}" if seconds else "-",
-            ]
-        )
+        if some := counted([record for record in records if record["way"] == way]):
+            seconds = [record["cpu_seconds"] for record in Totals(some).diagnosed]
+            rows.append([way, *in_brief(some), f"{np.median(seconds):.1f}" if seconds else "-"])
     return rows
 
 

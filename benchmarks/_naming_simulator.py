@@ -6,8 +6,9 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from _naming_brief import BRIEF, in_brief
 from _naming_tables import Record, Totals, counted
-from _naming_text import Rows, markdown, percent
+from _naming_text import Rows, markdown
 
 RECORDS = Path(__file__).resolve().parent / "results" / "naming_mujoco.jsonl"
 NOTHING = "nothing"
@@ -15,21 +16,10 @@ NOTHING = "nothing"
 
 def table(records: Sequence[Record]) -> Rows:
     """A row for each hidden effect, one for nothing hidden and one for all."""
-    rows = [["hidden", "draws", "named", "first", "silent", "false findings", "median error", "covered"]]
+    rows = [["hidden", *BRIEF]]
     kinds = dict.fromkeys(record["draw"]["hidden"] for record in records)
     for kind in [*sorted(kinds, key=lambda name: (name == NOTHING, name)), "all"]:
-        some = [record for record in records if kind in (record["draw"]["hidden"], "all")]
-        totals = Totals(some)
-        rows.append(
-            [
-                kind,
-                str(len(some)),
-                *(percent(totals.named(key)) for key in ("named", "first", "abstained")),
-                str(len(totals.false)),
-                percent(totals.error(), 1),
-                percent(totals.covered()),
-            ]
-        )
+        rows.append([kind, *in_brief([r for r in records if kind in (r["draw"]["hidden"], "all")])])
     return rows
 
 
