@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from _naming_brief import BRIEF, in_brief
-from _naming_tables import Record, Totals, counted
+from _naming_records import BRIEF, in_brief, latest
+from _naming_tables import Record, Totals
 from _naming_text import Rows, markdown
 
 RECORDS = Path(__file__).resolve().parent / "results" / "naming_mujoco.jsonl"
@@ -40,11 +39,7 @@ def section(code: str) -> list[str]:
     """
     if not RECORDS.is_file():
         return []
-    latest = {}
-    for row in RECORDS.read_text(encoding="utf-8").splitlines():
-        record = json.loads(row)
-        latest[record["draw"]["seed"]] = record
-    records = counted(latest.values())
+    records = latest(RECORDS, lambda record: record["draw"]["seed"])
     now = sum(record["code"] == code for record in records)
     return [
         "\n## Another simulator\n",

@@ -28,6 +28,7 @@ from _naming_draws import EXAMPLES, Choices, Draw, done
 from _naming_options import run_options
 from _naming_readings import section as readings
 from _naming_recordings import in_words, recorded, tables
+from _naming_records import latest
 from _naming_simulator import section
 from _naming_tables import by_condition, by_effect, confusion, counted, shows, summary
 from _naming_text import markdown, text
@@ -187,11 +188,7 @@ def real_recordings() -> list[str]:
 
 def write_document(results: Path) -> None:
     """docs/naming.md from every draw's latest record."""
-    latest: dict[str, dict[str, Any]] = {}
-    for row in results.read_text(encoding="utf-8").splitlines():
-        record = json.loads(row)
-        latest[record["key"]] = record
-    records = counted(latest.values())
+    records = latest(results, lambda record: record["key"])
     now = sum(r["code"] == fingerprint() for r in records)
     commands = "\n".join(f"    {c}  # {k} draws" for c, k in Counter(r["command"] for r in records).items())
     parts = [

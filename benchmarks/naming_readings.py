@@ -1,6 +1,6 @@
 """Naming hidden effects in recordings that were read badly: each draw is diagnosed as recorded, and in every other way.
 
-    python benchmarks/naming_readings.py --budget 0 --jobs 2    # 12 minutes
+    python benchmarks/naming_readings.py --budget 0 --jobs 2    # 8 minutes
 
 What is hidden is the same in every way; a way costs what it names less, and what it names falsely. A filter of the reported
 velocity is not hidden, since some ways leave no such velocity.
@@ -43,6 +43,7 @@ def main() -> None:
     args = _arguments()
     args.results.parent.mkdir(parents=True, exist_ok=True)
     records: list[dict[str, Any]] = []
+    code = fingerprint()
     deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
     seeds = range(args.seed0, args.seed0 + args.draws)
     try:
@@ -52,7 +53,7 @@ def main() -> None:
         ):
             for some in pool.imap(partial(done, deadline), seeds):
                 for record in some:
-                    records.append(rounded(record | {"code": fingerprint()}))
+                    records.append(rounded(record | {"code": code}))
                     file.write(json.dumps(records[-1]) + "\n")
                 file.flush()
                 print(f"{len(records)} diagnoses", file=sys.stderr)

@@ -147,7 +147,9 @@ def test_what_a_body_weighs_bears_twice_the_errors_of_the_links():
 @pytest.mark.parametrize("widest", ["covariance", "robust"])
 def test_what_lies_within_three_deviations_of_nothing_is_not_shown(force, shown, widest):
     """By either covariance."""
-    assert _coulomb_of(force, **{widest: 0.1}).shown is shown
+    estimate = _coulomb_of(force, **{widest: 0.1})
+    assert estimate._distance(getattr(estimate, widest)) == pytest.approx(force / 0.1)
+    assert estimate.shown is shown
 
 
 @pytest.mark.parametrize("force, shown", [(0.22, True), (0.18, False)])
@@ -168,4 +170,5 @@ def test_what_lies_far_from_nothing_in_one_direction_is_shown():
     uneven, _ = term(f"asymmetric_friction@{J1}:positive=1,negative=1", Robot.bundled("arm2"))
     covariance = np.array([[1.0, -0.999], [-0.999, 1.0]])
     estimate = of(uneven, np.array([0.5, 0.5]), covariance)
+    assert estimate._distance(covariance) == pytest.approx(1.0 / np.sqrt(0.002))
     assert estimate.clear and estimate.shown

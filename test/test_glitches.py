@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reading_cases import glitched
 
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
@@ -15,8 +16,6 @@ from bdnn_ros.glitches import without_glitches
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.simulate import simulate
-
-STRIBECK = "stribeck_friction@arm2_joint1:coulomb=1.0,static=2.0,velocity=0.05"
 
 
 def swing(noise: float = 0.01) -> Recording:
@@ -29,17 +28,6 @@ def swing(noise: float = 0.01) -> Recording:
     return Recording(
         time, ("a", "b"), position + 1e-5 * rng.standard_normal(position.shape), velocity, effort
     )
-
-
-def glitched(recording: Recording, seed: int = 0) -> Recording:
-    """A few efforts and positions read wrong, one or two in a row."""
-    rng = np.random.default_rng(seed)
-    position, effort = recording.position.copy(), recording.require_effort().copy()
-    for row in rng.choice(len(recording) - 2, 6, replace=False):
-        effort[row : row + 1 + row % 2, row % recording.width] = 10.0 * np.abs(effort).max()
-    for row in rng.choice(len(recording) - 2, 2, replace=False):
-        position[row, row % recording.width] += 0.3
-    return replace(recording, position=position, effort=effort)
 
 
 @pytest.mark.parametrize("field, length", [("effort", 1), ("effort", 2), ("position", 1), ("velocity", 2)])

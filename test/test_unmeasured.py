@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_glitches import glitched
+from reading_cases import clipped, dropped, glitched, without_effort
 
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
@@ -40,26 +40,6 @@ def plain(arm: Robot) -> Recording:
 
 def usable(recording: Recording, robot: Robot) -> np.ndarray:
     return build(flattened(prepare(recording), LOW), robot).usable
-
-
-def clipped(recording: Recording, share: float) -> Recording:
-    effort = recording.require_effort()
-    limit = share * np.abs(effort).max(axis=0)
-    return replace(recording, effort=np.clip(effort, -limit, limit))
-
-
-def dropped(recording: Recording) -> Recording:
-    """All efforts zero for 60 ms, five times."""
-    effort = recording.require_effort().copy()
-    for start in np.linspace(0.1, 0.9, 5) * recording.duration:
-        effort[(recording.time > start) & (recording.time < start + 0.06)] = 0.0
-    return replace(recording, effort=effort)
-
-
-def without_effort(recording: Recording, joint: int) -> Recording:
-    effort = recording.require_effort().copy()
-    effort[:, joint] = 0.0
-    return replace(recording, effort=effort)
 
 
 def test_runs_at_an_extreme_are_a_limit_and_a_short_one_is_a_peak():

@@ -151,10 +151,10 @@ def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
     if np.std(steps) > UNEVEN / recording.rate:
         found.append("Stamps are uneven: stamp the joint states where they are measured.")
     if recording.effort is not None:
-        missing = [
-            name for name, gone in zip(recording.joints, absent(recording.effort), strict=True) if gone
+        silent = zip(recording.joints, absent(recording.effort), strict=True)
+        found += [
+            f"The effort of {joint} never changes: its driver reports none." for joint, gone in silent if gone
         ]
-        found += [f"The effort of {name} never changes: its driver reports none." for name in missing]
     for joint in joints:
         if not joint.moves:
             continue

@@ -1,14 +1,22 @@
-"""A group of draws in one row."""
+"""Records of draws: the latest of each, and a group of them in one row."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Hashable, Sequence
+from pathlib import Path
 
-from _naming_tables import Record, Totals
+from _naming_tables import Record, Totals, counted
 from _naming_text import percent
 
 BRIEF = ["draws", "named", "first", "silent", "false findings", "median error", "covered"]
 """What `in_brief` counts."""
+
+
+def latest(path: Path, draw: Callable[[Record], Hashable]) -> list[Record]:
+    """The last record of each draw in a file of JSON lines, without those that could not be drawn."""
+    records = (json.loads(row) for row in path.read_text(encoding="utf-8").splitlines())
+    return counted({draw(record): record for record in records}.values())
 
 
 def in_brief(records: Sequence[Record]) -> list[str]:
