@@ -74,31 +74,35 @@ class RolloutError:
         return {"horizon": self.horizon, "windows": self.windows, "position": numbers(self.position)}
 
 
-def score(measured: np.ndarray, predicted: np.ndarray, joints: Sequence[str]) -> Scores:
+def score(
+    measured: np.ndarray, predicted: np.ndarray, joints: Sequence[str], seen: np.ndarray | None = None
+) -> Scores:
     """Errors of a predicted effort.
 
     Args:
         measured, predicted: effort, (N, n) each [N·m], low-passed alike.
+        seen: samples that count, (N, n) bool; of a joint without any, and by default, all do.
 
     Raises:
         RecordingError: there is no sample to score.
     """
     if not len(measured):
         raise RecordingError("No sample is left to score.", "Use a longer recording, or a smaller hold-out.")
-    rmse = np.sqrt(np.mean((predicted - measured) ** 2, axis=0))
-    spread = np.std(measured, axis=0)
+    seen = np.ones(measured.shape, bool) if seen is None else seen | ~seen.any(axis=0)
+    rmse = np.sqrt(np.mean((predicted - measured) ** 2, axis=0, where=seen))
+    spread = np.std(measured, axis=0, where=seen)
     nrmse = np.where(spread > STILL, rmse / np.maximum(spread, STILL), np.nan)
     mean = float(np.mean(nrmse[np.isfinite(nrmse)])) if np.isfinite(nrmse).any() else float("nan")
     return Scores(tuple(joints), rmse, nrmse, nrmse**2, mean)
 
 
 def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
-    """Errors of a model's effort, both sides low-passed alike, without the ends that the filter reaches.
+    """Errors of a model's effort, both sides low-passed alike, where it was measured and the filter saw no end.
 
     Raises:
         RecordingError: a part has no effort, or no sample is left.
     """
-    measured, predicted = [], []
+    measured, predicted, seen = [], [], []
     for signals in parts:
         if signals.effort is None:
             raise RecordingError(
@@ -106,7 +110,8 @@ def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
             )
         measured.append(signals.smooth(signals.effort)[signals.interior])
         predicted.append(signals.smooth(model.predict(signals))[signals.interior])
-    return score(np.concatenate(measured), np.concatenate(predicted), parts[0].joints)
+        seen.append(signals.seen[signals.interior])
+    return score(np.concatenate(measured), np.concatenate(predicted), parts[0].joints, np.concatenate(seen))
 
 
 def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutError:

@@ -11,6 +11,9 @@ PLATEAU = 5
 HELD = 3.0
 """Efforts of all joints that stay for so many times as long as they usually do are held by their driver."""
 
+AT_LIMIT = 0.98
+"""Efforts this near a limit are at it."""
+
 
 def unmeasured(effort: np.ndarray) -> np.ndarray:
     """Samples of an effort (N, n) at which it was not measured, (N, n) bool."""
@@ -34,13 +37,18 @@ def cut_off(effort: np.ndarray) -> np.ndarray:
 
 def held(effort: np.ndarray) -> np.ndarray:
     """Samples that repeat the efforts of all joints for much longer than is usual here, (N,) bool."""
-    result = np.zeros(len(effort), bool)
     fresh = np.flatnonzero(np.append(True, (np.diff(effort, axis=0) != 0.0).any(axis=1)))
     usual = np.percentile(np.diff(fresh), 90.0) if len(fresh) > 1 else len(effort)
-    longest = max(PLATEAU, HELD * usual)
-    for start, stop in zip(fresh, [*fresh[1:], len(effort)], strict=True):
-        result[start + 1 : stop] = stop - start > longest
+    lasts = np.diff(np.append(fresh, len(effort)))
+    result = np.repeat(lasts > max(PLATEAU, HELD * usual), lasts)
+    result[fresh] = False
     return result
+
+
+def at_limit(effort: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Samples (N, n) that are cut off, or near a joint's limit (n,), inf for none; one that efforts exceed cuts nothing."""
+    limits = np.where(np.abs(effort).max(axis=0) <= limits / AT_LIMIT, limits, np.inf)
+    return (cut_off(effort) & ~held(effort)[:, None]) | (np.abs(effort) >= AT_LIMIT * limits)
 
 
 def _runs(inside: np.ndarray) -> Iterator[tuple[int, int]]:

@@ -287,10 +287,8 @@ def _recording(
         absent = np.isnan(effort).all(axis=0)
         if absent.any() and not absent.all():
             which = listed(np.array(samples.joints)[absent])
-            raise RecordingError(
-                f"{name}: no effort is reported for {which} (NaN throughout).",
-                "Choose the other joints with --joints.",
-            )
+            notes.append(f"{name}: no effort is reported for {which} (NaN throughout); it counts as zero.")
+            effort = np.where(absent, 0.0, effort)
         if not np.nan_to_num(effort).any():
             notes.append(f"{name}: every effort is zero or NaN; taken as not measured.")
             effort = None

@@ -13,15 +13,15 @@ import numpy as np
 from bdnn_ros import bags
 from bdnn_ros.cli import options
 from bdnn_ros.errors import BdnnError
+from bdnn_ros.physical.check import unread
+from bdnn_ros.physical.conventions import breaches
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, prepare
-from bdnn_ros.unmeasured import absent, cut_off
+from bdnn_ros.unmeasured import AT_LIMIT, at_limit
 from bdnn_ros.urdf import Limits
 
 HELP = "say what a bag holds and whether it is fit for identification"
-NEAR_LIMIT = 0.98
-"""An effort or velocity above this share of its limit counts as saturated."""
 CLIPPED = 0.01
 """A share of samples at a limit that is worth a word."""
 UNEVEN = 0.2
@@ -82,7 +82,10 @@ def run(args: argparse.Namespace) -> int:
         limits = robot.limits if robot else None
         joints = excitation(recording, signals, limits)
         report["excitation"] = [joint.as_json() for joint in joints]
-        report["concerns"] = concerns(recording, joints)
+        report["concerns"] = [
+            *concerns(recording, joints),
+            *map(str, breaches(signals, robot) if robot else ()),
+        ]
         options.require_motion(recording)
         recording.require_effort()
     except BdnnError as error:
@@ -120,7 +123,7 @@ def excitation(recording: Recording, signals: Signals, limits: Limits | None) ->
     """What each joint did, and how much of it at a limit."""
     saturated, fast = _saturated(recording, limits), np.zeros(recording.width)
     if limits is not None:
-        fast = np.mean(np.abs(signals.velocity) >= NEAR_LIMIT * limits.velocity, axis=0)
+        fast = np.mean(np.abs(signals.velocity) >= AT_LIMIT * limits.velocity, axis=0)
     unknown = np.full(recording.width, np.nan)
     effort = unknown if recording.effort is None else np.std(recording.effort, axis=0)
     moves = moving(recording)
@@ -151,10 +154,7 @@ def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
     if np.std(steps) > UNEVEN / recording.rate:
         found.append("Stamps are uneven: stamp the joint states where they are measured.")
     if recording.effort is not None:
-        silent = zip(recording.joints, absent(recording.effort), strict=True)
-        found += [
-            f"The effort of {joint} never changes: its driver reports none." for joint, gone in silent if gone
-        ]
+        found += map(str, unread(recording))
     for joint in joints:
         if not joint.moves:
             continue
@@ -169,12 +169,10 @@ def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
 
 def _saturated(recording: Recording, limits: Limits | None) -> np.ndarray:
     """Share of samples whose effort is at its limit, (n,); NaN where it was not measured."""
+    unlimited = np.full(recording.width, np.inf)
     if recording.effort is None:
         return np.full(recording.width, np.nan)
-    at_limit = np.zeros(recording.effort.shape, bool)
-    if limits is not None:
-        at_limit = np.abs(recording.effort) >= NEAR_LIMIT * limits.effort
-    return np.asarray(np.mean(at_limit | cut_off(recording.effort), axis=0))
+    return np.asarray(at_limit(recording.effort, limits.effort if limits else unlimited).mean(axis=0))
 
 
 def _reversals(velocity: np.ndarray) -> int:

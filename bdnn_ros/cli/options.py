@@ -14,6 +14,7 @@ from typing import Literal, TextIO
 from tqdm import tqdm
 
 from bdnn_ros import bags
+from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import RecordingError, RobotError, UsageError, listed
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import BUNDLED, Robot
@@ -41,6 +42,18 @@ def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one"
         choices=("measured", "command"),
         default="measured",
         help="take the effort of the joint states or the commanded one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--effort-factor",
+        metavar="[JOINT=]FACTOR",
+        action="append",
+        default=[],
+        help="N*m in each unit of effort the bag holds, where it holds currents or turned signs; repeatable",
+    )
+    parser.add_argument(
+        "--add-gravity",
+        action="store_true",
+        help="the bag's efforts leave out what the controller adds for gravity: add the robot description's",
     )
     parser.add_argument(
         "--joints",
@@ -101,16 +114,27 @@ def load(
         if moves:
             require_motion(recording)
     if robot is None:
-        return recordings, None
+        return _converted(recordings, None, args), None
     unused = [joint for joint in robot.joints if joint not in chosen]
     if unused and not required:
         say(f"Joints {listed(unused)} of the URDF are not in the bag; they are held where they are.")
     try:
-        return recordings, Robot.from_urdf(robot.urdf, chosen)
+        robot = Robot.from_urdf(robot.urdf, chosen)
     except RobotError:
         if given or needs_robot:
             raise
-        return recordings, None
+        robot = None
+    return _converted(recordings, robot, args), robot
+
+
+def _converted(recordings: list[Recording], robot: Robot | None, args: argparse.Namespace) -> list[Recording]:
+    """The recordings with the efforts that drive the joints."""
+    if args.add_gravity and robot is None:
+        raise UsageError("--add-gravity needs a robot description.", "Give --urdf FILE or --robot NAME.")
+    convention = EffortConvention.of(
+        args.effort_factor, recordings[0].joints, robot if args.add_gravity else None
+    )
+    return [convention.applied(recording) for recording in recordings]
 
 
 def _with_notes(recording: Recording) -> Recording:

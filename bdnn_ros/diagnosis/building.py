@@ -6,7 +6,6 @@ import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.units import require_unit
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
@@ -70,13 +69,12 @@ def build(
     target = signals.smooth(signals.effort - simulated)[rows]
     relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
     masses = (np.arange(len(relative)) % PER_LINK == 0) & (covariance is None)
-    usable = ~(resting | sticks(signals, STICKING_WIDTHS) | ~signals.seen)[rows]
+    usable = (signals.seen & ~(resting | sticks(signals, STICKING_WIDTHS)))[rows]
     if not usable.any():
         raise RecordingError(
             "Wherever the robot moves its effort is at a limit or stands still.",
             "Check that the driver reports it, or move the robot more gently.",
         )
-    require_unit(signals.effort[rows], simulated[rows], signals.sign[rows], usable)
     since = signals.time[rows] - signals.time[rows[0]]
     block = since // max(BLOCK_SECONDS, since[-1] / (MOST_BLOCKS - 1e-6))
     _, block = np.unique(block, return_inverse=True)

@@ -23,6 +23,7 @@ from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.conventions import breaches, unlike
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals, flattened, prepare
@@ -89,7 +90,7 @@ def examine(
         model: what takes the simulation's place: findings are then what changed since it was identified.
 
     Raises:
-        RecordingError: no effort, too short, or no motion.
+        RecordingError: no effort, too short, no motion, or not in radians and N·m that drive the joints.
     """
     say = progress or (lambda text: None)
     for recording in recordings:
@@ -99,10 +100,13 @@ def examine(
     signals = flattened(concatenated([prepare(recording, cutoff) for recording in recordings]), lower)
     known = getattr(model, "covariance", None)
     links = slice(robot.width * PER_LINK)
+    predicted = None if model is None else model.predict(signals)
+    for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted):
+        raise RecordingError(breach.problem, breach.remedy)
     equations = build(
         signals,
         robot,
-        None if model is None else model.predict(signals),
+        predicted,
         None if known is None else known[links, links],
     )
     equations.lead = float(getattr(model, "lead", 0.0))

@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.leads import hold_spread, parted
 from bdnn_ros.diagnosis.result import Quantity
+from bdnn_ros.effects.base import SHOWN
 
 RELATIVE_STEP = 1e-3
 GIVEN = 1e-9
@@ -20,8 +21,6 @@ CLEAR = 3.0
 """A name takes so many standard deviations from nothing: true causes lie at more, what passes for one often at less."""
 DOUBTED = 2.0
 """The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
-CLEAR_IF_DOUBTED = 2.0
-"""And so many where the links' errors are believed larger: a link as far off as `CLEAR` of those would have no name else."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +61,12 @@ class Estimate:
 
     @property
     def clear(self) -> bool:
-        """Whether its coefficients, all together, lie far enough from nothing by every covariance."""
+        """Whether its coefficients, all together, lie far enough from nothing by every covariance.
+
+        Where the links' errors are believed larger `SHOWN` will do: a link as far off as `CLEAR` of those has no name else.
+        """
         known = min(self._distance(self.covariance), self._distance(self.robust))
-        return known > CLEAR and self._distance(self.doubting) > CLEAR_IF_DOUBTED
+        return known > CLEAR and self._distance(self.doubting) > SHOWN
 
     def _distance(self, covariance: np.ndarray) -> float:
         """How many standard deviations the coefficients lie from nothing, all together."""

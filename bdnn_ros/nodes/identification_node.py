@@ -67,6 +67,8 @@ class IdentificationNode(LifecycleNode):
         session = Session(
             serving.Settings(
                 effort_source=settings["effort_source"],
+                effort_factors=tuple(settings["effort_factors"]),
+                add_gravity=settings["add_gravity"],
                 cutoff=settings["cutoff"] or None,
                 capacity=settings["buffer_size"],
                 niceness=settings["trainer_niceness"],

@@ -78,6 +78,16 @@ IDENTIFICATION = (
         choices=("measured", "command"),
     ),
     Setting(
+        "effort_factors",
+        [],
+        "N*m in each unit of reported effort, JOINT=FACTOR or FACTOR for all: for currents, or turned signs.",
+    ),
+    Setting(
+        "add_gravity",
+        False,
+        "Efforts leave out what the controller adds for gravity: add the robot description's.",
+    ),
+    Setting(
         "model_directory",
         "",
         "Where models are saved and loaded; the one in it is loaded at start and saved at the end. "

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.recording import Recording
@@ -49,15 +50,22 @@ class Feed:
 
     Attributes:
         next: number of the joint state that is read next.
+        convention: what the efforts are; None where they drive the joints as they are.
     """
 
     def __init__(
-        self, joints: tuple[str, ...], states: Ring, commands: Ring | None = None, start: int = 0
+        self,
+        joints: tuple[str, ...],
+        states: Ring,
+        commands: Ring | None = None,
+        start: int = 0,
+        convention: EffortConvention | None = None,
     ) -> None:
         self.joints = joints
         self.states = states
         self.commands = commands
         self.next = start
+        self.convention = convention
         self._next_command = 0
 
     def read(self, most: int) -> Samples:
@@ -124,6 +132,8 @@ class Feed:
         position, velocity, effort = (chunk.values[:, k * n : (k + 1) * n] for k in range(3))
         if commands is not None:
             effort = commanded(chunk.sent, commands)
+        if self.convention is not None:
+            effort = self.convention.acting(position, effort)
         time = (chunk.time - self.states.origin) * 1e-9
         return Samples(time, position, velocity, effort, chunk.missed)
 

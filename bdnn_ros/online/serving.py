@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.online.estimate import Parts, parts
 from bdnn_ros.online.models import Model
 from bdnn_ros.physical.model import PhysicalModel
@@ -22,6 +23,8 @@ class Settings:
 
     Attributes:
         effort_source: "measured" takes the joint states' effort, "command" the effort commands.
+        effort_factors: what efforts are multiplied by, `JOINT=FACTOR` each, or `FACTOR`.
+        add_gravity: efforts leave out what the controller adds for gravity; the description's is added.
         cutoff: of the low-pass [Hz], None chooses by rate.
         capacity: joint states that are kept.
         niceness: how much the trainer yields to other processes, 0 to 19.
@@ -30,11 +33,24 @@ class Settings:
     """
 
     effort_source: str = MEASURED
+    effort_factors: tuple[str, ...] = ()
+    add_gravity: bool = False
     cutoff: float | None = None
     capacity: int = 131072
     niceness: int = 10
     diagnosis_period: float = 30.0
     diagnosis_window: float = 60.0
+
+    def convention(self, robot: Robot) -> EffortConvention:
+        """What the efforts of a robot, or of some of its joints, are.
+
+        Raises:
+            UsageError: a factor is malformed.
+        """
+        ours = [
+            rule for rule in self.effort_factors if "=" not in rule or rule.rpartition("=")[0] in robot.joints
+        ]
+        return EffortConvention.of(ours, robot.joints, robot if self.add_gravity else None)
 
 
 @dataclass(frozen=True)

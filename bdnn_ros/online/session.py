@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import DataError, ModelFileError, UsageError, listed
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
@@ -70,8 +71,9 @@ class Session:
         """Serve this robot's description from now on; a stream of the same joints goes on.
 
         Raises:
-            UsageError: a stream of another robot is being learned from.
+            UsageError: a stream of another robot is being learned from, or there is a factor of a joint it lacks.
         """
+        EffortConvention.of(self.settings.effort_factors, robot.joints)
         if self.robot is not None and robot.urdf == self.robot.urdf:
             return
         if self.intake is not None and not set(self.intake.joints) <= set(robot.joints):
@@ -84,6 +86,8 @@ class Session:
         if self.intake is not None:
             self.robot = Robot.from_urdf(robot.urdf, self.intake.joints)
             self.served = Served(nominal(self.robot), 0, time.monotonic())
+            if self._feed is not None:
+                self._feed.convention = self.settings.convention(self.robot)
             self._begin_again()
 
     def begin(self, joints: Sequence[str]) -> None:
@@ -103,7 +107,8 @@ class Session:
         self.intake = Intake(joints, states, needs_effort=not commanded)
         if commanded:
             self.commands = CommandIntake(joints, Ring.create(self.settings.capacity, len(joints)))
-        self._feed = Feed(tuple(joints), states, self.commands.ring if self.commands else None)
+        commands = self.commands.ring if self.commands else None
+        self._feed = Feed(tuple(joints), states, commands, convention=self.settings.convention(self.robot))
         self.supervisor.ring = states
         self._begin_again()
 
@@ -239,6 +244,8 @@ class Session:
             "joints": list(self.robot.joints),
             "training": self.training,
             "start": start,
+            "effort_factors": self.settings.effort_factors,
+            "add_gravity": self.settings.add_gravity,
             "cutoff": self.settings.cutoff,
             "number": self._number,
             "epoch": self._epoch,

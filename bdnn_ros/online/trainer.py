@@ -21,6 +21,7 @@ from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message, close_all
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.learning import Learning, Version
+from bdnn_ros.online.serving import Settings
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 
@@ -153,8 +154,13 @@ class Trainer:
         resume = PhysicalModel.from_state(message.arrays, info["resume"]) if "resume" in info else None
         self.training = bool(info["training"])
         self.epoch = int(info["epoch"])
+        settings = Settings(effort_factors=tuple(info["effort_factors"]), add_gravity=info["add_gravity"])
         self.feed = Feed(
-            self.robot.joints, rings[0], rings[1] if len(rings) > 1 else None, int(info["start"])
+            self.robot.joints,
+            rings[0],
+            rings[1] if len(rings) > 1 else None,
+            int(info["start"]),
+            settings.convention(self.robot),
         )
         self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]))
         self.analyst.begin(self.robot, self.feed, info)

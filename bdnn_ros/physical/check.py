@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.combinations import WORDS, Combination, combinations
+from bdnn_ros.physical.conventions import breaches
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
+from bdnn_ros.physical.remark import Remark
 from bdnn_ros.physical.structure import LEAD
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
-from bdnn_ros.unmeasured import absent, cut_off, held
+from bdnn_ros.unmeasured import absent, at_limit, held
 
 UNKNOWN = 0.5
 """A parameter whose standard deviation is still this share of what it was before is hardly known."""
@@ -35,8 +36,6 @@ CERTAIN = 3.0
 """Standard deviations that make a delay, or a lag of the velocity, certain."""
 VELOCITY_GAIN = 0.03
 """Share by which the reported velocity may differ from the position's derivative."""
-AT_LIMIT = 0.98
-"""An effort this near its limit is saturated, unless it goes beyond as well: then the limit does not cut."""
 SATURATED = 0.01
 """Share of saturated samples that is worth a word."""
 HELD_SECONDS = 0.05
@@ -49,24 +48,6 @@ REMEDIES = {
     "viscous": "Let it move at several speeds, up to its usual one.",
     "coulomb": "Let it move slowly both ways.",
 }
-
-
-@dataclass(frozen=True)
-class Remark:
-    """Something the user should know about the data.
-
-    Attributes:
-        about: joint or joints, or empty for the whole recording.
-        problem: one sentence.
-        remedy: what to do about it, one sentence.
-    """
-
-    about: str
-    problem: str
-    remedy: str
-
-    def __str__(self) -> str:
-        return f"{self.problem} {self.remedy}"
 
 
 def check(
@@ -106,7 +87,12 @@ def check_data(recordings: Sequence[Recording], robot: Robot, cutoff: float | No
 def _oddities(recordings: Sequence[Recording], robot: Robot, signals: Sequence[Signals]) -> list[Remark]:
     found: list[Remark] = []
     for recording, one in zip(recordings, signals, strict=True):
-        found += [*beyond(recording, robot), *unread(recording), *saturated(recording, robot)]
+        found += [
+            *breaches(one, robot),
+            *beyond(recording, robot),
+            *unread(recording),
+            *saturated(recording, robot),
+        ]
         found += odd_velocity(recording, one)
     return found
 
@@ -247,12 +233,8 @@ def unread(recording: Recording) -> Iterator[Remark]:
 
 def saturated(recording: Recording, robot: Robot) -> Iterator[Remark]:
     """Joints that are at their effort limit."""
-    effort = recording.require_effort()
-    limits = np.where(
-        np.abs(effort).max(axis=0) <= robot.limits.effort / AT_LIMIT, robot.limits.effort, np.inf
-    )
-    at_limit = (cut_off(effort) & ~held(effort)[:, None]) | (np.abs(effort) >= AT_LIMIT * limits)
-    for joint, share in zip(robot.joints, at_limit.mean(axis=0), strict=True):
+    shares = at_limit(recording.require_effort(), robot.limits.effort).mean(axis=0)
+    for joint, share in zip(robot.joints, shares, strict=True):
         if share > SATURATED:
             yield Remark(
                 joint,

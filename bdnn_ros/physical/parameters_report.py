@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from bdnn_ros.physical.agreement import Agreement
-from bdnn_ros.physical.check import Remark
 from bdnn_ros.physical.combinations import WORDS, combinations
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL
+from bdnn_ros.physical.remark import Remark
 
 FORMAT, VERSION = "bdnn_ros/parameters", 1
 

@@ -1,0 +1,71 @@
+"""What recorded efforts are, where they are not all of the N·m that drive the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+
+@dataclass(frozen=True)
+class EffortConvention:
+    """How what a driver reports becomes the effort that drives the joints.
+
+    Attributes:
+        factors: what a reported effort is multiplied by, (n,) [N·m, or N, a reported unit].
+        robot: whose gravity a controller adds to the reported effort, or None where all of it is reported.
+    """
+
+    factors: np.ndarray
+    robot: Robot | None = None
+
+    @classmethod
+    def of(cls, rules: Sequence[str], joints: Sequence[str], robot: Robot | None = None) -> EffortConvention:
+        """The convention that rules say, `JOINT=FACTOR` each, or `FACTOR` for all joints.
+
+        Raises:
+            UsageError: a rule is malformed, names none of the joints, or its factor is zero or not finite.
+        """
+        factors = np.ones(len(joints))
+        for rule in rules:
+            name, equals, number = rule.rpartition("=")
+            factor = _number(rule, number)
+            if not equals:
+                factors[:] = factor
+            elif name in joints:
+                factors[list(joints).index(name)] = factor
+            else:
+                raise UsageError(
+                    f"Effort factor {rule!r}: there is no joint {name!r}.",
+                    f"Name one of {listed(joints, 20)}.",
+                )
+        return cls(factors, robot)
+
+    def acting(self, position: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """The effort that drives the joints [N·m] where this one is reported, (N, n) at positions (N, n) [rad]."""
+        effort = self.factors * effort
+        return effort if self.robot is None else effort + self.robot.gravity(position)
+
+    def applied(self, recording: Recording) -> Recording:
+        """The recording with the effort that drives the joints; as it is without an effort."""
+        if recording.effort is None:
+            return recording
+        return replace(recording, effort=self.acting(recording.position, recording.effort))
+
+
+def _number(rule: str, text: str) -> float:
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = np.nan
+    if not np.isfinite(factor) or factor == 0.0:
+        raise UsageError(
+            f"Effort factor {rule!r} is not a number other than zero.",
+            "Use JOINT=FACTOR, or FACTOR for all joints.",
+        )
+    return factor

@@ -1,0 +1,199 @@
+"""Whether a driver reports what everything here takes for granted: radians, and all of the N·m that drive each joint.
+
+A coefficient of physics tells: whatever the robot's links weigh, inertia and friction are positive, efforts of other joints'
+motion come with those of gravity, and most joints bear about what the description says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.errors import listed
+from bdnn_ros.physical.remark import Remark
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+MOST_ROWS = 2000
+"""Samples that are looked at."""
+LEAST_ROWS = 20
+CERTAIN = 10.0
+"""Deviations from zero that make a coefficient certain: what the description lacks is no white noise."""
+LARGEST, SMALLEST = 10.0, 1.0 / 3.0
+"""No robot's efforts are so many times what its description says, or as small a part of it, on most joints."""
+HEAVY = 0.3
+"""Gravity tells something on joints where it makes this share of the effort."""
+COUPLED, OWN = 0.04, 0.05
+"""And the others' motion, and the joint's own inertia, where they make these."""
+LEFT_OUT = 0.3
+"""Gravity is left out where efforts hold less than this share of it, as measured by what others' motion makes of them."""
+BEYOND = 1.5
+"""Joints that cover so many times their whole range are not told in radians."""
+
+
+@dataclass(frozen=True)
+class Efforts:
+    """Measured efforts and what they should be made of, (R, n) each [N·m].
+
+    Attributes:
+        measured: as the driver reports them.
+        own, coupled: by the joint's own acceleration, and by all else that moves.
+        gravity: by gravity.
+        sign: direction of motion.
+        usable: rows that count, bool.
+    """
+
+    measured: np.ndarray
+    own: np.ndarray
+    coupled: np.ndarray
+    gravity: np.ndarray
+    sign: np.ndarray
+    usable: np.ndarray
+
+    @classmethod
+    def of(cls, signals: Signals, robot: Robot) -> Efforts:
+        """Those of a motion by a robot's description."""
+        assert signals.effort is not None
+        rows = _rows(signals)
+        q, v, a = signals.position[rows], signals.velocity[rows], signals.acceleration[rows]
+        gravity = robot.gravity(q)
+        own = np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2) * a
+        coupled = robot.rigid_effort(q, v, a) - own - gravity
+        return cls(signals.effort[rows], own, coupled, gravity, signals.sign[rows], _usable(signals)[rows])
+
+    def fit(self, *columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients of columns (R, n), beside a constant, in each joint's effort, and how certain they are, (k, n) each."""
+        fits = [
+            _fit(self.measured[rows, j], [column[rows, j] for column in columns])
+            for j, rows in enumerate(self.usable.T)
+        ]
+        return tuple(np.array(part).T for part in zip(*fits, strict=True))
+
+    def share(self, column: np.ndarray) -> np.ndarray:
+        """How large a column (R, n) is beside each joint's effort, (n,)."""
+        sizes = [
+            np.std(column[rows, j]) / max(np.std(self.measured[rows, j]), 1e-12) if rows.any() else 0.0
+            for j, rows in enumerate(self.usable.T)
+        ]
+        return np.array(sizes)
+
+
+def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
+    """Conventions that a recorded motion breaks, by a robot's description."""
+    yield from _in_degrees(signals, robot)
+    if signals.effort is None:
+        return
+    efforts = Efforts.of(signals, robot)
+    without = _gravity_left_out(efforts)
+    if without:
+        yield Remark(
+            "",
+            "The efforts leave gravity out: they hold what motion asks for, but not what the links weigh.",
+            "Pass --add-gravity (node: add_gravity) if the controller adds the description's, or record the whole effort.",
+        )
+    borne = efforts.own + efforts.coupled + (0.0 if without else efforts.gravity)
+    yield from _turned(efforts, borne, signals.joints)
+    yield from _another_unit(efforts, borne)
+
+
+def unlike(signals: Signals, predicted: np.ndarray) -> Iterator[Remark]:
+    """Whether a motion's efforts are in another unit than those a model predicts for it, (N, n)."""
+    assert signals.effort is not None
+    rows = _rows(signals)
+    borne = predicted[rows]
+    nothing = np.zeros_like(borne)
+    efforts = Efforts(
+        signals.effort[rows], borne, nothing, nothing, signals.sign[rows], _usable(signals)[rows]
+    )
+    yield from _another_unit(efforts, borne)
+
+
+def _rows(signals: Signals) -> np.ndarray:
+    inside = np.flatnonzero(signals.interior)
+    return inside[:: max(len(inside) // MOST_ROWS, 1)]
+
+
+def _usable(signals: Signals) -> np.ndarray:
+    return signals.seen & ~signals.at_rest
+
+
+def _another_unit(efforts: Efforts, borne: np.ndarray) -> Iterator[Remark]:
+    """Whether efforts are many times what is expected of them, (R, n), on most joints."""
+    (factors, _), (certain, _) = efforts.fit(borne, efforts.sign)
+    known = np.abs(factors[np.abs(certain) > CERTAIN])
+    if not len(known) or len(known) < 0.5 * len(factors):
+        return
+    factor = float(np.median(known))
+    if not SMALLEST < factor < LARGEST:
+        yield Remark(
+            "",
+            f"The efforts are about {factor:.2g} times what the simulation says: they seem to be in another unit.",
+            "Pass --effort-factor JOINT=FACTOR (node: effort_factors), the N*m (N) in each reported unit: of a current "
+            "the torque constant times the gear ratio.",
+        )
+
+
+def _in_degrees(signals: Signals, robot: Robot) -> Iterator[Remark]:
+    whole = robot.limits.upper - robot.limits.lower
+    limited = np.isfinite(whole) & (whole > 0.0)
+    beyond = limited & (np.ptp(signals.position, axis=0) > BEYOND * whole)
+    if beyond.sum() > 0.5 * limited.sum():
+        joints = listed(joint for joint, far in zip(signals.joints, beyond, strict=True) if far)
+        yield Remark(
+            joints,
+            f"{joints} cover {BEYOND:g} times their whole range, and more: their positions seem to be in degrees.",
+            "Let the driver report radians (metres), and check that this is the robot's description.",
+        )
+
+
+def _gravity_left_out(efforts: Efforts) -> bool:
+    """Whether what motion makes of the efforts is there, and what gravity makes is not."""
+    (_, coupled, gravity, _), (_, certain, _, _) = efforts.fit(
+        efforts.own, efforts.coupled, efforts.gravity, efforts.sign
+    )
+    told = efforts.share(efforts.coupled) * (np.abs(certain) > CERTAIN)
+    told[told < COUPLED] = 0.0
+    heavy = efforts.share(efforts.gravity)
+    heavy[heavy < HEAVY] = 0.0
+    if not told.any() or np.count_nonzero(heavy) < 2:
+        return False
+    return bool(
+        np.average(np.abs(gravity), weights=heavy) < LEFT_OUT * np.average(np.abs(coupled), weights=told)
+    )
+
+
+def _turned(efforts: Efforts, borne: np.ndarray, joints: tuple[str, ...]) -> Iterator[Remark]:
+    """Joints whose effort falls where it should grow, and whose friction or own inertia would be negative."""
+    _, (sure, sure_of_friction) = efforts.fit(borne, efforts.sign)
+    _, (sure_of_own, *_) = efforts.fit(efforts.own, borne - efforts.own, efforts.sign)
+    sure_of_own = sure_of_own * (efforts.share(efforts.own) > OWN)
+    right = (sure_of_friction > CERTAIN) | (sure_of_own > CERTAIN)
+    wrong = (sure < -CERTAIN) & ((sure_of_friction < -CERTAIN) | (sure_of_own < -CERTAIN)) & ~right
+    if not wrong.any():
+        return
+    named = [joint for joint, one in zip(joints, wrong | ~right.any(), strict=True) if one]
+    rules = "-1" if len(named) == len(joints) else f"{named[0]}=-1"
+    yield Remark(
+        listed(named),
+        f"The efforts of {listed(named)} have the wrong sign: they would make inertia and friction negative.",
+        f"Pass --effort-factor {rules} (node: effort_factors), or mend the driver.",
+    )
+
+
+def _fit(effort: np.ndarray, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of columns (R,) beside a constant, and their deviations from zero; 0 where they cannot be told."""
+    matrix = np.stack([*columns, np.ones_like(effort)], axis=1)
+    coefficients, certainty = np.zeros((2, matrix.shape[1]))
+    size = np.linalg.norm(matrix, axis=0)
+    seen = size > 1e-9 * np.linalg.norm(effort)
+    scaled = matrix[:, seen] / size[seen]
+    gram = scaled.T @ scaled
+    if len(effort) >= LEAST_ROWS and seen.any() and np.linalg.cond(gram) < 1e10:
+        found = np.linalg.solve(gram, scaled.T @ effort)
+        left = float(np.mean((effort - scaled @ found) ** 2))
+        doubt = np.sqrt(left * np.diagonal(np.linalg.inv(gram)))
+        coefficients[seen] = found / size[seen]
+        certainty[seen] = found / np.maximum(doubt, 1e-12 * np.linalg.norm(effort))
+    return coefficients[:-1], certainty[:-1]
