@@ -21,6 +21,7 @@ from bdnn_ros.kernels import convolved_at, even_grid, gaussian_kernel, gaussian_
 from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.repeats import without_repeats
 from bdnn_ros.unmeasured import unmeasured
+from bdnn_ros.wraps import without_wraps
 
 DEFAULT_CUTOFF = 10.0
 """-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""
@@ -181,7 +182,7 @@ class Signals:
 
 def mended(recording: Recording) -> Recording:
     """The recording as `prepare` takes it: without what its driver said twice or read wrong, each with a note."""
-    return without_glitches(without_repeats(recording))
+    return without_glitches(without_repeats(without_wraps(recording)))
 
 
 def prepare(recording: Recording, cutoff: float | None = None) -> Signals:

@@ -41,7 +41,8 @@ DOCUMENT = HERE.parent / "docs" / "naming.md"
 RECORDED = HERE / "results" / "naming_recordings.json"
 SOURCES = (
     *("diagnosis", "effects", "simulation", "signals.py", "kernels.py", "recording.py", "robot.py"),
-    *("glitches.py", "repeats.py", "unmeasured.py", "physical/conventions.py"),
+    *("glitches.py", "repeats.py", "unmeasured.py", "wraps.py"),
+    *("physical/alternatives.py", "physical/conventions.py"),
 )
 FIRST_SEED, BUDGET = 10000, 120.0
 HEAD = """# Naming hidden effects: blind draws

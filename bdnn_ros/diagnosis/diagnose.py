@@ -14,6 +14,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.joining import concatenated
+from bdnn_ros.diagnosis.lateness import in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.odds import contains
 from bdnn_ros.diagnosis.posterior import Estimate, estimates
@@ -46,6 +47,7 @@ class Examination:
         test: rows kept out of the search, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
         model: what took the simulation's place, if anything did.
+        late: how late the efforts came, before they were moved [s].
     """
 
     diagnosis: Diagnosis
@@ -59,6 +61,7 @@ class Examination:
     extended: np.ndarray
     remainder: Remainder
     model: Predicts | None = None
+    late: float = 0.0
 
 
 def diagnose(
@@ -96,19 +99,17 @@ def examine(
     for recording in recordings:
         recording.require_effort()
     say("filtering")
-    lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
-    signals = flattened(concatenated([prepare(recording, cutoff) for recording in recordings]), lower)
-    known = getattr(model, "covariance", None)
-    links = slice(robot.width * PER_LINK)
+    signals = _signals(recordings, robot, cutoff)
     predicted = None if model is None else model.predict(signals)
     for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted):
         raise RecordingError(breach.problem, breach.remedy)
-    equations = build(
-        signals,
-        robot,
-        predicted,
-        None if known is None else known[links, links],
-    )
+    late = lateness(signals, robot) if model is None else 0.0
+    if late:
+        recordings = in_time(recordings, late)
+        signals = _signals(recordings, robot, cutoff)
+    known = getattr(model, "covariance", None)
+    links = slice(robot.width * PER_LINK)
+    equations = build(signals, robot, predicted, None if known is None else known[links, links])
     equations.lead = float(getattr(model, "lead", 0.0))
     if equations.blocks < EVERY_TEST_BLOCK:
         raise RecordingError(
@@ -135,7 +136,13 @@ def examine(
         attempt.extended,
         remainder,
         model,
+        late,
     )
+
+
+def _signals(recordings: Sequence[Recording], robot: Robot, cutoff: float | None) -> Signals:
+    lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
+    return flattened(concatenated([prepare(recording, cutoff) for recording in recordings]), lower)
 
 
 def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:

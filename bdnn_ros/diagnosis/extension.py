@@ -55,7 +55,7 @@ def extend(examination: Examination) -> ExtendedModel:
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
     effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
     lead, sticking = (
-        parted(examination.pool, fit)[0],
+        parted(examination.pool, fit)[0] - examination.late,
         fit.coefficients[links + BLURS.stop : examination.pool.base],
     )
     if earlier.sticking:

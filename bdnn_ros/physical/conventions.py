@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from bdnn_ros.errors import listed
+from bdnn_ros.physical.alternatives import misread, weightless
 from bdnn_ros.physical.remark import Remark
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -27,10 +29,25 @@ HEAVY = 0.3
 """Gravity tells something on joints where it makes this share of the effort."""
 COUPLED, OWN = 0.04, 0.05
 """And the others' motion, and the joint's own inertia, where they make these."""
-LEFT_OUT = 0.3
-"""Gravity is left out where efforts hold less than this share of it, as measured by what others' motion makes of them."""
+LEFT_OUT, FITS = 0.3, 0.85
+"""Gravity is left out where efforts hold less than this share of it, as measured by what others' motion makes of them, and all
+else explains such a share of them."""
 BEYOND = 1.5
 """Joints that cover so many times their whole range are not told in radians."""
+
+
+class Fit(NamedTuple):
+    """What columns make of the joints' efforts.
+
+    Attributes:
+        coefficients: (k, n).
+        certainty: how many standard deviations each is from zero, (k, n); 0 where it cannot be told.
+        explained: share of each effort's variance, (n,).
+    """
+
+    coefficients: np.ndarray
+    certainty: np.ndarray
+    explained: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -63,13 +80,13 @@ class Efforts:
         coupled = robot.rigid_effort(q, v, a) - own - gravity
         return cls(signals.effort[rows], own, coupled, gravity, signals.sign[rows], _usable(signals)[rows])
 
-    def fit(self, *columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients of columns (R, n), beside a constant, in each joint's effort, and how certain they are, (k, n) each."""
+    def fit(self, *columns: np.ndarray) -> Fit:
+        """Columns (R, n), beside a constant, in each joint's effort."""
         fits = [
             _fit(self.measured[rows, j], [column[rows, j] for column in columns])
             for j, rows in enumerate(self.usable.T)
         ]
-        return tuple(np.array(part).T for part in zip(*fits, strict=True))
+        return Fit(*(np.array(part).T for part in zip(*fits, strict=True)))
 
     def share(self, column: np.ndarray) -> np.ndarray:
         """How large a column (R, n) is beside each joint's effort, (n,)."""
@@ -81,21 +98,17 @@ class Efforts:
 
 
 def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
-    """Conventions that a recorded motion breaks, by a robot's description."""
-    yield from _in_degrees(signals, robot)
-    if signals.effort is None:
+    """Conventions that a recorded motion breaks, by a robot's description; those that hide others first."""
+    degrees = list(_in_degrees(signals, robot))
+    yield from degrees
+    if degrees or signals.effort is None:
         return
     efforts = Efforts.of(signals, robot)
-    without = _gravity_left_out(efforts)
-    if without:
-        yield Remark(
-            "",
-            "The efforts leave gravity out: they hold what motion asks for, but not what the links weigh.",
-            "Pass --add-gravity (node: add_gravity) if the controller adds the description's, or record the whole effort.",
-        )
-    borne = efforts.own + efforts.coupled + (0.0 if without else efforts.gravity)
-    yield from _turned(efforts, borne, signals.joints)
-    yield from _another_unit(efforts, borne)
+    borne = efforts.own + efforts.coupled + efforts.gravity
+    found = list(_turned(efforts, borne, signals.joints)) or list(misread(signals, robot))
+    if not found and _gravity_left_out(efforts):
+        found = [weightless()]
+    yield from found or _another_unit(efforts, borne)
 
 
 def unlike(signals: Signals, predicted: np.ndarray) -> Iterator[Remark]:
@@ -121,7 +134,8 @@ def _usable(signals: Signals) -> np.ndarray:
 
 def _another_unit(efforts: Efforts, borne: np.ndarray) -> Iterator[Remark]:
     """Whether efforts are many times what is expected of them, (R, n), on most joints."""
-    (factors, _), (certain, _) = efforts.fit(borne, efforts.sign)
+    fit = efforts.fit(borne, efforts.sign)
+    factors, certain = fit.coefficients[0], fit.certainty[0]
     known = np.abs(factors[np.abs(certain) > CERTAIN])
     if not len(known) or len(known) < 0.5 * len(factors):
         return
@@ -150,25 +164,22 @@ def _in_degrees(signals: Signals, robot: Robot) -> Iterator[Remark]:
 
 def _gravity_left_out(efforts: Efforts) -> bool:
     """Whether what motion makes of the efforts is there, and what gravity makes is not."""
-    (_, coupled, gravity, _), (_, certain, _, _) = efforts.fit(
-        efforts.own, efforts.coupled, efforts.gravity, efforts.sign
-    )
-    told = efforts.share(efforts.coupled) * (np.abs(certain) > CERTAIN)
+    fit = efforts.fit(efforts.own, efforts.coupled, efforts.gravity, efforts.sign)
+    _, coupled, gravity, _ = np.abs(fit.coefficients)
+    told = efforts.share(efforts.coupled) * (np.abs(fit.certainty[1]) > CERTAIN)
     told[told < COUPLED] = 0.0
     heavy = efforts.share(efforts.gravity)
     heavy[heavy < HEAVY] = 0.0
-    if not told.any() or np.count_nonzero(heavy) < 2:
+    if not told.any() or np.count_nonzero(heavy) < 2 or fit.explained.mean() < FITS:
         return False
-    return bool(
-        np.average(np.abs(gravity), weights=heavy) < LEFT_OUT * np.average(np.abs(coupled), weights=told)
-    )
+    return bool(np.average(gravity, weights=heavy) < LEFT_OUT * np.average(coupled, weights=told))
 
 
 def _turned(efforts: Efforts, borne: np.ndarray, joints: tuple[str, ...]) -> Iterator[Remark]:
     """Joints whose effort falls where it should grow, and whose friction or own inertia would be negative."""
-    _, (sure, sure_of_friction) = efforts.fit(borne, efforts.sign)
-    _, (sure_of_own, *_) = efforts.fit(efforts.own, borne - efforts.own, efforts.sign)
-    sure_of_own = sure_of_own * (efforts.share(efforts.own) > OWN)
+    sure, sure_of_friction = efforts.fit(borne, efforts.sign).certainty
+    apart = efforts.fit(efforts.own, efforts.coupled, efforts.gravity, efforts.sign)
+    sure_of_own = apart.certainty[0] * (efforts.share(efforts.own) > OWN)
     right = (sure_of_friction > CERTAIN) | (sure_of_own > CERTAIN)
     wrong = (sure < -CERTAIN) & ((sure_of_friction < -CERTAIN) | (sure_of_own < -CERTAIN)) & ~right
     if not wrong.any():
@@ -182,18 +193,19 @@ def _turned(efforts: Efforts, borne: np.ndarray, joints: tuple[str, ...]) -> Ite
     )
 
 
-def _fit(effort: np.ndarray, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of columns (R,) beside a constant, and their deviations from zero; 0 where they cannot be told."""
+def _fit(effort: np.ndarray, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, float]:
+    """A `Fit` of one joint: columns (R,) beside a constant."""
     matrix = np.stack([*columns, np.ones_like(effort)], axis=1)
     coefficients, certainty = np.zeros((2, matrix.shape[1]))
     size = np.linalg.norm(matrix, axis=0)
     seen = size > 1e-9 * np.linalg.norm(effort)
     scaled = matrix[:, seen] / size[seen]
     gram = scaled.T @ scaled
-    if len(effort) >= LEAST_ROWS and seen.any() and np.linalg.cond(gram) < 1e10:
-        found = np.linalg.solve(gram, scaled.T @ effort)
-        left = float(np.mean((effort - scaled @ found) ** 2))
-        doubt = np.sqrt(left * np.diagonal(np.linalg.inv(gram)))
-        coefficients[seen] = found / size[seen]
-        certainty[seen] = found / np.maximum(doubt, 1e-12 * np.linalg.norm(effort))
-    return coefficients[:-1], certainty[:-1]
+    if len(effort) < LEAST_ROWS or not seen.any() or np.linalg.cond(gram) > 1e10:
+        return coefficients[:-1], certainty[:-1], 0.0
+    found = np.linalg.solve(gram, scaled.T @ effort)
+    left = float(np.mean((effort - scaled @ found) ** 2))
+    doubt = np.sqrt(left * np.diagonal(np.linalg.inv(gram)))
+    coefficients[seen] = found / size[seen]
+    certainty[seen] = found / np.maximum(doubt, 1e-12 * np.linalg.norm(effort))
+    return coefficients[:-1], certainty[:-1], 1.0 - left / max(float(np.var(effort)), 1e-300)

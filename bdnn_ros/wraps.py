@@ -1,0 +1,29 @@
+"""Angles that were recorded within one turn: where they leave it they jump by 2 pi."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bdnn_ros.errors import listed
+from bdnn_ros.recording import Recording
+
+NEAR = 0.2
+"""A step this near to whole turns is one [share of a turn]."""
+
+
+def without_wraps(recording: Recording) -> Recording:
+    """The recording with the turns put back that a driver took from the position.
+
+    A joint that goes on from pi to -pi has not turned round; left as it is, its velocity is hundreds of radians a second.
+    """
+    turns = np.diff(recording.position, axis=0, prepend=recording.position[:1]) / (2.0 * np.pi)
+    whole = np.round(turns)
+    jumps = (whole != 0.0) & (np.abs(turns - whole) < NEAR)
+    if not jumps.any():
+        return recording
+    position = recording.position - 2.0 * np.pi * np.cumsum(np.where(jumps, whole, 0.0), axis=0)
+    joints = listed(joint for joint, any_ in zip(recording.joints, jumps.any(axis=0), strict=True) if any_)
+    note = f"{recording.name}: the position of {joints} was recorded within one turn; {jumps.sum()} jumps are put back."
+    return replace(recording, position=position, notes=(*recording.notes, note))
