@@ -59,6 +59,11 @@ class Reading:
     gravity: bool = True
     told: tuple[str, ...] = ()
 
+    @property
+    def only_weightless(self) -> bool:
+        """Whether only gravity is not where it should be."""
+        return not self.gravity and len(self.told) == 1
+
     def others(self, joints: tuple[str, ...]) -> Iterator[Reading]:
         """Readings with one thing more read otherwise."""
         for j, joint in enumerate(joints):
@@ -113,34 +118,13 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
     motion = Motion(signals, robot)
     if len(motion.effort) < MOST_ROWS // 10:
         return
-    width = robot.width
-    reading = Reading(np.arange(width), np.ones(width), np.zeros(width))
-    before = share = motion.explained(reading)
+    as_recorded = Reading(np.arange(robot.width), np.ones(robot.width), np.zeros(robot.width))
+    before = motion.explained(as_recorded)
     if before > POOR:
         return
-    for _ in range(width):
-        tried = [(motion.explained(other), other) for other in reading.others(robot.joints)]
-        best, other = max(tried, key=lambda one: one[0])
-        if 1.0 - best > STEP * (1.0 - share):
-            break
-        tied = [
-            one.told[-1] for found, one in tried if 1.0 - found <= TIED * (1.0 - best) and one is not other
-        ]
-        share, reading = (
-            best,
-            replace(other, told=(*reading.told, " or ".join([other.told[-1], *tied[:MOST_TIED]]))),
-        )
+    share, reading = _best(motion, as_recorded)
     if share > GOOD and BETTER * (1.0 - share) < 1.0 - before:
-        yield (
-            weightless()
-            if len(reading.told) == 1 and not reading.gravity
-            else Remark(
-                "",
-                f"The robot description explains {100 * before:.0f} % of the efforts as they are recorded, and "
-                f"{100 * share:.0f} % with {listed(reading.told)}.",
-                "Correct the description's axes, zeros and base, or the driver; --rename maps joints that are exchanged.",
-            )
-        )
+        yield weightless() if reading.only_weightless else _told(before, share, reading)
     elif before < HARDLY:
         yield Remark(
             "",
@@ -149,12 +133,37 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
         )
 
 
+def _best(motion: Motion, reading: Reading) -> tuple[float, Reading]:
+    """The reading that explains most, found by one thing after another, and how much that is."""
+    share = motion.explained(reading)
+    for _ in range(motion.robot.width):
+        tried = [(motion.explained(other), other) for other in reading.others(motion.robot.joints)]
+        best, chosen = max(tried, key=lambda one: one[0])
+        if 1.0 - best > STEP * (1.0 - share):
+            break
+        alike = [
+            one.told[-1] for found, one in tried if 1.0 - found <= TIED * (1.0 - best) and one is not chosen
+        ]
+        words = " or ".join([chosen.told[-1], *alike[:MOST_TIED]])
+        share, reading = best, replace(chosen, told=(*reading.told, words))
+    return share, reading
+
+
+def _told(before: float, share: float, reading: Reading) -> Remark:
+    return Remark(
+        "",
+        f"The robot description explains {100 * before:.0f} % of the efforts as they are recorded, and "
+        f"{100 * share:.0f} % with {listed(reading.told)}.",
+        "Correct the description's axes, zeros and base, or the driver; --rename maps joints that are exchanged.",
+    )
+
+
 def weightless() -> Remark:
     """That a controller adds gravity to what is recorded."""
     return Remark(
         "",
         "The efforts leave gravity out: they hold what motion asks for, but not what the links weigh.",
-        "Pass --add-gravity (node: add_gravity) if the controller adds it; if the base is mounted otherwise, correct the description.",
+        "Pass --add-gravity (node: add_gravity) if the controller adds it, or correct how the description's base is mounted.",
     )
 
 

@@ -134,19 +134,26 @@ def _usable(signals: Signals) -> np.ndarray:
 
 def _another_unit(efforts: Efforts, borne: np.ndarray) -> Iterator[Remark]:
     """Whether efforts are many times what is expected of them, (R, n), on most joints."""
-    fit = efforts.fit(borne, efforts.sign)
-    factors, certain = fit.coefficients[0], fit.certainty[0]
-    known = np.abs(factors[np.abs(certain) > CERTAIN])
-    if not len(known) or len(known) < 0.5 * len(factors):
+    factor = _factor(efforts, borne)
+    if factor is None or SMALLEST < factor < LARGEST:
         return
-    factor = float(np.median(known))
-    if not SMALLEST < factor < LARGEST:
-        yield Remark(
-            "",
-            f"The efforts are about {factor:.2g} times what the simulation says: they seem to be in another unit.",
-            "Pass --effort-factor JOINT=FACTOR (node: effort_factors), the N*m (N) in each reported unit: of a current "
-            "the torque constant times the gear ratio.",
-        )
+    weightless_factor = _factor(efforts, borne - efforts.gravity)
+    if factor < SMALLEST and weightless_factor is not None and weightless_factor > SMALLEST:
+        yield weightless()
+        return
+    yield Remark(
+        "",
+        f"The efforts are about {factor:.2g} times what the simulation says: they seem to be in another unit.",
+        "Pass --effort-factor JOINT=FACTOR (node: effort_factors), the N*m (N) in each reported unit: of a current "
+        "the torque constant times the gear ratio.",
+    )
+
+
+def _factor(efforts: Efforts, borne: np.ndarray) -> float | None:
+    """How many times what is expected of them the efforts are, median of the joints; None where few tell."""
+    fit = efforts.fit(borne, efforts.sign)
+    known = np.abs(fit.coefficients[0])[np.abs(fit.certainty[0]) > CERTAIN]
+    return float(np.median(known)) if len(known) >= max(0.5 * borne.shape[1], 1) else None
 
 
 def _in_degrees(signals: Signals, robot: Robot) -> Iterator[Remark]:
