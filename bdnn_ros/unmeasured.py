@@ -48,7 +48,10 @@ def held(effort: np.ndarray) -> np.ndarray:
 def at_limit(effort: np.ndarray, limits: np.ndarray) -> np.ndarray:
     """Samples (N, n) that are cut off, or near a joint's limit (n,), inf for none; one that efforts exceed cuts nothing."""
     limits = np.where(np.abs(effort).max(axis=0) <= limits / AT_LIMIT, limits, np.inf)
-    return (cut_off(effort) & ~held(effort)[:, None]) | (np.abs(effort) >= AT_LIMIT * limits)
+    stopped = held(effort)[:, None] & (
+        effort.shape[1] > 1
+    )  # of one joint alone nothing tells a hold from a limit
+    return (cut_off(effort) & ~stopped) | (np.abs(effort) >= AT_LIMIT * limits)
 
 
 def _runs(inside: np.ndarray) -> Iterator[tuple[int, int]]:

@@ -15,9 +15,9 @@ ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
     {"dynamics", "errors", "kernels", "unmeasured"},
     {"recording", "urdf"},
-    {"glitches", "repeats"},
+    {"glitches", "repeats", "wraps"},
     {"robot", "signals"},
-    {"scores"},
+    {"efforts", "scores"},
     {"effects", "bdnn", "physical", "bags"},
     {"diagnosis", "simulation"},
     {"online", "report"},

@@ -234,6 +234,7 @@ def _examination(
         test=equations.block % 5 == 2,
         extended=pool.residual(fit),
         model=model,
+        late=0.0,
     )
 
 

@@ -12,6 +12,7 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation.excitation import fourier
+from bdnn_ros.unmeasured import AT_LIMIT
 
 RATE = 200.0
 
@@ -143,7 +144,7 @@ def test_a_cut_effort_is_remarked_on_but_not_one_beyond_the_limit(robot, recordi
     cut = np.clip(grown, -robot.limits.effort, robot.limits.effort)
     found = list(check.saturated(replace(recording, effort=cut), robot))
     assert [one.about for one in found] == [robot.joints[1]]
-    share = 100.0 * np.mean(np.abs(grown[:, 1]) >= check.AT_LIMIT * limit)
+    share = 100.0 * np.mean(np.abs(grown[:, 1]) >= AT_LIMIT * limit)
     assert f"{share:.0f} % of the time" in found[0].problem
 
 

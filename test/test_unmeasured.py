@@ -129,13 +129,9 @@ def test_every_kind_is_remarked_on(arm, plain):
 def test_info_says_that_a_joint_reports_no_effort(arm, plain, tmp_path, capsys):
     main(["info", str(bags.write(without_effort(plain, 1), tmp_path / "bag")), "--json"])
     (concern,) = json.loads(capsys.readouterr().out)["concerns"]
-    assert concern == "The effort of arm2_joint2 never changes: its driver reports none."
+    assert "the effort of arm2_joint2 never changes" in concern
 
 
-@pytest.mark.parametrize(
-    "factor, sentence", [(1000.0, "another unit"), (0.001, "another unit"), (0.0, "stands still")]
-)
-def test_efforts_in_another_unit_or_none_are_refused(arm, plain, factor, sentence):
-    with pytest.raises(RecordingError, match=sentence):
-        usable(replace(plain, effort=factor * plain.require_effort()), arm)
-    usable(replace(plain, effort=-2.0 * plain.require_effort()), arm)
+def test_efforts_that_never_change_are_refused(arm, plain):
+    with pytest.raises(RecordingError, match="stands still"):
+        usable(replace(plain, effort=np.zeros_like(plain.require_effort())), arm)

@@ -1,8 +1,12 @@
-"""Whether a robot's description would suit its motion better with joints turned, zeroed or named otherwise."""
+"""Whether a robot's description would suit its motion better with joints turned, zeroed or named otherwise.
+
+A load that hangs sideways from the last link turns its weight as another zero would: what something carried explains is no
+reason to doubt the description.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -11,7 +15,7 @@ from scipy.optimize import nnls
 
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.remark import Remark
-from bdnn_ros.robot import Robot
+from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
 MOST_ROWS = 500
@@ -19,7 +23,11 @@ MOST_ROWS = 500
 POOR, GOOD = 0.97, 0.9
 """Other readings are looked for where the description explains less than the first share of the efforts, and taken where they
 explain more than the second."""
-HARDLY = 0.5
+BAD = 0.85
+"""Two joints at once are read otherwise where it explains less than this."""
+FURTHEST = 1.0
+"""A load hangs no further from its link's joint [m]."""
+HARDLY = 0.3
 """It is hardly this robot's where it explains less than this, and so does any other reading."""
 BETTER = 4.0
 """And where they leave so many times less unexplained."""
@@ -27,7 +35,7 @@ STEP = 0.7
 """Each thing read otherwise leaves at most this share of what was unexplained."""
 TIED, MOST_TIED = 1.05, 2
 """Others that leave hardly more are told as well, so many of them: what a joint does another may undo."""
-ZEROS = {90.0: "90 deg further", -90.0: "90 deg back", 180.0: "180 deg further"}
+ZEROS = {90.0: "90 deg further", 180.0: "180 deg further", -90.0: "90 deg back"}
 BASES = {
     (180.0, 0.0): "upside down",
     (90.0, 0.0): "on its side (roll 90 deg)",
@@ -35,8 +43,6 @@ BASES = {
     (0.0, 90.0): "on its side (pitch 90 deg)",
     (0.0, -90.0): "on its side (pitch -90 deg)",
 }
-
-WEIGHTLESS = "gravity left out of them"
 
 
 @dataclass(frozen=True)
@@ -46,10 +52,9 @@ class Reading:
     Attributes:
         order: which recorded column each joint is, (n,).
         direction: 1 or -1, (n,).
-        zero: what is added to the position, (n,) [rad].
+        zero: what is added to the position, (n,) [deg].
         base: roll and pitch of the base [deg].
         gravity: whether the efforts hold it.
-        told: what is read otherwise, in words.
     """
 
     order: np.ndarray
@@ -57,31 +62,50 @@ class Reading:
     zero: np.ndarray
     base: tuple[float, float] = (0.0, 0.0)
     gravity: bool = True
-    told: tuple[str, ...] = ()
 
-    @property
-    def only_weightless(self) -> bool:
-        """Whether only gravity is not where it should be."""
-        return not self.gravity and len(self.told) == 1
+    @classmethod
+    def as_recorded(cls, width: int) -> Reading:
+        """That of n joints as the description has them."""
+        return cls(np.arange(width), np.ones(width), np.zeros(width))
 
-    def others(self, joints: tuple[str, ...]) -> Iterator[Reading]:
+    def others(self) -> Iterator[Reading]:
         """Readings with one thing more read otherwise."""
-        for j, joint in enumerate(joints):
-            sign = self.direction.copy()
-            sign[j] *= -1.0
-            yield replace(self, direction=sign, told=(*self.told, f"{joint} turning the other way"))
-            for angle, words in ZEROS.items():
-                zero = self.zero.copy()
-                zero[j] += np.deg2rad(angle)
-                yield replace(self, zero=zero, told=(*self.told, f"{joint} {words}"))
-        for i, j in combinations(range(len(joints)), 2):
+        width = len(self.order)
+        for j in range(width):
+            yield from self.with_joint(j)
+        for i, j in combinations(range(width), 2):
             order = self.order.copy()
             order[[i, j]] = order[[j, i]]
-            yield replace(self, order=order, told=(*self.told, f"{joints[i]} and {joints[j]} exchanged"))
+            yield replace(self, order=order)
         if self.gravity and not any(self.base):
-            yield replace(self, gravity=False, told=(*self.told, WEIGHTLESS))
-            for base, words in BASES.items():
-                yield replace(self, base=base, told=(*self.told, f"the base {words}"))
+            yield replace(self, gravity=False)
+            for base in BASES:
+                yield replace(self, base=base)
+
+    def of_two_joints(self) -> Iterator[Reading]:
+        """Readings with two joints more read otherwise."""
+        for i, j in combinations(range(len(self.order)), 2):
+            for one in self.with_joint(i):
+                yield from one.with_joint(j)
+
+    def with_joint(self, joint: int) -> Iterator[Reading]:
+        """Readings with this joint turning the other way, or with another zero."""
+        chosen = np.arange(len(self.order)) == joint
+        yield replace(self, direction=np.where(chosen, -self.direction, self.direction))
+        for angle in ZEROS:
+            yield replace(self, zero=self.zero + angle * chosen)
+
+    def words(self, joints: tuple[str, ...]) -> list[str]:
+        """What is read otherwise."""
+        found = []
+        for k, joint in enumerate(joints):
+            angle = (self.zero[k] + 90.0) % 360.0 - 90.0
+            found += [f"{joint} turning the other way"] if self.direction[k] < 0.0 else []
+            found += [f"{joint} {ZEROS[angle]}"] if angle else []
+            found += [f"{joint} recorded as {joints[self.order[k]]}"] if self.order[k] != k else []
+        found += [] if self.gravity else ["gravity left out of them"]
+        found += [f"the base {BASES[self.base]}"] if any(self.base) else []
+        return found
 
 
 class Motion:
@@ -109,8 +133,23 @@ class Motion:
         robot = self.robot.tilted(*np.deg2rad(reading.base)) if any(reading.base) else self.robot
         robot = robot if reading.gravity else replace(robot, gravity_vector=np.zeros(3))
         acceleration, sign, effort = read(self.acceleration), read(self.sign), read(self.effort)
-        borne = robot.rigid_effort(read(self.position) + reading.zero, read(self.velocity), acceleration)
+        borne = robot.rigid_effort(
+            read(self.position) + np.deg2rad(reading.zero), read(self.velocity), acceleration
+        )
         return explained(effort, borne, acceleration, sign)
+
+    def explained_by_a_load(self) -> float:
+        """As `explained`, as recorded, at most: with whatever one of the links may carry or weigh more."""
+        robot, acceleration, sign = self.robot, self.acceleration, self.sign
+        borne = robot.rigid_effort(self.position, self.velocity, acceleration)
+        columns = robot.regressor(self.position, self.velocity, acceleration)
+        best = 0.0
+        for link in range(robot.width):
+            of_link = columns[:, :, PER_LINK * link : PER_LINK * (link + 1)]
+            load = _shared(self.effort - borne, of_link, acceleration, sign)
+            if np.abs(load[1:4]).max() <= FURTHEST * load[0]:
+                best = max(best, explained(self.effort, borne + of_link @ load, acceleration, sign))
+        return best
 
 
 def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
@@ -118,44 +157,30 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
     motion = Motion(signals, robot)
     if len(motion.effort) < MOST_ROWS // 10:
         return
-    as_recorded = Reading(np.arange(robot.width), np.ones(robot.width), np.zeros(robot.width))
-    before = motion.explained(as_recorded)
-    if before > POOR:
+    recorded = Reading.as_recorded(robot.width)
+    before = motion.explained(recorded)
+    loaded = before if before > POOR else max(before, motion.explained_by_a_load())
+    if loaded > POOR:
         return
-    share, reading = _best(motion, as_recorded)
-    if share > GOOD and BETTER * (1.0 - share) < 1.0 - before:
-        yield weightless() if reading.only_weightless else _told(before, share, reading)
-    elif before < HARDLY:
+    share, readings = _best(motion, recorded)
+    if share > GOOD and BETTER * (1.0 - share) < 1.0 - loaded:
+        words = " or ".join(listed(reading.words(robot.joints)) for reading in readings)
+        yield (
+            weightless()
+            if not readings[0].gravity
+            else Remark(
+                "",
+                f"The robot description explains {100 * before:.0f} % of the efforts as they are recorded, and "
+                f"{100 * share:.0f} % with {words}.",
+                "Correct the description's axes, zeros and base, or the driver; --rename maps joints that are exchanged.",
+            )
+        )
+    elif loaded < HARDLY:
         yield Remark(
             "",
             f"The robot description explains only {100 * before:.0f} % of the efforts.",
             "Check that it is this robot's, with its axes, zeros, base and names of joints.",
         )
-
-
-def _best(motion: Motion, reading: Reading) -> tuple[float, Reading]:
-    """The reading that explains most, found by one thing after another, and how much that is."""
-    share = motion.explained(reading)
-    for _ in range(motion.robot.width):
-        tried = [(motion.explained(other), other) for other in reading.others(motion.robot.joints)]
-        best, chosen = max(tried, key=lambda one: one[0])
-        if 1.0 - best > STEP * (1.0 - share):
-            break
-        alike = [
-            one.told[-1] for found, one in tried if 1.0 - found <= TIED * (1.0 - best) and one is not chosen
-        ]
-        words = " or ".join([chosen.told[-1], *alike[:MOST_TIED]])
-        share, reading = best, replace(chosen, told=(*reading.told, words))
-    return share, reading
-
-
-def _told(before: float, share: float, reading: Reading) -> Remark:
-    return Remark(
-        "",
-        f"The robot description explains {100 * before:.0f} % of the efforts as they are recorded, and "
-        f"{100 * share:.0f} % with {listed(reading.told)}.",
-        "Correct the description's axes, zeros and base, or the driver; --rename maps joints that are exchanged.",
-    )
 
 
 def weightless() -> Remark:
@@ -165,6 +190,41 @@ def weightless() -> Remark:
         "The efforts leave gravity out: they hold what motion asks for, but not what the links weigh.",
         "Pass --add-gravity (node: add_gravity) if the controller adds it, or correct how the description's base is mounted.",
     )
+
+
+def _best(motion: Motion, reading: Reading) -> tuple[float, list[Reading]]:
+    """The readings that explain most, found by one thing after another, and how much that is.
+
+    Joints with parallel axes may both be read otherwise so that neither alone is any better; then two are tried at once.
+    """
+    share, found = motion.explained(reading), [reading]
+    for _ in range(motion.robot.width):
+        best, better = _better(motion, found[0].others())
+        if 1.0 - best > STEP * (1.0 - share) and share < BAD and motion.robot.width > 1:
+            best, better = _better(motion, found[0].of_two_joints())
+        if 1.0 - best > STEP * (1.0 - share):
+            break
+        share, found = best, better
+    return share, found
+
+
+def _better(motion: Motion, readings: Iterable[Reading]) -> tuple[float, list[Reading]]:
+    """The readings that explain most, alike, and how much that is."""
+    tried = sorted(((motion.explained(reading), reading) for reading in readings), key=lambda one: -one[0])
+    best = tried[0][0]
+    return best, [one for share, one in tried if 1.0 - share <= TIED * (1.0 - best)][: 1 + MOST_TIED]
+
+
+def _shared(effort: np.ndarray, columns: np.ndarray, *apart: np.ndarray) -> np.ndarray:
+    """Coefficients of columns (R, n, k) in all joints' efforts (R, n), beside others' (R, n) that each joint has of its own."""
+    tall, target = [], []
+    for j in range(effort.shape[1]):
+        own = np.stack([*(one[:, j] for one in apart), np.ones(len(effort))], axis=1)
+        basis = np.linalg.svd(own, full_matrices=False)[0]
+        scale = max(float(np.std(effort[:, j])), 1e-12)
+        tall.append((columns[:, j] - basis @ (basis.T @ columns[:, j])) / scale)
+        target.append((effort[:, j] - basis @ (basis.T @ effort[:, j])) / scale)
+    return np.asarray(np.linalg.lstsq(np.concatenate(tall), np.concatenate(target), rcond=1e-6)[0])
 
 
 def explained(effort: np.ndarray, *columns: np.ndarray) -> float:

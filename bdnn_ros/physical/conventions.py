@@ -32,6 +32,8 @@ COUPLED, OWN = 0.04, 0.05
 LEFT_OUT, FITS = 0.3, 0.85
 """Gravity is left out where efforts hold less than this share of it, as measured by what others' motion makes of them, and all
 else explains such a share of them."""
+TOLD = 0.7
+"""A joint has the wrong sign where bodies and friction explain such a share of its effort: springs and pushes have any."""
 BEYOND = 1.5
 """Joints that cover so many times their whole range are not told in radians."""
 
@@ -188,7 +190,8 @@ def _turned(efforts: Efforts, borne: np.ndarray, joints: tuple[str, ...]) -> Ite
     apart = efforts.fit(efforts.own, efforts.coupled, efforts.gravity, efforts.sign)
     sure_of_own = apart.certainty[0] * (efforts.share(efforts.own) > OWN)
     right = (sure_of_friction > CERTAIN) | (sure_of_own > CERTAIN)
-    wrong = (sure < -CERTAIN) & ((sure_of_friction < -CERTAIN) | (sure_of_own < -CERTAIN)) & ~right
+    negative = (sure_of_friction < -CERTAIN) | (sure_of_own < -CERTAIN)
+    wrong = (sure < -CERTAIN) & negative & ~right & (apart.explained > TOLD)
     if not wrong.any():
         return
     named = [joint for joint, one in zip(joints, wrong | ~right.any(), strict=True) if one]

@@ -1,0 +1,66 @@
+"""Efforts that come late are moved to when they acted, and told; what acts late is a cause and stays one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.diagnosis.extension import extend
+from bdnn_ros.diagnosis.lateness import LEFT, in_time, lateness
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.scores import score_model
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.scenario import Scenario
+from bdnn_ros.simulation.simulate import simulate
+
+
+def late(recording: Recording, seconds: float) -> Recording:
+    samples = round(seconds * recording.rate)
+    effort = recording.require_effort()
+    return replace(recording.part(slice(samples, None)), effort=effort[: len(effort) - samples])
+
+
+@pytest.mark.parametrize("name, seed", [("arm2", 1), ("arm6", 2), ("arm7", 3)])
+@pytest.mark.parametrize("seconds", [0.0, 0.04, 0.12])
+def test_lateness_is_found_to_some_milliseconds(name, seed, seconds):
+    robot = Robot.bundled(name)
+    recording = Scenario(robot, seed=seed, duration=15.0, worn=True, wrong=0.05).run()[0].recording
+    found = lateness(prepare(late(recording, seconds)), robot)
+    assert found == pytest.approx(max(seconds - LEFT, 0.0), abs=LEFT)
+
+
+@pytest.mark.parametrize("spec", ["effort_delay:delay=0.05", "joint_elasticity@arm2_joint2:stiffness=300"])
+def test_what_acts_late_is_no_lateness(spec):
+    robot = Robot.bundled("arm2")
+    recording = simulate(robot, [parse_spec(spec, robot)], seed=1, duration=15.0).recording
+    assert lateness(prepare(recording), robot) == 0.0
+
+
+def test_efforts_move_within_their_pieces():
+    time = np.concatenate([np.arange(100), np.arange(200, 300)]) / 100.0
+    effort = np.arange(200.0)[:, None]
+    recording = Recording(time, ("a",), np.zeros((200, 1)), effort=effort)
+    (moved,) = in_time([recording], 0.05)
+    np.testing.assert_array_equal(moved.time, np.concatenate([time[:95], time[100:195]]))
+    np.testing.assert_array_equal(
+        moved.require_effort()[:, 0], np.concatenate([effort[5:100, 0], effort[105:, 0]])
+    )
+    assert "comes about 58 ms after the motion" in moved.notes[0]
+    assert in_time([recording], 0.0) == [recording]
+
+
+def test_the_same_is_named_and_the_extended_model_predicts_what_is_recorded():
+    robot = Robot.bundled("arm6")
+    spec = parse_spec("viscous_friction@arm6_joint2:viscous=8.0", robot)
+    recording = late(simulate(robot, [spec], seed=1, duration=20.0).recording, 0.06)
+    examination = examine([recording], robot)
+    (finding,) = examination.diagnosis.findings
+    assert (finding.effect, finding.joint) == ("viscous_friction", "arm6_joint2")
+    assert finding.parameters["viscous"].value == pytest.approx(8.0, rel=0.02)
+    assert any("after the motion it belongs to" in note for note in examination.recordings[0].notes)
+    assert score_model(extend(examination), [prepare(recording)]).nrmse_mean < 0.02

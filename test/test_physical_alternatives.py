@@ -1,0 +1,107 @@
+"""Descriptions that would suit their motion with joints turned, zeroed, exchanged or mounted otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.physical.alternatives import misread
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.scenario import Scenario
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return Robot.bundled("arm6")
+
+
+@pytest.fixture(scope="module")
+def recording(arm: Robot) -> Recording:
+    """Of a worn robot whose links are 5 % off."""
+    return Scenario(arm, seed=6, duration=12.0, worn=True, wrong=0.05).run()[0].recording
+
+
+def told(recording: Recording, robot: Robot) -> str:
+    """What is read otherwise; empty where nothing is."""
+    remarks = list(misread(prepare(recording), robot))
+    return remarks[0].problem if remarks else ""
+
+
+def turned(recording: Recording, joint: int) -> Recording:
+    sign = np.where(np.arange(recording.width) == joint, -1.0, 1.0)
+    return replace(
+        recording,
+        position=sign * recording.position,
+        velocity=None,
+        effort=sign * recording.require_effort(),
+    )
+
+
+def further(recording: Recording, joint: int, degrees: float) -> Recording:
+    offset = np.where(np.arange(recording.width) == joint, np.deg2rad(degrees), 0.0)
+    return replace(recording, position=recording.position + offset)
+
+
+def exchanged(recording: Recording, one: int, other: int) -> Recording:
+    names = list(recording.joints)
+    names[one], names[other] = names[other], names[one]
+    return replace(recording, joints=tuple(names)).select(recording.joints)
+
+
+def mounted(recording: Recording, robot: Robot, roll: float, pitch: float) -> Recording:
+    """The robot on a base that its description has level."""
+    q = recording.position
+    real = robot.tilted(np.deg2rad(roll), np.deg2rad(pitch)).gravity(q)
+    return replace(recording, effort=recording.require_effort() - robot.gravity(q) + real)
+
+
+def test_a_description_that_fits_is_left_alone(arm, recording):
+    assert told(recording, arm) == ""
+
+
+def test_a_joint_that_turns_the_other_way(arm, recording):
+    assert "arm6_joint2 turning the other way" in told(turned(recording, 1), arm)
+
+
+@pytest.mark.parametrize(
+    "degrees, words", [(90.0, "90 deg back"), (-90.0, "90 deg further"), (180.0, "180 deg")]
+)
+def test_another_zero(arm, recording, degrees, words):
+    assert f"arm6_joint3 {words}" in told(further(recording, 2, degrees), arm)
+
+
+@pytest.mark.parametrize("joint", [2, 3, 4], ids=["parallel", "parallel, further out", "crossing"])
+def test_two_things_at_once(arm, recording, joint):
+    problem = told(further(turned(recording, 1), joint, 90.0), arm)
+    assert "arm6_joint2 turning the other way" in problem and f"{arm.joints[joint]} 90 deg back" in problem
+
+
+def test_exchanged_joints(arm, recording):
+    assert "arm6_joint2 recorded as arm6_joint3, arm6_joint3 recorded as arm6_joint2" in told(
+        exchanged(recording, 1, 2), arm
+    )
+
+
+@pytest.mark.parametrize(
+    "roll, pitch, words", [(180.0, 0.0, "upside down"), (90.0, 0.0, "roll 90"), (0.0, -90.0, "pitch -90")]
+)
+def test_a_base_that_is_mounted_otherwise(arm, recording, roll, pitch, words):
+    assert words in told(mounted(recording, arm, roll, pitch), arm)
+
+
+def test_efforts_of_no_robot_are_not_this_robots(arm, recording):
+    noise = np.random.default_rng(0).standard_normal(recording.position.shape)
+    assert "explains only" in told(replace(recording, effort=noise), arm)
+
+
+def test_readings_that_tie_are_told_together():
+    """Turning joint 2 does to all but joint 1, whose angle nothing shows, what half a turn of joint 3 does."""
+    robot = Robot.bundled("arm7")
+    recording = Scenario(robot, seed=6, duration=12.0, worn=True, wrong=0.05).run()[0].recording
+    problem = told(turned(recording, 1), robot)
+    assert "arm7_joint2 turning the other way" in problem and " or " in problem
+    assert "arm7_joint3 180 deg further" in problem

@@ -1,0 +1,107 @@
+"""What drivers report in another way than is taken for granted is recognised, and nothing else is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.conventions import breaches, unlike
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.scenario import Scenario
+from bdnn_ros.simulation.simulate import simulate
+
+ARMS = ("arm2", "arm6", "arm7")
+Spoiled = Callable[[Recording, Robot], Recording]
+
+
+def worn(name: str, seed: int, wrong: float = 0.05) -> Recording:
+    """A robot with friction and rotors that its description, itself off, leaves out."""
+    return Scenario(Robot.bundled(name), seed=seed, duration=12.0, worn=True, wrong=wrong).run()[0].recording
+
+
+def problems(recording: Recording, robot: Robot) -> list[str]:
+    return [remark.problem for remark in breaches(prepare(recording), robot)]
+
+
+def effort_times(factors: float | np.ndarray) -> Spoiled:
+    return lambda recording, robot: replace(recording, effort=factors * recording.require_effort())
+
+
+def one_turned(recording: Recording, robot: Robot) -> Recording:
+    return effort_times(np.where(np.arange(robot.width) == 1, -1.0, 1.0))(recording, robot)
+
+
+def currents(recording: Recording, robot: Robot) -> Recording:
+    return effort_times(1.0 / np.linspace(8.0, 14.0, robot.width))(recording, robot)
+
+
+def without_gravity(recording: Recording, robot: Robot) -> Recording:
+    return replace(recording, effort=recording.require_effort() - robot.gravity(recording.position))
+
+
+def in_degrees(recording: Recording, robot: Robot) -> Recording:
+    return replace(recording, position=np.rad2deg(recording.position), velocity=None)
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(
+    "spoil, sentence",
+    [
+        (one_turned, "The efforts of {second} have the wrong sign"),
+        (effort_times(-1.0), "The efforts of {first}, {second}"),
+        (currents, "seem to be in another unit"),
+        (effort_times(1000.0), "seem to be in another unit"),
+        (without_gravity, "leave gravity out"),
+        (in_degrees, "seem to be in degrees"),
+    ],
+    ids=["one turned", "all turned", "currents", "millis", "without gravity", "degrees"],
+)
+def test_what_is_recorded_otherwise_is_told(name, spoil, sentence):
+    robot, recording = Robot.bundled(name), worn(name, seed=4)
+    assert problems(recording, robot) == []
+    (problem,) = problems(spoil(recording, robot), robot)
+    assert sentence.format(first=robot.joints[0], second=robot.joints[1]) in problem
+    with pytest.raises(RecordingError, match=re.escape(problem)):
+        diagnose([spoil(recording, robot)], robot)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_robot_that_is_far_from_its_description_breaks_no_convention(seed):
+    name = ARMS[seed % 3]
+    assert problems(worn(name, 40 + seed, wrong=0.2), Robot.bundled(name)) == []
+
+
+@pytest.mark.parametrize(
+    "spec",
+    ["payload@arm2_link2:mass=2.0,com_x=0.1", "effort_scale@arm2_joint2:scale=2.5", "base_tilt:roll_deg=20"],
+)
+def test_large_causes_break_no_convention(spec):
+    robot = Robot.bundled("arm2")
+    recording = simulate(robot, [parse_spec(spec, robot)], seed=1, duration=12.0).recording
+    assert problems(recording, robot) == []
+
+
+def test_a_model_of_other_units_is_told_by_what_it_predicts():
+    robot = Robot.bundled("arm2")
+    signals = prepare(simulate(robot, seed=1, duration=12.0).recording)
+    predicted = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+    assert list(unlike(signals, predicted)) == []
+    (remark,) = unlike(signals, 0.05 * predicted)
+    assert "about 20 times" in remark.problem
+
+
+def test_nothing_is_said_of_a_robot_that_stands_still_or_reports_no_effort():
+    robot = Robot.bundled("arm2")
+    recording = simulate(robot, seed=1, duration=12.0).recording
+    assert problems(replace(recording, effort=None), robot) == []
+    still = replace(recording, position=np.zeros_like(recording.position), velocity=None)
+    assert problems(still, robot) == []

@@ -1,0 +1,68 @@
+"""Angles recorded within one turn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.simulate import simulate
+from bdnn_ros.wraps import without_wraps
+
+
+def turning() -> Recording:
+    """A joint that turns on and one that swings."""
+    time = np.arange(2000) / 100.0
+    return Recording(time, ("a", "b"), np.stack([3.0 * time, 2.0 * np.sin(time)], axis=1))
+
+
+def wrapped(recording: Recording, centre: float = 0.0) -> Recording:
+    turns = np.round((recording.position - centre) / (2.0 * np.pi))
+    return replace(recording, position=recording.position - 2.0 * np.pi * turns)
+
+
+def test_turns_are_put_back_and_told():
+    recording = turning()
+    again = without_wraps(wrapped(recording))
+    np.testing.assert_allclose(again.position, recording.position, atol=1e-9)
+    assert again.notes == (
+        "recording: the position of a was recorded within one turn; 10 jumps are put back.",
+    )
+
+
+def test_what_does_not_jump_by_whole_turns_is_kept():
+    recording = turning()
+    stepping = recording.position.copy()
+    stepping[1000:] += 4.0
+    for kept in (recording, replace(recording, position=stepping), recording.part(slice(0, 1))):
+        assert without_wraps(kept) is kept
+
+
+@pytest.fixture(scope="module")
+def crossing() -> tuple[Robot, Recording, Recording]:
+    """An arm with friction, as it moved and as a driver tells it that cuts in the middle of the motion."""
+    robot = Robot.bundled("arm2")
+    spec = parse_spec("coulomb_friction@arm2_joint1:coulomb=2.0", robot)
+    recording = simulate(robot, [spec], seed=3, duration=20.0).recording
+    return robot, recording, wrapped(recording, np.pi + np.median(recording.position, axis=0))
+
+
+def test_a_diagnosis_names_the_same(crossing):
+    robot, recording, cut = crossing
+    before, after = diagnose([recording], robot), diagnose([cut], robot)
+    assert [(f.effect, f.joint) for f in after.findings] == [("coulomb_friction", "arm2_joint1")]
+    assert after.findings[0].parameters["coulomb"].value == pytest.approx(
+        before.findings[0].parameters["coulomb"].value, rel=1e-3
+    )
+
+
+def test_so_does_what_is_identified_live(crossing):
+    robot, recording, cut = crossing
+    models = [Identifier(robot).fit([one]) for one in (recording, cut)]
+    np.testing.assert_allclose(models[1].robot.inertials, models[0].robot.inertials, rtol=0.02, atol=2e-3)
