@@ -31,6 +31,8 @@ SLOW = 50.0
 """Rate of a slow driver [Hz]."""
 SENSOR_CUTOFF = 10.0
 """Of a first-order low-pass in the effort sensors [Hz]."""
+LATE = 0.05
+"""How late efforts come [s]."""
 
 
 def as_recorded(recording: Recording, rng: np.random.Generator) -> Recording:
@@ -103,6 +105,19 @@ def dropping(recording: Recording, rng: np.random.Generator) -> Recording:
     return replace(recording, effort=effort)
 
 
+def late(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Efforts that come 50 ms after the motion they belong to."""
+    samples = round(LATE * recording.rate)
+    return replace(recording.part(slice(samples, None)), effort=recording.require_effort()[:-samples])
+
+
+def within_a_turn(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Angles within one turn, which ends where the joints are most of the time."""
+    end = np.pi + np.median(recording.position, axis=0)
+    turns = np.round((recording.position - end) / (2.0 * np.pi))
+    return replace(recording, position=recording.position - 2.0 * np.pi * turns)
+
+
 WAYS: dict[str, Misread] = {
     "as recorded": as_recorded,
     "encoders of 14 bits": encoder,
@@ -115,6 +130,8 @@ WAYS: dict[str, Misread] = {
     "one reading in 5 000 wrong": wrong_readings,
     "sensors at their limit above 75 %": limited,
     "efforts zero for 60 ms, five times": dropping,
+    "efforts 50 ms late": late,
+    "angles within one turn": within_a_turn,
 }
 
 

@@ -1,6 +1,6 @@
 """Naming hidden effects in recordings that were read badly: each draw is diagnosed as recorded, and in every other way.
 
-    python benchmarks/naming_readings.py --budget 0 --jobs 2    # 8 minutes
+    python benchmarks/naming_readings.py --budget 0 --jobs 2    # 10 minutes
 
 What is hidden is the same in every way; a way costs what it names less, and what it names falsely. A filter of the reported
 velocity is not hidden, since some ways leave no such velocity.

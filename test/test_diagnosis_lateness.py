@@ -11,6 +11,7 @@ from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.extension import extend
 from bdnn_ros.diagnosis.lateness import LEFT, in_time, lateness
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model
@@ -26,7 +27,7 @@ def late(recording: Recording, seconds: float) -> Recording:
 
 
 @pytest.mark.parametrize("name, seed", [("arm2", 1), ("arm6", 2), ("arm7", 3)])
-@pytest.mark.parametrize("seconds", [0.0, 0.04, 0.12])
+@pytest.mark.parametrize("seconds", [0.0, 0.05, 0.12])
 def test_lateness_is_found_to_some_milliseconds(name, seed, seconds):
     robot = Robot.bundled(name)
     recording = Scenario(robot, seed=seed, duration=15.0, worn=True, wrong=0.05).run()[0].recording
@@ -64,3 +65,12 @@ def test_the_same_is_named_and_the_extended_model_predicts_what_is_recorded():
     assert finding.parameters["viscous"].value == pytest.approx(8.0, rel=0.02)
     assert any("after the motion it belongs to" in note for note in examination.recordings[0].notes)
     assert score_model(extend(examination), [prepare(recording)]).nrmse_mean < 0.02
+
+
+def test_what_is_identified_predicts_efforts_as_late_as_they_came():
+    robot = Robot.bundled("arm6")
+    recording = Scenario(robot, seed=6, duration=20.0, worn=True, wrong=0.05).run()[0].recording
+    before = score_model(Identifier(robot).fit([recording]), [prepare(recording)]).nrmse_mean
+    model = Identifier(robot).fit([late(recording, 0.06)])
+    assert model.lead == pytest.approx(-0.06, abs=0.004)
+    assert score_model(model, [prepare(late(recording, 0.06))]).nrmse_mean < before + 0.02

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     with _progress() as say:
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
         remarks = [str(remark) for remark in check_data(recordings, robot, args.cutoff)]
-        lines = verdict_lines(examination)
+        lines = verdict_lines(examination, [note for recording in recordings for note in recording.notes])
         examination = replace(examination, diagnosis=_completed(examination.diagnosis, args, remarks))
         say("writing")
         args.out.mkdir(parents=True, exist_ok=True)
@@ -85,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def verdict_lines(examination: Examination) -> list[str]:
-    """The verdict as a person would write it, a line each."""
+def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[str]:
+    """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
     lines = [VERDICTS[diagnosis.verdict]]
     if diagnosis.verdict == "nothing_wrong" and diagnosis.gain_interval[0] > SLIGHT_GAIN:
@@ -100,8 +100,7 @@ def verdict_lines(examination: Examination) -> list[str]:
         said = group[0].sentence if len(group) == 1 else _together(group)
         lines.append(f" {number}. {said} ({share}, probability {least:.2f})")
         lines += [_rivals(finding) for finding in group if _close(finding)]
-    said_before = {note for recording in examination.recordings for note in recording.notes}
-    lines += [note for note in diagnosis.notes if note not in said_before]
+    lines += [note for note in diagnosis.notes if note not in known]
     low, high = diagnosis.gain_interval
     lines.append(
         f"Gain on held-out data: the error falls by {100.0 * diagnosis.gain:.1f} % "

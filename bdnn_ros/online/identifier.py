@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bdnn_ros.errors import UsageError
+from bdnn_ros.diagnosis.lateness import in_time, lateness
+from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.online.chunks import Chunks
 from bdnn_ros.physical.columns import low_passed, sharp_columns, smooth_columns
 from bdnn_ros.physical.dictionary import Scales
@@ -22,7 +23,7 @@ from bdnn_ros.physical.structure import Layout, Structure, layout, straightened,
 from bdnn_ros.physical.weighing import certainty, moving, sliding
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import Signals, prepare
 
 FAST = 0.02
 """Speed, in units of the limit, above which friction is sliding friction."""
@@ -139,18 +140,24 @@ class Identifier:
     def fit(self, recordings: Sequence[Recording], progress: Progress | None = None) -> PhysicalModel:
         """The model of one or several recordings of the robot.
 
+        Efforts that come late are moved to when they acted; the model then predicts them as late as they came.
+
         Raises:
             RecordingError: there is no effort, or nothing that could be used.
             UsageError: the joints are not the robot's.
         """
-        total = sum(recording.duration for recording in recordings) or 1.0
-        done = 0.0
-        self._settle_at = NEVER  # once is enough, at the end
         for recording in recordings:
             if recording.joints != self.robot.joints:
                 raise UsageError(
                     f"{recording.name} has other joints than the robot.", "Select the robot's joints."
                 )
+            recording.require_effort()
+        late = self._lateness(recordings)
+        recordings = in_time(recordings, late)
+        total = sum(recording.duration for recording in recordings) or 1.0
+        done = 0.0
+        self._settle_at = NEVER  # once is enough, at the end
+        for recording in recordings:
             effort = recording.require_effort()
             for rows in _stretches(recording, 10.0):
                 self.feed(recording.time[rows], recording.position[rows], effort[rows])
@@ -166,7 +173,17 @@ class Identifier:
         model = self.model(ITERATIONS)
         if progress:
             progress(1.0, "done")
-        return model
+        return replace(model, lead=model.lead - late) if late else model
+
+    def _lateness(self, recordings: Sequence[Recording]) -> float:
+        """How late the efforts of recordings are [s], their median; none where they are too short to tell."""
+        found = []
+        for recording in recordings:
+            try:
+                found.append(lateness(prepare(recording, self._stream.cutoff), self.robot))
+            except RecordingError:
+                continue
+        return float(np.median(found)) if found else 0.0
 
     # -- models out ------------------------------------------------------------------------------
 
