@@ -90,6 +90,13 @@ def test_large_causes_break_no_convention(spec):
     assert problems(recording, robot) == []
 
 
+@pytest.mark.parametrize("joint", range(6))
+def test_rotors_of_a_small_wrist_are_no_other_unit(joint):
+    """Alone, a wrist's rotor makes hundreds of times what its links do."""
+    name = f"arm6_joint{1 + joint}"
+    assert problems(worn("arm6", 6).select([name]), Robot.bundled("arm6", [name])) == []
+
+
 def test_a_model_of_other_units_is_told_by_what_it_predicts():
     robot = Robot.bundled("arm2")
     signals = prepare(simulate(robot, seed=1, duration=12.0).recording)

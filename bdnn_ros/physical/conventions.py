@@ -110,7 +110,7 @@ def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
     found = list(_turned(efforts, borne, signals.joints)) or list(misread(signals, robot))
     if not found and _gravity_left_out(efforts):
         found = [weightless()]
-    yield from found or _another_unit(efforts, borne)
+    yield from found or _another_unit(efforts, borne, efforts.own)
 
 
 def unlike(signals: Signals, predicted: np.ndarray) -> Iterator[Remark]:
@@ -134,13 +134,17 @@ def _usable(signals: Signals) -> np.ndarray:
     return signals.seen & ~signals.at_rest
 
 
-def _another_unit(efforts: Efforts, borne: np.ndarray) -> Iterator[Remark]:
-    """Whether efforts are many times what is expected of them, (R, n), on most joints."""
-    factor = _factor(efforts, borne)
+def _another_unit(efforts: Efforts, borne: np.ndarray, *own: np.ndarray) -> Iterator[Remark]:
+    """Whether efforts are many times what is expected of them, (R, n), on most joints.
+
+    Args:
+        own: what rotors may make as much of as they like, (R, n).
+    """
+    factor = _factor(efforts, borne, *own)
     if factor is None or SMALLEST < factor < LARGEST:
         return
-    weightless_factor = _factor(efforts, borne - efforts.gravity)
-    if factor < SMALLEST and weightless_factor is not None and weightless_factor > SMALLEST:
+    of_motion = _factor(efforts, borne - efforts.gravity, *own)
+    if factor < SMALLEST and of_motion is not None and of_motion > SMALLEST:
         yield weightless()
         return
     yield Remark(
@@ -151,9 +155,9 @@ def _another_unit(efforts: Efforts, borne: np.ndarray) -> Iterator[Remark]:
     )
 
 
-def _factor(efforts: Efforts, borne: np.ndarray) -> float | None:
+def _factor(efforts: Efforts, borne: np.ndarray, *own: np.ndarray) -> float | None:
     """How many times what is expected of them the efforts are, median of the joints; None where few tell."""
-    fit = efforts.fit(borne, efforts.sign)
+    fit = efforts.fit(borne, efforts.sign, *own)
     known = np.abs(fit.coefficients[0])[np.abs(fit.certainty[0]) > CERTAIN]
     return float(np.median(known)) if len(known) >= max(0.5 * borne.shape[1], 1) else None
 
@@ -208,7 +212,7 @@ def _fit(effort: np.ndarray, columns: list[np.ndarray]) -> tuple[np.ndarray, np.
     matrix = np.stack([*columns, np.ones_like(effort)], axis=1)
     coefficients, certainty = np.zeros((2, matrix.shape[1]))
     size = np.linalg.norm(matrix, axis=0)
-    seen = size > 1e-9 * np.linalg.norm(effort)
+    seen = size > 1e-9 * np.sqrt(len(effort))
     scaled = matrix[:, seen] / size[seen]
     gram = scaled.T @ scaled
     if len(effort) < LEAST_ROWS or not seen.any() or np.linalg.cond(gram) > 1e10:
