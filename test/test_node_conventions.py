@@ -123,7 +123,8 @@ def test_the_configuration_files_hold_every_default(file, settings):
     assert {**empty, **loaded} == {setting.name: setting.default for setting in settings}
 
 
-def test_namespace_remapping_simulated_time_and_commands(tmp_path):
+@pytest.mark.parametrize("whole", [True, False], ids=["whole efforts", "turned, halved, without gravity"])
+def test_namespace_remapping_simulated_time_and_commands(tmp_path, whole):
     """In a namespace, on another topic, with /clock for time and the effort that was commanded."""
     arguments = [sys.executable, "-m", "bdnn_ros.nodes.identification_node", "--ros-args"]
     arguments += ["-r", "__ns:=/cell_1", "-r", "effort_commands:=/arm_controller/commands"]
@@ -133,10 +134,13 @@ def test_namespace_remapping_simulated_time_and_commands(tmp_path):
         "joints": f"[{', '.join(ARM.joints)}]",
         "diagnosis_period": "0.0",
     }
+    if not whole:
+        settings |= {"effort_factors": "['-2']", "add_gravity": "true"}
     for name, value in settings.items():
         arguments += ["-p", f"{name}:={value}"]
     recording = motion(REAL, 6.5, 250.0)
-    commands = recording.effort
+    acting = recording.require_effort()
+    commands = acting if whole else (acting - ARM.gravity(recording.position)) / -2.0
     process = Process(arguments, tmp_path / "log", 123)
     try:
         with Robotics(123) as ros:
