@@ -223,3 +223,23 @@ def test_wrong_words(words: list[str], sentence: str | None, capfd: pytest.Captu
     else:
         assert_one_sentence(captured.err, sentence)
         assert captured.out == ""
+
+
+def test_numbers_that_no_method_survives_get_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And other errors of ours stay visible."""
+
+    def failing(error: Exception) -> Callable[..., None]:
+        def run(args: object) -> None:
+            raise error
+
+        return run
+
+    bag = str(bag_of(tmp_path / "bag", motion()))
+    monkeypatch.setattr("bdnn_ros.cli.info.run", failing(np.linalg.LinAlgError("Singular matrix")))
+    assert main(["info", bag]) == 1
+    assert "broke down on these numbers" in capsys.readouterr().err
+    monkeypatch.setattr("bdnn_ros.cli.info.run", failing(ValueError("a bug")))
+    with pytest.raises(ValueError, match="a bug"):
+        main(["info", bag])

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from bdnn_ros.errors import BdnnError, UsageError, listed
+from bdnn_ros.errors import BdnnError, DataError, UsageError, listed
 
 VERBS = {
     "demo": "simulate a worn robot with a hidden effect, identify it, diagnose it, and reveal the truth",
@@ -25,6 +25,7 @@ VERBS = {
 }
 """What `bdnn --help` says of each verb, as `HELP` of its module, which is imported only when called."""
 USAGE_STATUS = 2
+BROKE_DOWN = "The computation broke down on these numbers: check the recording with bdnn info, and that the description is its robot's"
 INTERRUPTED_STATUS = 130
 BROKEN_PIPE_STATUS = 141
 
@@ -51,6 +52,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
         return BROKEN_PIPE_STATUS
+    except ValueError as error:
+        from numpy.linalg import LinAlgError  # no verb has failed in it without having loaded numpy
+
+        if not isinstance(error, LinAlgError):
+            raise
+        return _complain(f"{BROKE_DOWN} ({error}).", DataError.exit_status)
     except OSError as error:
         return _complain(f"{error.strerror or error}: {error.filename or 'a file'}.", USAGE_STATUS)
 
