@@ -25,7 +25,9 @@ VERBS = {
 }
 """What `bdnn --help` says of each verb, as `HELP` of its module, which is imported only when called."""
 USAGE_STATUS = 2
-BROKE_DOWN = "The computation broke down on these numbers: check the recording with bdnn info, and the description"
+BROKE_DOWN = (
+    "The computation broke down on these numbers: check the recording with bdnn info, and the description"
+)
 INTERRUPTED_STATUS = 130
 BROKEN_PIPE_STATUS = 141
 
