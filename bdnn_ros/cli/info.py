@@ -169,10 +169,10 @@ def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
 
 def _saturated(recording: Recording, limits: Limits | None) -> np.ndarray:
     """Share of samples whose effort is at its limit, (n,); NaN where it was not measured."""
-    unlimited = np.full(recording.width, np.inf)
     if recording.effort is None:
         return np.full(recording.width, np.nan)
-    return np.asarray(at_limit(recording.effort, limits.effort if limits else unlimited).mean(axis=0))
+    highest = limits.effort if limits else np.full(recording.width, np.inf)
+    return np.asarray(at_limit(recording.effort, highest).mean(axis=0))
 
 
 def _reversals(velocity: np.ndarray) -> int:

@@ -129,6 +129,8 @@ def load(
 
 def _converted(recordings: list[Recording], robot: Robot | None, args: argparse.Namespace) -> list[Recording]:
     """The recordings with the efforts that drive the joints."""
+    if not args.effort_factor and not args.add_gravity:
+        return recordings
     if args.add_gravity and robot is None:
         raise UsageError("--add-gravity needs a robot description.", "Give --urdf FILE or --robot NAME.")
     convention = EffortConvention.of(
