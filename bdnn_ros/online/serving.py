@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class Settings:
     diagnosis_window: float = 60.0
 
     def convention(self, robot: Robot) -> EffortConvention:
-        """What the efforts of a robot, or of some of its joints, are.
+        """What the efforts of a robot, or of some of its joints, are; it computes with a robot of its own.
 
         Raises:
             UsageError: a factor is malformed.
@@ -50,7 +50,7 @@ class Settings:
         ours = [
             rule for rule in self.effort_factors if "=" not in rule or rule.rpartition("=")[0] in robot.joints
         ]
-        return EffortConvention.of(ours, robot.joints, robot if self.add_gravity else None)
+        return EffortConvention.of(ours, robot.joints, replace(robot) if self.add_gravity else None)
 
 
 @dataclass(frozen=True)
