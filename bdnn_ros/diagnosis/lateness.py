@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bdnn_ros.physical.alternatives import explained
+from bdnn_ros.physical.sampling import some, telling
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -31,10 +32,9 @@ def lateness(signals: Signals, robot: Robot) -> float:
     """How late the efforts of a motion are, all alike [s]; 0 where that is little, or not sure."""
     assert signals.effort is not None
     most = round(LATEST * signals.rate)
-    inside = signals.interior & (signals.seen & ~signals.at_rest).any(axis=1)
+    inside = signals.interior & telling(signals).any(axis=1)
     rows = np.concatenate([np.arange(s.start, max(s.stop - most, s.start)) for s in signals.segments])
-    rows = rows[inside[rows]]
-    rows = rows[:: max(len(rows) // MOST_ROWS, 1)]
+    rows = some(rows[inside[rows]], MOST_ROWS)
     if len(rows) < 0.1 * MOST_ROWS:
         return 0.0
     acceleration = signals.acceleration[rows]

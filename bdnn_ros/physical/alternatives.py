@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.remark import Remark
+from bdnn_ros.physical.sampling import some, telling
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
@@ -117,8 +118,7 @@ class Motion:
 
     def __init__(self, signals: Signals, robot: Robot) -> None:
         assert signals.effort is not None
-        rows = np.flatnonzero(signals.interior & (signals.seen & ~signals.at_rest).any(axis=1))
-        rows = rows[:: max(len(rows) // MOST_ROWS, 1)]
+        rows = some(np.flatnonzero(signals.interior & telling(signals).any(axis=1)), MOST_ROWS)
         self.robot = robot
         self.position, self.velocity = signals.position[rows], signals.velocity[rows]
         self.acceleration, self.effort = signals.acceleration[rows], signals.effort[rows]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.alternatives import misread, weightless
 from bdnn_ros.physical.remark import Remark
+from bdnn_ros.physical.sampling import some, telling
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
@@ -54,36 +56,26 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True)
 class Efforts:
-    """Measured efforts and what they should be made of, (R, n) each [N·m].
+    """Measured efforts, to be made of columns (R, n) beside a constant.
 
     Attributes:
-        measured: as the driver reports them.
-        own, coupled: by the joint's own acceleration, and by all else that moves.
-        gravity: by gravity.
-        sign: direction of motion.
-        usable: rows that count, bool.
+        measured: as the driver reports them, (R, n) [N·m].
+        sign: direction of motion, (R, n).
+        usable: rows that count, (R, n) bool.
     """
 
     measured: np.ndarray
-    own: np.ndarray
-    coupled: np.ndarray
-    gravity: np.ndarray
     sign: np.ndarray
     usable: np.ndarray
 
     @classmethod
-    def of(cls, signals: Signals, robot: Robot) -> Efforts:
-        """Those of a motion by a robot's description."""
+    def of(cls, signals: Signals, rows: np.ndarray) -> Efforts:
+        """Those of some samples of a motion (R,)."""
         assert signals.effort is not None
-        rows = _rows(signals)
-        q, v, a = signals.position[rows], signals.velocity[rows], signals.acceleration[rows]
-        gravity = robot.gravity(q)
-        own = np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2) * a
-        coupled = robot.rigid_effort(q, v, a) - own - gravity
-        return cls(signals.effort[rows], own, coupled, gravity, signals.sign[rows], _usable(signals)[rows])
+        return cls(signals.effort[rows], signals.sign[rows], telling(signals)[rows])
 
     def fit(self, *columns: np.ndarray) -> Fit:
-        """Columns (R, n), beside a constant, in each joint's effort."""
+        """What each joint's effort holds of columns (R, n)."""
         fits = [
             _fit(self.measured[rows, j], [column[rows, j] for column in columns])
             for j, rows in enumerate(self.usable.T)
@@ -98,6 +90,51 @@ class Efforts:
         ]
         return np.array(sizes)
 
+    def factor(self, borne: np.ndarray, *own: np.ndarray) -> float | None:
+        """How many times what is expected of them (R, n) they are, median of the joints; None where few tell.
+
+        Args:
+            own: what rotors may make as much of as they like, (R, n).
+        """
+        fit = self.fit(borne, self.sign, *own)
+        known = np.abs(fit.coefficients[0])[np.abs(fit.certainty[0]) > CERTAIN]
+        return float(np.median(known)) if len(known) >= max(0.5 * borne.shape[1], 1) else None
+
+
+@dataclass(frozen=True)
+class Borne:
+    """What a robot's bodies make of some samples' efforts, (R, n) each [N·m].
+
+    Attributes:
+        efforts: measured.
+        own, coupled: by the joint's own acceleration, and by all else that moves.
+        gravity: by gravity.
+    """
+
+    efforts: Efforts
+    own: np.ndarray
+    coupled: np.ndarray
+    gravity: np.ndarray
+
+    @classmethod
+    def of(cls, signals: Signals, robot: Robot) -> Borne:
+        """Those of a motion by a robot's description."""
+        rows = _rows(signals)
+        q, v, a = signals.position[rows], signals.velocity[rows], signals.acceleration[rows]
+        inertia = np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2) - robot.armature
+        own, gravity = inertia * a, robot.gravity(q)
+        return cls(Efforts.of(signals, rows), own, robot.rigid_effort(q, v, a) - own - gravity, gravity)
+
+    @property
+    def total(self) -> np.ndarray:
+        """All of it, (R, n) [N·m]."""
+        return self.own + self.coupled + self.gravity
+
+    @cached_property
+    def apart(self) -> Fit:
+        """What the efforts hold of each: own, coupled, gravity, and the direction."""
+        return self.efforts.fit(self.own, self.coupled, self.gravity, self.efforts.sign)
+
 
 def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
     """Conventions that a recorded motion breaks, by a robot's description; those that hide others first."""
@@ -105,47 +142,36 @@ def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
     yield from degrees
     if degrees or signals.effort is None:
         return
-    efforts = Efforts.of(signals, robot)
-    borne = efforts.own + efforts.coupled + efforts.gravity
-    found = list(_turned(efforts, borne, signals.joints)) or list(misread(signals, robot))
-    if not found and _gravity_left_out(efforts):
+    borne = Borne.of(signals, robot)
+    found = list(_turned(borne, signals.joints)) or list(misread(signals, robot))
+    if not found and _gravity_left_out(borne):
         found = [weightless()]
-    yield from found or _another_unit(efforts, borne, efforts.own)
+    yield from found or _out_of_proportion(borne)
 
 
 def unlike(signals: Signals, predicted: np.ndarray) -> Iterator[Remark]:
     """Whether a motion's efforts are in another unit than those a model predicts for it, (N, n)."""
-    assert signals.effort is not None
     rows = _rows(signals)
-    borne = predicted[rows]
-    nothing = np.zeros_like(borne)
-    efforts = Efforts(
-        signals.effort[rows], borne, nothing, nothing, signals.sign[rows], _usable(signals)[rows]
-    )
-    yield from _another_unit(efforts, borne)
+    yield from _another_unit(Efforts.of(signals, rows).factor(predicted[rows]))
 
 
 def _rows(signals: Signals) -> np.ndarray:
-    inside = np.flatnonzero(signals.interior)
-    return inside[:: max(len(inside) // MOST_ROWS, 1)]
+    return some(np.flatnonzero(signals.interior), MOST_ROWS)
 
 
-def _usable(signals: Signals) -> np.ndarray:
-    return signals.seen & ~signals.at_rest
-
-
-def _another_unit(efforts: Efforts, borne: np.ndarray, *own: np.ndarray) -> Iterator[Remark]:
-    """Whether efforts are many times what is expected of them, (R, n), on most joints.
-
-    Args:
-        own: what rotors may make as much of as they like, (R, n).
-    """
-    factor = _factor(efforts, borne, *own)
-    if factor is None or SMALLEST < factor < LARGEST:
-        return
-    of_motion = _factor(efforts, borne - efforts.gravity, *own)
-    if factor < SMALLEST and of_motion is not None and of_motion > SMALLEST:
+def _out_of_proportion(borne: Borne) -> Iterator[Remark]:
+    """Whether efforts are many times what bodies make of them on most joints, or hardly anything: then of gravity alone?"""
+    factor = borne.efforts.factor(borne.total, borne.own)
+    of_motion = borne.efforts.factor(borne.own + borne.coupled, borne.own)
+    if factor is not None and of_motion is not None and factor < SMALLEST < of_motion:
         yield weightless()
+    else:
+        yield from _another_unit(factor)
+
+
+def _another_unit(factor: float | None) -> Iterator[Remark]:
+    """Whether efforts are so many times what is expected of them that they are in another unit."""
+    if factor is None or SMALLEST < factor < LARGEST:
         return
     yield Remark(
         "",
@@ -153,13 +179,6 @@ def _another_unit(efforts: Efforts, borne: np.ndarray, *own: np.ndarray) -> Iter
         "Pass --effort-factor JOINT=FACTOR (node: effort_factors), the N*m (N) in each reported unit: of a current "
         "the torque constant times the gear ratio.",
     )
-
-
-def _factor(efforts: Efforts, borne: np.ndarray, *own: np.ndarray) -> float | None:
-    """How many times what is expected of them the efforts are, median of the joints; None where few tell."""
-    fit = efforts.fit(borne, efforts.sign, *own)
-    known = np.abs(fit.coefficients[0])[np.abs(fit.certainty[0]) > CERTAIN]
-    return float(np.median(known)) if len(known) >= max(0.5 * borne.shape[1], 1) else None
 
 
 def _in_degrees(signals: Signals, robot: Robot) -> Iterator[Remark]:
@@ -175,24 +194,24 @@ def _in_degrees(signals: Signals, robot: Robot) -> Iterator[Remark]:
         )
 
 
-def _gravity_left_out(efforts: Efforts) -> bool:
+def _gravity_left_out(borne: Borne) -> bool:
     """Whether what motion makes of the efforts is there, and what gravity makes is not."""
-    fit = efforts.fit(efforts.own, efforts.coupled, efforts.gravity, efforts.sign)
+    efforts, fit = borne.efforts, borne.apart
     _, coupled, gravity, _ = np.abs(fit.coefficients)
-    told = efforts.share(efforts.coupled) * (np.abs(fit.certainty[1]) > CERTAIN)
+    told = efforts.share(borne.coupled) * (np.abs(fit.certainty[1]) > CERTAIN)
     told[told < COUPLED] = 0.0
-    heavy = efforts.share(efforts.gravity)
+    heavy = efforts.share(borne.gravity)
     heavy[heavy < HEAVY] = 0.0
     if not told.any() or np.count_nonzero(heavy) < 2 or fit.explained.mean() < FITS:
         return False
     return bool(np.average(gravity, weights=heavy) < LEFT_OUT * np.average(coupled, weights=told))
 
 
-def _turned(efforts: Efforts, borne: np.ndarray, joints: tuple[str, ...]) -> Iterator[Remark]:
+def _turned(borne: Borne, joints: tuple[str, ...]) -> Iterator[Remark]:
     """Joints whose effort falls where it should grow, and whose friction or own inertia would be negative."""
-    sure, sure_of_friction = efforts.fit(borne, efforts.sign).certainty
-    apart = efforts.fit(efforts.own, efforts.coupled, efforts.gravity, efforts.sign)
-    sure_of_own = apart.certainty[0] * (efforts.share(efforts.own) > OWN)
+    efforts, apart = borne.efforts, borne.apart
+    sure, sure_of_friction = efforts.fit(borne.total, efforts.sign).certainty
+    sure_of_own = apart.certainty[0] * (efforts.share(borne.own) > OWN)
     right = (sure_of_friction > CERTAIN) | (sure_of_own > CERTAIN)
     negative = (sure_of_friction < -CERTAIN) | (sure_of_own < -CERTAIN)
     wrong = (sure < -CERTAIN) & negative & ~right & (apart.explained > TOLD)
