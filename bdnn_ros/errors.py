@@ -37,6 +37,10 @@ class RecordingError(DataError):
     """A recording is unusable: no effort, NaN, stamps that go backwards, too short, no motion."""
 
 
+class ConventionError(RecordingError):
+    """A recording and its robot's description do not go together: units, signs, zeros, axes, base or gravity differ."""
+
+
 class RobotError(UsageError):
     """A robot description cannot be used: it does not parse, or it lacks the joints asked for."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +28,10 @@ from live_support import (
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import Trigger
 
 from bdnn_interfaces.msg import DynamicsEstimate
-from bdnn_interfaces.srv import InverseDynamics, SaveModel
+from bdnn_interfaces.srv import Diagnose, InverseDynamics, SaveModel
 from bdnn_ros import bags
 from bdnn_ros.nodes.parameters import IDENTIFICATION, REPLAY
 from bdnn_ros.online.models import load_model
@@ -166,6 +168,27 @@ def test_namespace_remapping_simulated_time_and_commands(tmp_path, whole):
     finally:
         process.end()
         print(process.output)
+
+
+def test_a_stream_and_a_description_that_do_not_go_together_are_told(tmp_path):
+    """A diagnosis says how they differ, and what to do; put right and reset, there is nothing to tell."""
+    recording = motion(REAL, 16.0, 250.0, noise=0.003)
+    turned = replace(recording, effort=recording.require_effort() * [1.0, -1.0])
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}
+    with node_process(tmp_path, 126, **parameters) as node, Robotics(126) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        ros.stream(turned, speed=8.0)
+        wait_until(lambda: diagnostics and status(diagnostics)["samples_buffered"] == "0")
+        answer = ros.call(Diagnose, f"{NODE}/diagnose", window=0.0)
+        assert not answer.success and f"--effort-factor {ARM.joints[1]}=-1" in answer.message
+        ros.stream(turned, speed=8.0, start=1100 * 10**9)
+        wait_until(lambda: status(diagnostics)["message"] == answer.message)
+        assert status(diagnostics)["level"] == "1" and answer.message in node.output
+        assert ros.call(Trigger, f"{NODE}/reset").success
+        ros.stream(recording, speed=8.0, start=2000 * 10**9)
+        wait_until(lambda: status(diagnostics)["message"] == "training")
+        assert ros.call(Diagnose, f"{NODE}/diagnose", window=0.0).success
+        wait_until(lambda: status(diagnostics)["message"] != answer.message)
 
 
 def test_three_processes_play_learn_and_ask(tmp_path):

@@ -23,7 +23,7 @@ from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
-from bdnn_ros.errors import RecordingError
+from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.physical.conventions import breaches, unlike
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
@@ -93,7 +93,8 @@ def examine(
         model: what takes the simulation's place: findings are then what changed since it was identified.
 
     Raises:
-        RecordingError: no effort, too short, no motion, or not in radians and N·m that drive the joints.
+        RecordingError: no effort, too short, or no motion.
+        ConventionError: it is not in radians and N·m that drive the joints, or not of the robot as it is described.
     """
     say = progress or (lambda text: None)
     for recording in recordings:
@@ -102,7 +103,7 @@ def examine(
     signals = _signals(recordings, robot, cutoff)
     predicted = None if model is None else model.predict(signals)
     for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted):
-        raise RecordingError(breach.problem, breach.remedy)
+        raise ConventionError(breach.problem, breach.remedy)
     late = lateness(signals, robot) if model is None else 0.0
     if late:
         recordings = in_time(recordings, late)

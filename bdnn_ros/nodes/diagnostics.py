@@ -121,6 +121,8 @@ class Reporter:
             return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
         if now - self._progress > SILENCE:
             return DiagnosticStatus.WARN, f"no joint state for {now - self._progress:.0f} s"
+        if session.counts.unlike:
+            return DiagnosticStatus.WARN, session.counts.unlike
         if session.counts.updates_rejected and session.counts.reason:
             return DiagnosticStatus.OK, f"an update was refused: {session.counts.reason}"
         return DiagnosticStatus.OK, "training" if session.training else "serving, training is paused"

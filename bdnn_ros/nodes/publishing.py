@@ -73,6 +73,8 @@ class Publishing:
             info = self._session.findings.popleft().info
             if "diagnosis" in info:
                 self._findings.publish(findings_message(info["diagnosis"], now))
+            elif info.get("unlike"):
+                self._node.get_logger().warning(info["error"])
             else:
                 self._node.get_logger().info(f"no diagnosis: {info['error']}")
 

@@ -33,7 +33,12 @@ class _Job:
 
 
 class Analyst:
-    """Has one diagnosis at a time made, in a process of its own; learning goes on beside it."""
+    """Has one diagnosis at a time made, in a process of its own; learning goes on beside it.
+
+    Attributes:
+        since: when the robot last changed, stream time [s].
+        unlike: the stream and the robot description do not go together, by the last diagnosis.
+    """
 
     def __init__(self, say: Callable[[Message], None]) -> None:
         self._say = say
@@ -48,6 +53,7 @@ class Analyst:
         self._due = FIRST
         self._last: dict[str, Any] = {}
         self.since = 0.0
+        self.unlike = False
         threading.Thread(target=self._work, name="analyst", daemon=True).start()
 
     def begin(self, robot: Robot, feed: Feed, info: dict[str, Any]) -> None:
@@ -55,7 +61,7 @@ class Analyst:
         self._robot, self._feed, self._cutoff = robot, feed, info.get("cutoff")
         self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
         self._due = feed.latest_time() + FIRST
-        self._last, self.since = {}, 0.0
+        self._last, self.since, self.unlike = {}, 0.0, False
 
     def with_change(self, finding: dict[str, Any]) -> dict[str, Any]:
         """The last diagnosis with a change that was noticed since as its first finding."""
@@ -115,7 +121,7 @@ class Analyst:
                 told = {"error": str(error)}
             finally:
                 self._busy.clear()
-            self._last = told.get("diagnosis", self._last)
+            self._last, self.unlike = told.get("diagnosis", self._last), told.get("unlike", self.unlike)
             self._say(Message("findings", {"request": job.request, **told}))
 
     def _answer(self, asked: Message) -> dict[str, Any]:

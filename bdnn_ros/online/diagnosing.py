@@ -15,7 +15,7 @@ import threading
 import traceback
 from typing import Any
 
-from bdnn_ros.errors import BdnnError
+from bdnn_ros.errors import BdnnError, ConventionError
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -34,11 +34,11 @@ def question(recording: Recording, robot: Robot, cutoff: float | None) -> Messag
 
 
 def answer(message: Message) -> Message:
-    """The diagnosis, or the sentence why there is none."""
+    """The diagnosis, or the sentence why there is none, and whether stream and description do not go together."""
     try:
-        return Message("answer", {"diagnosis": _diagnosis(message)})
+        return Message("answer", {"diagnosis": _diagnosis(message), "unlike": False})
     except BdnnError as error:
-        return Message("answer", {"error": str(error)})
+        return Message("answer", {"error": str(error), "unlike": isinstance(error, ConventionError)})
     except Exception as error:  # whatever it is, who asked must hear of it
         traceback.print_exc(file=sys.stderr)
         return Message("answer", {"error": f"The diagnosis failed ({type(error).__name__})."})

@@ -65,6 +65,7 @@ class Feed:
         self.states = states
         self.commands = commands
         self.next = start
+        self._first = start
         self.convention = convention
         self._next_command = 0
 
@@ -96,11 +97,13 @@ class Feed:
     def recording(self, seconds: float, name: str = "live stream") -> Recording:
         """The last `seconds` (0: all that is kept) as a recording; samples without effort are left out.
 
+        What came before the first sample that this reads, as before a reset, is none of it.
+
         Raises:
             RecordingError: there are none.
         """
         newest = self.states.latest(1)
-        if len(newest) == 0:
+        if newest.end <= self._first:
             raise RecordingError("No joint state has come yet.", "Check the topic joint_states.")
         start = (
             self.states.oldest
@@ -108,7 +111,7 @@ class Feed:
             else self.states.first_after(int(newest.time[0] - seconds * 1e9))
         )
         commands = None if self.commands is None else self.commands.latest(self.commands.capacity)
-        samples = self._samples(self.states.read(start), commands).with_effort()
+        samples = self._samples(self.states.read(max(start, self._first)), commands).with_effort()
         if len(samples) == 0:
             raise RecordingError(
                 "None of the joint states carries effort.",

@@ -85,12 +85,20 @@ class Served:
 
 @dataclass
 class Counts:
-    """What happened on the trainer's side."""
+    """What happened on the trainer's side.
+
+    Attributes:
+        updates_rejected, reason: updates that did not pass the checks, and why the last one did not.
+        overrun: samples that were overwritten before they were learned from.
+        trouble: why nothing can be learned; empty if it can.
+        unlike: how the stream and the robot description differ, by the last diagnosis; empty if they go together.
+    """
 
     updates_rejected: int = 0
     reason: str = ""
     overrun: int = 0
     trouble: str = ""
+    unlike: str = ""
 
 
 def nominal(robot: Robot) -> PhysicalModel:

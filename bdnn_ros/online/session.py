@@ -277,6 +277,8 @@ class Session:
             self.counts.trouble = str(info["reason"])
         elif message.kind == "findings":
             self.findings.append(message)
+            if "unlike" in info:  # nothing is known of it where a diagnosis failed otherwise
+                self.counts.unlike = str(info["error"]) if info["unlike"] else ""
         elif message.kind == "lost":
             self._deaths += 1
             for future in list(self._requests.values()):

@@ -125,9 +125,12 @@ class Trainer:
         self.learning.rejected.clear()
 
     def _tell_changes(self) -> None:
-        """Name what has changed about the robot, and let later diagnoses look no further back than that."""
+        """Name what has changed about the robot, and let later diagnoses look no further back than that.
+
+        Of a stream in other units, or of another robot, nothing is named.
+        """
         assert self.learning is not None and self.feed is not None
-        for change in self.learning.changes:
+        for change in [] if self.analyst.unlike else self.learning.changes:
             if change.explanation.kind != "push":
                 self.analyst.since = change.explanation.start
             finding = with_stamps(change.finding, self.feed.states)
