@@ -19,10 +19,10 @@ from bdnn_ros.signals import Signals
 
 LATEST = 0.2
 """Efforts may be so late [s]."""
-LEAST = 0.03
-"""Less is left to the regression [s]: friction that turns over slowly looks like 20 ms, on a real arm too."""
-LEFT = 0.008
-"""So much is left to it of what is more, too: links that are not as described shift the best fit by as much."""
+LEAST = 0.015
+"""Less is left to the regression [s]."""
+LEFT = 0.002
+"""So much is left to it of what is more, too: an effort that is moved too far would act later than it was measured."""
 BETTER = 1.25
 """An effort is late where so many times less is left unexplained once it is not."""
 MOST_ROWS = 500
@@ -37,15 +37,21 @@ def lateness(signals: Signals, robot: Robot) -> float:
     rows = some(rows[inside[rows]], MOST_ROWS)
     if len(rows) < 0.1 * MOST_ROWS:
         return 0.0
-    acceleration = signals.acceleration[rows]
-    borne = robot.rigid_effort(signals.position[rows], signals.velocity[rows], acceleration)
-    left = [
-        1.0 - explained(signals.effort[rows + k], borne, acceleration, signals.sign[rows])
-        for k in range(most)
-    ]
-    best = int(np.argmin(left))
-    late = best / signals.rate
-    return late - LEFT if late >= LEAST and left[0] > BETTER * left[best] else 0.0
+    velocity, acceleration = signals.velocity[rows], signals.acceleration[rows]
+    borne = robot.rigid_effort(signals.position[rows], velocity, acceleration)
+    columns = borne, acceleration, velocity, signals.sign[rows]
+    left = np.array([1.0 - explained(signals.effort[rows + k], *columns) for k in range(most)])
+    late = _lowest(left) / signals.rate
+    return late - LEFT if late >= LEAST and left[0] > BETTER * left.min() else 0.0
+
+
+def _lowest(values: np.ndarray) -> float:
+    """Where values (N,) are lowest, between their indices by a parabola."""
+    best = int(np.argmin(values))
+    if not 0 < best < len(values) - 1:
+        return float(best)
+    before, here, after = values[best - 1 : best + 2]
+    return best + 0.5 * float((before - after) / (before - 2.0 * here + after))
 
 
 def in_time(recordings: Sequence[Recording], late: float) -> list[Recording]:

@@ -125,30 +125,29 @@ class Motion:
         self.sign = signals.sign[rows]
 
     def explained(self, reading: Reading) -> float:
-        """Share of the efforts' variance, mean of the joints, that bodies, rotors and dry friction make."""
+        """Share of the efforts' variance, mean of the joints, that bodies, rotors and friction make."""
 
         def read(values: np.ndarray) -> np.ndarray:
             return reading.direction * values[:, reading.order]
 
         robot = self.robot.tilted(*np.deg2rad(reading.base)) if any(reading.base) else self.robot
         robot = robot if reading.gravity else replace(robot, gravity_vector=np.zeros(3))
-        acceleration, sign, effort = read(self.acceleration), read(self.sign), read(self.effort)
-        borne = robot.rigid_effort(
-            read(self.position) + np.deg2rad(reading.zero), read(self.velocity), acceleration
-        )
-        return explained(effort, borne, acceleration, sign)
+        position, velocity = read(self.position) + np.deg2rad(reading.zero), read(self.velocity)
+        acceleration = read(self.acceleration)
+        borne = robot.rigid_effort(position, velocity, acceleration)
+        return explained(read(self.effort), borne, acceleration, velocity, read(self.sign))
 
     def explained_by_a_load(self) -> float:
         """As `explained`, as recorded, at most: with whatever one of the links may carry or weigh more."""
-        robot, acceleration, sign = self.robot, self.acceleration, self.sign
-        borne = robot.rigid_effort(self.position, self.velocity, acceleration)
-        columns = robot.regressor(self.position, self.velocity, acceleration)
+        robot, apart = self.robot, (self.acceleration, self.velocity, self.sign)
+        borne = robot.rigid_effort(self.position, self.velocity, self.acceleration)
+        columns = robot.regressor(self.position, self.velocity, self.acceleration)
         best = 0.0
         for link in range(robot.width):
             of_link = columns[:, :, PER_LINK * link : PER_LINK * (link + 1)]
-            load = _shared(self.effort - borne, of_link, acceleration, sign)
+            load = _shared(self.effort - borne, of_link, *apart)
             if np.abs(load[1:4]).max() <= FURTHEST * load[0]:
-                best = max(best, explained(self.effort, borne + of_link @ load, acceleration, sign))
+                best = max(best, explained(self.effort, borne + of_link @ load, *apart))
         return best
 
 
