@@ -11,8 +11,19 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from bdnn_ros.errors import RobotError, UsageError, listed
-from bdnn_ros.urdf import Limits, child_link, inertia_of, joint_tags, limits_of, link_inertia, reduced_model
+from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.urdf import (
+    NONE_HELD,
+    Held,
+    Limits,
+    child_link,
+    inertia_of,
+    joint_tags,
+    limits_of,
+    link_inertia,
+    model_of,
+    text_of,
+)
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 BUNDLED = ("arm2", "arm6", "arm7")
@@ -24,8 +35,6 @@ PER_LINK = 10
 class Robot:
     """A fixed-base robot with n joints of one degree of freedom each.
 
-    Joints of the URDF that are not in `joints` are held at zero (or at the nearest limit).
-
     Attributes:
         urdf: the description's text.
         joints: n joint names, the order of every array.
@@ -34,6 +43,7 @@ class Robot:
         armature, viscous, coulomb: per joint, (n,) [kg·m²], [N·m·s/rad], [N·m]; damping and friction tags
             of the URDF fill the last two.
         gravity_vector: acceleration of gravity in the base frame, (3,) [m/s²].
+        held: other joints of the URDF, and where they stand [rad] ([m]); the rest is at zero, or at the nearest limit.
     """
 
     urdf: str
@@ -44,37 +54,30 @@ class Robot:
     coulomb: np.ndarray
     limits: Limits
     gravity_vector: np.ndarray = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
+    held: tuple[tuple[str, float], ...] = ()
 
     @classmethod
-    def from_urdf(cls, urdf: str, joints: Sequence[str] = ()) -> Robot:
+    def from_urdf(cls, urdf: str, joints: Sequence[str] = (), held: Held = NONE_HELD) -> Robot:
         """A robot from a URDF's text.
 
         Args:
             urdf: the XML text.
             joints: joints to keep, in this order; empty keeps every movable one in the tree's order.
+            held: where others stand [rad] ([m]).
 
         Raises:
             RobotError: the text is not a usable URDF or lacks a joint.
         """
-        model, names = reduced_model(urdf, tuple(joints))
-        tags = joint_tags(urdf)
+        model, names = model_of(urdf, tuple(joints), held)
         order = np.array([model.idx_vs[model.getJointId(name)] for name in names])
         inertials = np.array([model.inertias[model.getJointId(name)].toDynamicParameters() for name in names])
-
-        def tag(key: str) -> np.ndarray:
-            return np.array([tags.get(name, {}).get(key, 0.0) for name in names])
-
-        none = np.zeros(len(names))
-        return cls(urdf, names, inertials, none, tag("damping"), tag("friction"), limits_of(model, order))
+        none, tags, limits = np.zeros(len(names)), joint_tags(urdf, names), limits_of(model, order)
+        return cls(urdf, names, inertials, none, *tags, limits, held=tuple(held.items()))
 
     @classmethod
     def from_file(cls, path: str | Path, joints: Sequence[str] = ()) -> Robot:
         """A robot from a URDF file; see `from_urdf`."""
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise RobotError(f"The URDF {path} cannot be read ({error}).", "Check the path.") from None
-        return cls.from_urdf(text, joints)
+        return cls.from_urdf(text_of(path), joints)
 
     @classmethod
     def bundled(cls, name: str, joints: Sequence[str] = ()) -> Robot:
@@ -95,7 +98,7 @@ class Robot:
 
     @cached_property
     def _model(self) -> pin.Model:
-        model, _ = reduced_model(self.urdf, self.joints)
+        model, _ = model_of(self.urdf, self.joints, dict(self.held))
         for name, values in zip(self.joints, self.inertials, strict=True):
             model.inertias[model.getJointId(name)] = inertia_of(values)
         model.armature[:] = 0.0
@@ -161,10 +164,8 @@ class Robot:
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         """M(q) with armature on its diagonal, (..., n, n) [kg·m²]."""
         model, data, order = self._model, self._data, self._order
-        rows = self._columns(position)
-        upper = np.array([pin.crba(model, data, row) for row in rows]).reshape(
-            len(rows), self.width, self.width
-        )
+        rows = [pin.crba(model, data, row) for row in self._columns(position)]
+        upper = np.array(rows).reshape(-1, self.width, self.width)
         full = np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
         full = full[:, order][:, :, order] + np.diag(self.armature)
         return full.reshape(*np.shape(position), self.width)
@@ -253,8 +254,7 @@ class Robot:
 
     def moving_link(self, joint: str) -> str:
         """The child link of a joint: the frame of the body that moves with it."""
-        link = child_link(self.urdf, joint)
-        if link is not None:
+        if (link := child_link(self.urdf, joint)) is not None:
             return link
         raise UsageError(f"The URDF has no joint {joint!r}.", f"It has {listed(self.joints, 20)}.")
 

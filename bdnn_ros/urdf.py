@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +18,21 @@ from bdnn_ros.errors import RobotError, listed
 
 UNLIMITED = 1e9
 """Limit [rad] that stands for none while Pinocchio has the robot."""
+Held = Mapping[str, float]
+"""Joints that do not move, and where they stand [rad] ([m])."""
+NONE_HELD: Held = MappingProxyType({})
+
+
+def text_of(path: str | Path) -> str:
+    """The text of a URDF file.
+
+    Raises:
+        RobotError: it cannot be read.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotError(f"The URDF {path} cannot be read ({error}).", "Check the path.") from None
 
 
 @dataclass(frozen=True)
@@ -44,12 +61,13 @@ def limits_of(model: pin.Model, order: np.ndarray) -> Limits:
     )
 
 
-def reduced_model(urdf: str, joints: tuple[str, ...]) -> tuple[pin.Model, tuple[str, ...]]:
+def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model, tuple[str, ...]]:
     """Pinocchio's model of a URDF, and the names of its joints.
 
     Args:
         urdf: the XML text.
-        joints: movable joints to keep; the others are held at zero, or at the nearest limit. Empty keeps all.
+        joints: movable joints to keep; empty keeps all.
+        held: where others are held [rad] ([m]); the rest is at zero, or at the nearest limit.
 
     Raises:
         RobotError: the text is not a usable URDF or lacks a joint.
@@ -77,6 +95,8 @@ def reduced_model(urdf: str, joints: tuple[str, ...]) -> tuple[pin.Model, tuple[
     lock = [full.getJointId(name) for name in movable if name not in names]
     if lock:
         rest = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
+        for name in set(held) & set(movable):
+            rest[full.idx_qs[full.getJointId(name)]] = held[name]
         full = pin.buildReducedModel(full, lock, rest)
     return full, tuple(names)
 
@@ -156,18 +176,26 @@ def _named(urdf: str, tag: str, name: str) -> ElementTree.Element | None:
     return next((element for element in elements if element.get("name") == name), None)
 
 
-def joint_tags(urdf: str) -> dict[str, dict[str, float]]:
-    """Damping and friction of each joint's <dynamics> tag."""
-    tags: dict[str, dict[str, float]] = {}
-    for joint in ElementTree.fromstring(urdf).iter("joint"):
-        dynamics = joint.find("dynamics")
-        if dynamics is not None:
-            try:
-                tags[str(joint.get("name"))] = {
-                    k: float(dynamics.get(k, "0")) for k in ("damping", "friction")
-                }
-            except ValueError:
-                raise RobotError(
-                    f"The <dynamics> tag of joint {joint.get('name')} is not a number.", "Correct the URDF."
-                ) from None
-    return tags
+def joint_tags(urdf: str, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Damping [N·m·s/rad] and friction [N·m] of some joints by their <dynamics> tags, (n,) each; zero without one.
+
+    Raises:
+        RobotError: one is not a number.
+    """
+    tags = {
+        str(joint.get("name")): joint.find("dynamics") for joint in ElementTree.fromstring(urdf).iter("joint")
+    }
+
+    def number(joint: str, key: str) -> float:
+        dynamics = tags.get(joint)
+        try:
+            return 0.0 if dynamics is None else float(dynamics.get(key, "0"))
+        except ValueError:
+            raise RobotError(
+                f"The <dynamics> tag of joint {joint} is not a number.", "Correct the URDF."
+            ) from None
+
+    damping, friction = (
+        np.array([number(joint, key) for joint in joints]) for key in ("damping", "friction")
+    )
+    return damping, friction

@@ -13,11 +13,11 @@ import pytest
 PACKAGE = "bdnn_ros"
 ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
-    {"dynamics", "errors", "kernels", "unmeasured"},
+    {"dynamics", "errors", "kernels", "stamps", "unmeasured"},
     {"recording", "urdf"},
     {"glitches", "repeats", "wraps"},
     {"robot", "signals"},
-    {"efforts", "scores"},
+    {"efforts", "left_out", "robot_state", "scores"},
     {"effects", "bdnn", "physical", "bags"},
     {"diagnosis", "simulation"},
     {"online", "report"},

@@ -11,6 +11,7 @@ import pytest
 
 from bdnn_ros.errors import RobotError, UsageError
 from bdnn_ros.robot import BUNDLED, PER_LINK, Robot
+from bdnn_ros.robot_state import robot_from_state, robot_state
 
 G = 9.81
 M1, M2, L1, C1, C2, I1, I2 = 3.0, 2.0, 0.8, 0.5, 0.3, 0.2, 0.07
@@ -383,3 +384,19 @@ def test_names_may_hold_quotes_and_brackets(name: str) -> None:
     link = robot.moving_link("two")
     renamed = Robot.from_urdf(two_link().replace(f'"{link}"', f'"{quoted}"'))
     assert renamed.link_inertial(name)[1] == pytest.approx(robot.link_inertial(link)[1])
+
+
+def test_joints_that_are_left_out_stand_where_they_are_held() -> None:
+    whole = Robot.bundled("arm7")
+    chosen, out = whole.joints[:3], whole.joints[3:]
+    held = dict(zip(out, [-2.0, 0.3, 1.8, 0.7], strict=True))
+    robot = Robot.from_urdf(whole.urdf, chosen, held)
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3))
+    pose = np.concatenate([q, np.tile(list(held.values()), (20, 1))], axis=1)
+    np.testing.assert_allclose(robot.gravity(q), whole.gravity(pose)[:, :3], atol=1e-10)
+    np.testing.assert_allclose(
+        robot.mass_matrix(q) - np.diag(robot.armature), (whole.mass_matrix(pose))[:, :3, :3], atol=1e-10
+    )
+    again = robot_from_state(*robot_state(robot))
+    assert again.held == robot.held
+    np.testing.assert_array_equal(again.gravity(q), robot.gravity(q))

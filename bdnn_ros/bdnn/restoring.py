@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,10 @@ from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot_state import robot_from_state, robot_state
 
 Build = Callable[[str, dict[str, np.ndarray], dict[str, Any]], Dynamics]
 """Makes a prior of another kind from its kind, arrays and info."""
-
-ROBOT_ARRAYS = ("inertials", "armature", "viscous", "coulomb", "gravity_vector")
 
 
 def prior_core_state(core: PriorCore) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -47,7 +45,7 @@ def prior_core(arrays: dict[str, np.ndarray], info: dict[str, Any], build: Build
     held = {key[len("prior.") :]: value for key, value in arrays.items() if key.startswith("prior.")}
     kind, told = info["prior"]["kind"], info["prior"]["info"]
     if kind == "robot":
-        prior: Dynamics = _robot(held, told)
+        prior: Dynamics = robot_from_state(held, told)
     elif build is None:
         raise ModelFileError(
             f"The prior of the BDNN is a model of kind {kind!r}.", "Load it by `load_model`."
@@ -60,8 +58,7 @@ def prior_core(arrays: dict[str, np.ndarray], info: dict[str, Any], build: Build
 
 def _prior_state(prior: Dynamics) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
     if isinstance(prior, Robot):
-        arrays = {name: np.asarray(getattr(prior, name), float) for name in ROBOT_ARRAYS}
-        return "robot", arrays, {"urdf": prior.urdf, "joints": list(prior.joints)}
+        return "robot", *robot_state(prior)
     kind, state = getattr(prior, "kind", None), getattr(prior, "to_state", None)
     if kind is None or state is None:
         raise ModelFileError(
@@ -69,10 +66,3 @@ def _prior_state(prior: Dynamics) -> tuple[str, dict[str, np.ndarray], dict[str,
         )
     arrays, info = state()
     return kind, arrays, info
-
-
-def _robot(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Robot:
-    robot = Robot.from_urdf(str(info["urdf"]), [str(joint) for joint in info["joints"]])
-    robot = robot.with_inertials(arrays["inertials"])
-    robot = robot.with_joint_parameters(arrays["armature"], arrays["viscous"], arrays["coulomb"])
-    return replace(robot, gravity_vector=arrays["gravity_vector"])

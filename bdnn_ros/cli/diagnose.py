@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose, write the files, say the verdict."""
     earlier = load_model(args.model) if args.model else None
     joints = earlier.joints if earlier else ()
-    recordings, robot = options.load(args, joints=joints)
+    recordings, robot = options.load(args, joints=joints, undisturbed=True)
     if earlier is not None:
         robot = getattr(earlier, "robot", None)
         if not isinstance(robot, Robot):

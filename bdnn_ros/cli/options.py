@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, TextIO
@@ -15,7 +15,8 @@ from tqdm import tqdm
 
 from bdnn_ros import bags
 from bdnn_ros.efforts import EffortConvention
-from bdnn_ros.errors import RecordingError, RobotError, UsageError, listed
+from bdnn_ros.errors import BdnnError, RecordingError, RobotError, UsageError, listed
+from bdnn_ros.left_out import disturbing, standing
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.signals import MINIMUM_SAMPLES, mended
@@ -84,7 +85,12 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def load(
-    args: argparse.Namespace, *, joints: Sequence[str] = (), moves: bool = True, needs_robot: bool = True
+    args: argparse.Namespace,
+    *,
+    joints: Sequence[str] = (),
+    moves: bool = True,
+    needs_robot: bool = True,
+    undisturbed: bool = False,
 ) -> tuple[list[Recording], Robot | None]:
     """The recordings that the arguments ask for, all with the same joints, and their robot.
 
@@ -96,6 +102,7 @@ def load(
         joints: joints that must be there, in this order (a model's).
         moves: refuse recordings in which no joint moves.
         needs_robot: a description in a bag that does not fit is an error; otherwise it counts as none.
+        undisturbed: refuse recordings in which joints that are left out move so that the others feel it.
 
     Raises:
         BdnnError: as `bags.read` and `Robot.from_urdf`; or the robot and the bag share no joint.
@@ -107,6 +114,7 @@ def load(
     ]
     robot = given or _own_robot(args, recordings, needs_robot)
     chosen = required or _common_joints(recordings, robot)
+    whole = recordings
     recordings = [_with_notes(recording.select(chosen)) for recording in recordings]
     for recording in recordings:
         for note in recording.notes:
@@ -115,16 +123,44 @@ def load(
             require_motion(recording)
     if robot is None:
         return _converted(recordings, None, args), None
-    unused = [joint for joint in robot.joints if joint not in chosen]
-    if unused and not required:
-        say(f"Joints {listed(unused)} of the URDF are not in the bag; they are held where they are.")
     try:
-        robot = Robot.from_urdf(robot.urdf, chosen)
+        if required and set(required) < set(robot.joints):
+            whole = _of_all_joints(args, robot)
+        robot = _with_joints(robot, chosen, whole, undisturbed)
     except RobotError:
         if given or needs_robot:
             raise
         robot = None
     return _converted(recordings, robot, args), robot
+
+
+def _of_all_joints(args: argparse.Namespace, robot: Robot) -> list[Recording]:
+    """What the bags hold of all the robot's joints, but for those where they cannot be read: a gripper may say NaN."""
+    found = []
+    for path in args.bags:
+        with suppress(BdnnError):
+            found.append(_read(path, args, (), robot.joints))
+    return found
+
+
+def _with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool) -> Robot:
+    """The robot with the chosen joints, others where the whole recordings have them stand; what is left out is said."""
+    out = [joint for joint in robot.joints if joint not in chosen]
+    held = standing(whole, out)
+    looked_at = Robot.from_urdf(robot.urdf, chosen, held)
+    unknown = [joint for joint in out if joint not in held]
+    if unknown:
+        say(f"Joints {listed(unknown)} of the URDF are not in the bag; they are held at zero.")
+    for recording in whole if held else ():
+        felt = disturbing(recording, robot, looked_at)
+        if felt and undisturbed:
+            raise UsageError(
+                f"{recording.name}: {listed(felt)} moves and is left out: what the others feel of it would pass for causes.",
+                "Take it in (--joints), or record the others while it stands still.",
+            )
+        if felt:
+            say(f"{recording.name}: {listed(felt)} moves and is left out; the model takes it to stand still.")
+    return looked_at
 
 
 def _converted(recordings: list[Recording], robot: Robot | None, args: argparse.Namespace) -> list[Recording]:

@@ -16,8 +16,9 @@ from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import BdnnError, ModelFileError
-from bdnn_ros.physical.model import PhysicalModel, robot_from_state
+from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot_state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
 IN_BODIES = frozenset({"payload", "link_inertia", "base_tilt"})
@@ -223,19 +224,10 @@ class ExtendedModel:
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest that make the model again."""
-        robot = self.bare
-        arrays: dict[str, np.ndarray] = {
-            "inertials": robot.inertials,
-            "armature": robot.armature,
-            "viscous": robot.viscous,
-            "coulomb": robot.coulomb,
-            "gravity_vector": robot.gravity_vector,
-            "noise": self.noise,
-        }
-        info: dict[str, Any] = {
-            "urdf": robot.urdf,
-            "joints": list(robot.joints),
-            "effects": [entry(effect, robot) for effect in self.effects],
+        arrays, info = robot_state(self.bare)
+        arrays["noise"] = self.noise
+        info |= {
+            "effects": [entry(effect, self.bare) for effect in self.effects],
             "stds": [dict(std) for std in self.stds],
             "lead": self.lead,
             "sticking": list(self.sticking),

@@ -69,7 +69,7 @@ def extended_urdf(model: ExtendedModel) -> str:
 
 def _write_bodies(document: UrdfText, model: ExtendedModel) -> None:
     robot = model.robot
-    nominal = Robot.from_urdf(model.robot.urdf, model.joints)
+    nominal = Robot.from_urdf(model.robot.urdf, model.joints, dict(model.robot.held))
     wanted = robot.inertials - _payloads(model)
     members: dict[int, dict[str, np.ndarray]] = {i: {} for i in range(robot.width)}
     for link in robot.links:
@@ -158,7 +158,10 @@ def _write_fixed_joint(
 
 
 def _write_friction(document: UrdfText, model: ExtendedModel) -> None:
-    nominal, joints = Robot.from_urdf(model.robot.urdf, model.joints), joints_of(model)
+    nominal, joints = (
+        Robot.from_urdf(model.robot.urdf, model.joints, dict(model.robot.held)),
+        joints_of(model),
+    )
     for k, name in enumerate(model.joints):
         same = joints.viscous[k] == nominal.viscous[k] and joints.coulomb[k] == nominal.coulomb[k]
         if same:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -14,6 +14,7 @@ from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.parameters import Parameters, parameter_names
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot_state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
 LOAD_ITERATIONS = 50
@@ -169,22 +170,11 @@ class PhysicalModel:
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest that make the model again."""
-        robot = self.robot
-        arrays = {
-            "inertials": robot.inertials,
-            "armature": robot.armature,
-            "viscous": robot.viscous,
-            "coulomb": robot.coulomb,
-            "gravity_vector": robot.gravity_vector,
-            "offset": self.offset,
-            "covariance": self.covariance,
-            "noise": self.noise,
-        }
+        arrays, info = robot_state(self.robot)
+        arrays |= {"offset": self.offset, "covariance": self.covariance, "noise": self.noise}
         motors, pairs = self.motors.to_state()
         arrays |= {f"motors.{key}": value for key, value in motors.items()}
-        info: dict[str, Any] = {
-            "urdf": robot.urdf,
-            "joints": list(robot.joints),
+        info |= {
             "version": self.version,
             "breakaway": list(self.breakaway),
             "lead": self.lead,
@@ -228,11 +218,3 @@ class PhysicalModel:
 
 def _under(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
     return {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
-
-
-def robot_from_state(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Robot:
-    """The robot of a model's state: its URDF with the identified parameters."""
-    robot = Robot.from_urdf(str(info["urdf"]), [str(joint) for joint in info["joints"]])
-    robot = robot.with_inertials(arrays["inertials"])
-    robot = robot.with_joint_parameters(arrays["armature"], arrays["viscous"], arrays["coulomb"])
-    return replace(robot, gravity_vector=np.asarray(arrays["gravity_vector"], float))

@@ -1,0 +1,57 @@
+"""Joints of a robot that are not looked at, although its recordings hold them: where they stand, and what they do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.recording import Recording, moving
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.urdf import Held
+
+MATTERS = 0.02
+"""Others' motion counts where it changes what bodies ask of a joint by this share of the spread of its effort."""
+MOST_ROWS = 500
+
+
+def standing(recordings: Sequence[Recording], joints: Sequence[str]) -> Held:
+    """Where those of some joints stand that a recording holds, in the middle of all their samples."""
+    seen = {
+        joint: [r.position[:, r.joints.index(joint)] for r in recordings if joint in r.joints]
+        for joint in joints
+    }
+    return {joint: float(np.median(np.concatenate(parts))) for joint, parts in seen.items() if parts}
+
+
+def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
+    """Joints that a recording holds, that are left out of a robot, and whose motion those feel that are looked at.
+
+    Args:
+        recording: with all its joints.
+        whole: the robot with all of its own.
+        robot: the same with those that are looked at.
+    """
+    moves = dict(zip(recording.joints, moving(recording), strict=True))
+    out = [joint for joint in whole.joints if joint not in robot.joints and moves.get(joint)]
+    if not out:
+        return []
+    signals = prepare(recording)
+    rows = slice(None, None, max(len(signals) // MOST_ROWS, 1))
+    looked_at = [recording.joints.index(joint) for joint in robot.joints]
+    own = [whole.joints.index(joint) for joint in robot.joints]
+    motion = np.zeros((3, len(signals.time[rows]), whole.width))
+    motion[0] = [dict(robot.held).get(joint, 0.0) for joint in whole.joints]
+    recorded = np.stack([signals.position, signals.velocity, signals.acceleration])[:, rows]
+    motion[:, :, own] = recorded[:, :, looked_at]
+    usual = whole.rigid_effort(*motion)[:, own]
+    effort = usual if signals.effort is None else signals.effort[rows][:, looked_at]
+    limit = MATTERS * np.std(effort, axis=0)
+
+    def felt(joint: str) -> bool:
+        moved = motion.copy()
+        moved[:, :, whole.joints.index(joint)] = recorded[:, :, recording.joints.index(joint)]
+        return bool((np.std(whole.rigid_effort(*moved)[:, own] - usual, axis=0) > limit).any())
+
+    return [joint for joint in out if felt(joint)]

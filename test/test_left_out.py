@@ -1,0 +1,64 @@
+"""Joints that are not looked at, although the recording holds them, stand where they were; if they move, it is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from live_support import motion
+
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
+from bdnn_ros.left_out import disturbing, standing
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+ARM = Robot.bundled("arm6")
+CHOSEN, WRIST = ARM.joints[:3], ARM.joints[3:]
+HELD = dict(zip(WRIST, [0.6, -1.2, 0.3], strict=True))
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """Three joints move, the wrist stands somewhere."""
+    moved = motion(ARM, 14.0, 250.0, seed=1)
+    position = np.where(np.arange(6) < 3, moved.position, [0.0, 0.0, 0.0, *HELD.values()])
+    velocity = np.gradient(position, moved.time, axis=0)
+    effort = ARM.inverse_dynamics(position, velocity, np.gradient(velocity, moved.time, axis=0))
+    noise = np.random.default_rng(0).standard_normal(effort.shape)
+    return replace(moved, position=position, velocity=None, effort=effort + 0.02 * noise)
+
+
+def test_they_stand_where_the_recording_has_them(recording):
+    assert standing([recording], WRIST) == pytest.approx(HELD)
+    assert standing([recording.select(CHOSEN)], WRIST) == {}
+
+
+def test_only_those_count_that_others_feel(recording):
+    robot = Robot.from_urdf(ARM.urdf, CHOSEN, HELD)
+    assert disturbing(recording, ARM, robot) == []
+    swinging = recording.position + np.where(np.arange(6) == 4, np.sin(5.0 * recording.time)[:, None], 0.0)
+    assert disturbing(replace(recording, position=swinging), ARM, robot) == [ARM.joints[4]]
+    turning = recording.position + np.where(np.arange(6) == 5, np.sin(recording.time)[:, None], 0.0)
+    assert (
+        disturbing(replace(recording, position=turning), ARM, robot) == []
+    )  # the last link hardly weighs anything
+
+
+def test_nothing_is_named_for_where_they_stand(recording, tmp_path, capsys):
+    bags.write(recording, tmp_path / "bag")
+    asked = [str(tmp_path / "bag"), "--joints", ",".join(CHOSEN), "--out", str(tmp_path / "out")]
+    assert main(["diagnose", *asked]) == 0
+    assert "Nothing wrong was found" in capsys.readouterr().out
+
+
+def test_a_diagnosis_is_refused_where_they_move(recording, tmp_path, capsys):
+    swinging = recording.position + np.where(np.arange(6) == 4, np.sin(5.0 * recording.time)[:, None], 0.0)
+    bags.write(replace(recording, position=swinging), tmp_path / "bag")
+    asked = [str(tmp_path / "bag"), "--joints", ",".join(CHOSEN), "--out", str(tmp_path / "out")]
+    assert main(["diagnose", *asked]) == 2
+    told = capsys.readouterr().err
+    assert f"{ARM.joints[4]} moves and is left out" in told and not (tmp_path / "out").exists()
+    assert main(["identify", *asked]) == 0
+    assert f"{ARM.joints[4]} moves and is left out" in capsys.readouterr().err
