@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bdnn_ros import stamps
 from bdnn_ros.errors import RecordingError, UsageError, listed
 
 GAP_FACTOR = 5.0
@@ -65,7 +66,8 @@ class Recording:
             where = int(np.argmax(~(np.diff(self.time) > 0))) + 1 if count > 1 else 0
             raise RecordingError(
                 f"{self.name}: time stamps do not increase (sample {where} of {count}).",
-                "Check the publisher's clock, or pass --drop-invalid to leave such samples out.",
+                "Check the publisher's clock, or pass --drop-invalid to leave late samples out "
+                "and to join the parts of a clock that was set back.",
             )
 
     def __len__(self) -> int:
@@ -206,8 +208,8 @@ def cleaned(
 
     Args:
         time: stamps [s], (N,), any.
-        drop_invalid: leave out samples that are not finite or whose stamp goes back, with a note,
-            instead of refusing the recording.
+        drop_invalid: leave out samples that are not finite or late, and move what follows a clock that starts
+            anew behind what came before, with notes, instead of refusing the recording.
 
     A velocity or effort that is NaN throughout counts as not measured.
 
@@ -216,29 +218,36 @@ def cleaned(
     """
     velocity, effort = (None if x is None or np.isnan(x).all() else x for x in (velocity, effort))
     notes: list[str] = []
-    keep = np.ones(len(time), bool)
-    keep[1:] = time[1:] != time[:-1]
-    if not keep.all():
-        repeated = np.count_nonzero(~keep)
-        notes.append(f"{name}: {repeated} of {len(time)} samples repeat the stamp before; left out.")
+    fresh = np.append(True, time[1:] != time[:-1])[: len(time)]
+    rows = np.flatnonzero(fresh)
+    if len(rows) < len(time):
+        notes.append(
+            f"{name}: {len(time) - len(rows)} of {len(time)} samples repeat the stamp before; left out."
+        )
+    stamp = time[rows]
     if drop_invalid:
         valid = np.isfinite(time)
         for values in (position, velocity, effort):
             if values is not None:
                 valid &= np.isfinite(values).all(axis=1)
-        highest = np.maximum.accumulate(np.where(valid, time, -np.inf))
-        valid[1:] &= time[1:] > highest[:-1]
-        dropped = np.count_nonzero(keep & ~valid)
+        valid_rows = rows[valid[rows]]
+        kept, starts = stamps.runs(time[valid_rows])
+        dropped = len(rows) - np.count_nonzero(kept)
         if dropped:
             notes.append(f"{name}: {dropped} of {len(time)} samples are not finite or go back in time.")
-        keep &= valid
-    rows = slice(None) if keep.all() else keep
+        if len(starts) > 1:
+            often = "once" if len(starts) == 2 else f"{len(starts) - 1} times"
+            notes.append(
+                f"{name}: the clock jumps back {often}; the parts are joined with a pause between them."
+            )
+        rows, stamp = valid_rows[kept], stamps.joined(time[valid_rows], kept, starts)
+    chosen = slice(None) if len(rows) == len(time) else rows
     return Recording(
-        time[rows],
+        stamp,
         tuple(joints),
-        position[rows],
-        None if velocity is None else velocity[rows],
-        None if effort is None else effort[rows],
+        position[chosen],
+        None if velocity is None else velocity[chosen],
+        None if effort is None else effort[chosen],
         name=name,
         urdf=urdf,
         notes=tuple(notes),

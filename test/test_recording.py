@@ -157,6 +157,18 @@ def test_cleaned_drops_invalid_samples_only_when_asked() -> None:
     assert "2 of 100 samples" in again.notes[0]
 
 
+def test_cleaned_joins_the_parts_of_a_clock_that_was_set_back_with_a_pause() -> None:
+    original = recording()
+    time = np.where(np.arange(100) < 60, original.time, original.time - 0.3)
+    fields = (original.position, original.velocity, original.effort)
+    with pytest.raises(RecordingError, match=r"sample 60 of 100.*late samples out and to join the parts"):
+        cleaned(time, JOINTS, *fields)
+    again = cleaned(time, JOINTS, *fields, name="bag", drop_invalid=True)
+    np.testing.assert_array_equal(again.effort, original.effort)
+    assert again.segments() == [slice(0, 60), slice(60, 100)]
+    assert again.notes == ("bag: the clock jumps back once; the parts are joined with a pause between them.",)
+
+
 def test_cleaned_takes_nan_throughout_as_not_measured() -> None:
     original = recording()
     nothing = np.full((100, 3), np.nan)

@@ -74,7 +74,9 @@ def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one"
         "--cutoff", metavar="HZ", type=float, help="low-pass of all signals (default: 10, or less)"
     )
     parser.add_argument(
-        "--drop-invalid", action="store_true", help="leave out samples that are NaN or go back in time"
+        "--drop-invalid",
+        action="store_true",
+        help="leave out samples that are NaN or late, and join the parts of a clock that was set back",
     )
 
 
