@@ -8,6 +8,8 @@ import numpy as np
 
 PLATEAU = 5
 """So many equal samples in a row at a joint's extreme effort are a plateau: the effort was cut off."""
+CROWDED = 5.0
+"""And so many times as many are there as at the next value: a smooth peak in steps of a sensor has two or three times as many."""
 HELD = 3.0
 """Efforts of all joints that stay for so many times as long as they usually do are held by their driver."""
 
@@ -29,9 +31,11 @@ def cut_off(effort: np.ndarray) -> np.ndarray:
     """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort, (N, n) bool."""
     result = np.zeros(effort.shape, bool)
     for k, column in enumerate(effort.T):
-        for extreme in (column.min(), column.max()):
-            for start, stop in _runs(column == extreme):
-                result[start:stop, k] |= PLATEAU <= stop - start < len(column)
+        values, counts = np.unique(column[np.isfinite(column)], return_counts=True)
+        for at, beside in ((0, 1), (-1, -2)) if len(values) > 1 else ():
+            if counts[at] > CROWDED * counts[beside]:
+                for start, stop in _runs(column == values[at]):
+                    result[start:stop, k] |= stop - start >= PLATEAU
     return result
 
 

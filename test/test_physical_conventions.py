@@ -101,8 +101,8 @@ def test_a_model_of_other_units_is_told_by_what_it_predicts():
     robot = Robot.bundled("arm2")
     signals = prepare(simulate(robot, seed=1, duration=12.0).recording)
     predicted = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-    assert list(unlike(signals, predicted)) == []
-    (remark,) = unlike(signals, 0.05 * predicted)
+    assert list(unlike(signals, predicted, robot)) == []
+    (remark,) = unlike(signals, 0.05 * predicted, robot)
     assert "about 20 times" in remark.problem
 
 

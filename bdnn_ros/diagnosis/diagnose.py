@@ -102,7 +102,7 @@ def examine(
     say("filtering")
     signals = _signals(recordings, robot, cutoff)
     predicted = None if model is None else model.predict(signals)
-    for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted):
+    for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted, robot):
         raise ConventionError(breach.problem, breach.remedy)
     late = lateness(signals, robot) if model is None else 0.0
     if late:

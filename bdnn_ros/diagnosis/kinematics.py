@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.result import Finding, Quantity
+from bdnn_ros.physical.sampling import brisk
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import Signals, prepare
 
@@ -30,7 +31,7 @@ def reported_velocity(recordings: Sequence[Recording]) -> list[Finding]:
 def _filtered(signals: Signals, joint: int) -> Finding | None:
     assert signals.reported_velocity is not None
     rows = signals.interior & ~signals.at_rest[:, joint]
-    if rows.sum() < 10 * BLOCKS:
+    if rows.sum() < 10 * BLOCKS or not brisk(signals, rows)[joint]:
         return None
     parts = np.array_split(np.flatnonzero(rows), BLOCKS)
     lags = [_lag(signals, joint, part) for part in parts]

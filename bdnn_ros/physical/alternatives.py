@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.remark import Remark
-from bdnn_ros.physical.sampling import some, telling
+from bdnn_ros.physical.sampling import loud, some, telling
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
@@ -123,6 +123,7 @@ class Motion:
         self.position, self.velocity = signals.position[rows], signals.velocity[rows]
         self.acceleration, self.effort = signals.acceleration[rows], signals.effort[rows]
         self.sign = signals.sign[rows]
+        self.loud = loud(signals, robot, rows) if len(rows) else np.zeros(robot.width, bool)
 
     def explained(self, reading: Reading) -> float:
         """Share of the efforts' variance, mean of the joints, that bodies, rotors and friction make."""
@@ -135,7 +136,8 @@ class Motion:
         position, velocity = read(self.position) + np.deg2rad(reading.zero), read(self.velocity)
         acceleration = read(self.acceleration)
         borne = robot.rigid_effort(position, velocity, acceleration)
-        return explained(read(self.effort), borne, acceleration, velocity, read(self.sign))
+        columns = read(self.effort), borne, acceleration, velocity, read(self.sign)
+        return explained(*(column[:, self.loud[reading.order]] for column in columns))
 
     def explained_by_a_load(self) -> float:
         """As `explained`, as recorded, at most: with whatever one of the links may carry or weigh more."""
@@ -147,14 +149,15 @@ class Motion:
             of_link = columns[:, :, PER_LINK * link : PER_LINK * (link + 1)]
             load = _shared(self.effort - borne, of_link, *apart)
             if np.abs(load[1:4]).max() <= FURTHEST * load[0]:
-                best = max(best, explained(self.effort, borne + of_link @ load, *apart))
+                loaded = self.effort, borne + of_link @ load, *apart
+                best = max(best, explained(*(column[:, self.loud] for column in loaded)))
         return best
 
 
 def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
     """What of a robot's description differs from how its motion was recorded."""
     motion = Motion(signals, robot)
-    if len(motion.effort) < MOST_ROWS // 10:
+    if len(motion.effort) < MOST_ROWS // 10 or not motion.loud.any():
         return
     recorded = Reading.as_recorded(robot.width)
     before = motion.explained(recorded)

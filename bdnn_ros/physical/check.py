@@ -12,6 +12,7 @@ from bdnn_ros.physical.conventions import breaches
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
 from bdnn_ros.physical.remark import Remark
+from bdnn_ros.physical.sampling import brisk
 from bdnn_ros.physical.structure import LEAD
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
@@ -248,7 +249,7 @@ def odd_velocity(recording: Recording, signals: Signals) -> Iterator[Remark]:
     if signals.reported_velocity is None:
         return
     inside = signals.interior
-    for k in np.flatnonzero(moving(recording)):
+    for k in np.flatnonzero(moving(recording) & brisk(signals, inside)):
         joint = signals.joints[k]
         v, a = signals.velocity[inside, k], signals.acceleration[inside, k]
         reported = signals.reported_velocity[inside, k]

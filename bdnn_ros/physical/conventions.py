@@ -16,7 +16,7 @@ import numpy as np
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.alternatives import misread, weightless
 from bdnn_ros.physical.remark import Remark
-from bdnn_ros.physical.sampling import some, telling
+from bdnn_ros.physical.sampling import loud, some, telling
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
@@ -69,10 +69,11 @@ class Efforts:
     usable: np.ndarray
 
     @classmethod
-    def of(cls, signals: Signals, rows: np.ndarray) -> Efforts:
+    def of(cls, signals: Signals, rows: np.ndarray, robot: Robot) -> Efforts:
         """Those of some samples of a motion (R,)."""
         assert signals.effort is not None
-        return cls(signals.effort[rows], signals.sign[rows], telling(signals)[rows])
+        usable = telling(signals)[rows] & loud(signals, robot, rows)
+        return cls(signals.effort[rows], signals.sign[rows], usable)
 
     def fit(self, *columns: np.ndarray) -> Fit:
         """What each joint's effort holds of columns (R, n)."""
@@ -123,7 +124,7 @@ class Borne:
         q, v, a = signals.position[rows], signals.velocity[rows], signals.acceleration[rows]
         inertia = np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2) - robot.armature
         own, gravity = inertia * a, robot.gravity(q)
-        return cls(Efforts.of(signals, rows), own, robot.rigid_effort(q, v, a) - own - gravity, gravity)
+        return cls(Efforts.of(signals, rows, robot), own, robot.rigid_effort(q, v, a) - own - gravity, gravity)
 
     @property
     def total(self) -> np.ndarray:
@@ -149,10 +150,10 @@ def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
     yield from found or _out_of_proportion(borne)
 
 
-def unlike(signals: Signals, predicted: np.ndarray) -> Iterator[Remark]:
+def unlike(signals: Signals, predicted: np.ndarray, robot: Robot) -> Iterator[Remark]:
     """Whether a motion's efforts are in another unit than those a model predicts for it, (N, n)."""
     rows = _rows(signals)
-    yield from _another_unit(Efforts.of(signals, rows).factor(predicted[rows]))
+    yield from _another_unit(Efforts.of(signals, rows, robot).factor(predicted[rows]))
 
 
 def _rows(signals: Signals) -> np.ndarray:

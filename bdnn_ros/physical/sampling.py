@@ -4,12 +4,41 @@ from __future__ import annotations
 
 import numpy as np
 
+from bdnn_ros.kernels import passed_noise
+from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
+
+CLEAR = 5.0
+"""What is looked at stands out from noise so many times."""
+BRISK = 10.0
+"""Velocities do so many times: noise makes them look slow, or late, by little."""
 
 
 def telling(signals: Signals) -> np.ndarray:
     """Where a joint moves and its effort was measured, (N, n) bool."""
     return signals.seen & ~signals.at_rest
+
+
+def loud(signals: Signals, robot: Robot, rows: np.ndarray) -> np.ndarray:
+    """Joints whose effort, and what bodies make of it, stand out from the sensors' noise in some rows (R,), (n,) bool.
+
+    Of a joint that hardly moves the position's noise makes more than its motion does.
+    """
+    assert signals.effort is not None and signals.effort_noise is not None
+    twiced, width, rate = signals.flat is not None, signals.motion_std, signals.raw_rate
+    effort_noise = passed_noise(signals.effort_noise, width, rate, twiced=twiced)
+    shaking = passed_noise(signals.position_noise, width, rate, order=2, twiced=twiced)
+    q, v, a = signals.position[rows], signals.velocity[rows], signals.acceleration[rows]
+    bodies = robot.mass_matrix(q) - np.diag(robot.armature)
+    borne_noise = np.sqrt(np.mean(np.sum((bodies * shaking) ** 2, axis=2), axis=0))
+    borne = robot.rigid_effort(q, v, a)
+    clear = np.std(signals.effort[rows], axis=0) > CLEAR * effort_noise
+    return np.asarray(clear & (np.std(borne, axis=0) > CLEAR * borne_noise))
+
+
+def brisk(signals: Signals, rows: np.ndarray) -> np.ndarray:
+    """Joints whose velocity in some rows (R,) stands out from what the position's noise makes of it, (n,) bool."""
+    return np.asarray(np.sqrt(np.mean(signals.velocity[rows] ** 2, axis=0)) > BRISK * signals.velocity_noise)
 
 
 def some(rows: np.ndarray, most: int) -> np.ndarray:
