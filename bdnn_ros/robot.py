@@ -20,10 +20,10 @@ from bdnn_ros.urdf import (
     inertia_of,
     joint_tags,
     limits_of,
-    link_inertia,
     model_of,
     text_of,
 )
+from bdnn_ros.urdf_values import refuse_impossible
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 BUNDLED = ("arm2", "arm6", "arm7")
@@ -66,8 +66,9 @@ class Robot:
             held: where others stand [rad] ([m]).
 
         Raises:
-            RobotError: the text is not a usable URDF or lacks a joint.
+            RobotError: the text is not a usable URDF, lacks a joint, or holds what no robot can have.
         """
+        refuse_impossible(urdf)
         model, names = model_of(urdf, tuple(joints), held)
         order = np.array([model.idx_vs[model.getJointId(name)] for name in names])
         inertials = np.array([model.inertias[model.getJointId(name)].toDynamicParameters() for name in names])
@@ -272,20 +273,6 @@ class Robot:
             moving = [self.moving_link(joint) for joint in self.joints]
             raise UsageError(f"Link {link!r} does not move.", f"Moving links are {listed(moving, 20)}.")
         return self.joints.index(name), frame.placement.rotation.copy(), frame.placement.translation.copy()
-
-    def link_inertial(self, link: str) -> tuple[int, np.ndarray]:
-        """What one link adds to its body: (joint index, inertial parameters in the body's frame (PER_LINK,)).
-
-        Links fixed to it are not counted.
-
-        Raises:
-            UsageError: there is no such link, it does not move, or the URDF gives it no mass.
-        """
-        body, rotation, translation = self.body_of(link)
-        own = link_inertia(self.urdf, link)
-        if own.mass <= 0.0:
-            raise UsageError(f"Link {link!r} has no mass in the URDF.", "Name a link with an <inertial>.")
-        return body, np.array(pin.SE3(rotation, translation).act(own).toDynamicParameters())
 
     def _frame(self, link: str) -> int:
         if link not in self.links:

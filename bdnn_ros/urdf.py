@@ -160,7 +160,11 @@ def link_inertia(urdf: str, link: str) -> pin.Inertia:
     tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     rotation = pin.rpy.rpyToMatrix(numbers("origin", "rpy", "0 0 0"))
     centre = numbers("origin", "xyz", "0 0 0")
-    return pin.Inertia(float(numbers("mass", "value", "0")[0]), centre, rotation @ tensor @ rotation.T)
+    # the constructor refuses estimates with a moment just below zero, which URDFs of real robots hold
+    inertia = pin.Inertia.Zero()
+    inertia.mass, inertia.lever = float(numbers("mass", "value", "0")[0]), centre
+    inertia.inertia = rotation @ tensor @ rotation.T
+    return inertia
 
 
 def child_link(urdf: str, joint: str) -> str | None:
@@ -177,23 +181,14 @@ def _named(urdf: str, tag: str, name: str) -> ElementTree.Element | None:
 
 
 def joint_tags(urdf: str, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Damping [N·m·s/rad] and friction [N·m] of some joints by their <dynamics> tags, (n,) each; zero without one.
-
-    Raises:
-        RobotError: one is not a number.
-    """
+    """Damping [N·m·s/rad] and friction [N·m] of some joints by their <dynamics> tags, (n,) each; zero without one."""
     tags = {
         str(joint.get("name")): joint.find("dynamics") for joint in ElementTree.fromstring(urdf).iter("joint")
     }
 
     def number(joint: str, key: str) -> float:
         dynamics = tags.get(joint)
-        try:
-            return 0.0 if dynamics is None else float(dynamics.get(key, "0"))
-        except ValueError:
-            raise RobotError(
-                f"The <dynamics> tag of joint {joint} is not a number.", "Correct the URDF."
-            ) from None
+        return 0.0 if dynamics is None else float(dynamics.get(key, "0"))
 
     damping, friction = (
         np.array([number(joint, key) for joint in joints]) for key in ("damping", "friction")

@@ -14,10 +14,10 @@ PACKAGE = "bdnn_ros"
 ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
     {"dynamics", "errors", "kernels", "stamps", "unmeasured"},
-    {"recording", "urdf"},
+    {"recording", "urdf", "urdf_values"},
     {"glitches", "repeats", "wraps"},
     {"robot", "signals"},
-    {"efforts", "left_out", "robot_state", "scores"},
+    {"efforts", "left_out", "links", "robot_state", "scores"},
     {"effects", "bdnn", "physical", "bags"},
     {"diagnosis", "simulation"},
     {"online", "report"},

@@ -101,6 +101,27 @@ def test_a_scaled_link_is_scaled_itself() -> None:
     same_rigid_effort(model_of(robot, f"link_inertia@{tool}:scale=2"), Robot.from_urdf(urdf))
 
 
+@pytest.mark.parametrize("scale", [0.5, 1.0, 1.6])
+def test_a_bare_frame_that_bears_a_scaled_body_gives_the_models_efforts(scale: float) -> None:
+    robot = Robot.bundled("arm7")
+    tree = ElementTree.fromstring(robot.urdf)
+    for link in ("arm7_link3", "arm7_link7"):
+        frame = tree.find(f"link[@name='{link}']")
+        inertial = frame.find("inertial")
+        frame.remove(inertial)
+        ElementTree.SubElement(tree, "link", name=f"{link}_shell").append(inertial)
+        bolts = ElementTree.SubElement(tree, "joint", name=f"{link}_bolts", type="fixed")
+        ElementTree.SubElement(bolts, "parent", link=link)
+        ElementTree.SubElement(bolts, "child", link=f"{link}_shell")
+    robot = Robot.from_urdf(ElementTree.tostring(tree, encoding="unicode"))
+    wrong = robot.with_inertials(robot.inertials * np.linspace(0.95, 1.05, 7)[:, None])
+    for bare in (robot, wrong):
+        model = model_of(
+            bare, *(f"link_inertia@{link}:scale={scale}" for link in ("arm7_link3", "arm7_link7"))
+        )
+        same_rigid_effort(model, Robot.from_urdf(extended_urdf(model)))
+
+
 def test_a_change_that_the_moving_link_cannot_carry_takes_the_whole_body() -> None:
     """The last body is nearly all hand: 70 % less of it cannot come off the flange alone."""
     robot = Robot.bundled("arm7")

@@ -16,6 +16,7 @@ from bdnn_ros.diagnosis.extended import ExtendedModel, tilt_of
 from bdnn_ros.diagnosis.urdf import IN_URDF, Joints, joints_of, named
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.robot import Robot
+from bdnn_ros.urdf import inertia_of
 
 IN_MJCF = frozenset({"armature", "joint_spring", "effort_scale", "effort_offset"})
 """Effects that a MuJoCo model carries beside those of the URDF."""
@@ -68,7 +69,7 @@ def _add_bodies(base: ElementTree.Element, model: ExtendedModel) -> None:
 
 
 def _inertial(parameters: np.ndarray) -> ElementTree.Element:
-    inertia = pin.Inertia.FromDynamicParameters(parameters)
+    inertia = inertia_of(parameters)
     matrix = inertia.inertia
     about_centre = (matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     return ElementTree.Element(

@@ -15,7 +15,7 @@ from bdnn_ros.effects.rigid import payload_parameters
 from bdnn_ros.errors import UsageError
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.robot import Robot
-from bdnn_ros.urdf import link_inertia
+from bdnn_ros.urdf import inertia_of, link_inertia
 
 IN_URDF = frozenset({"payload", "link_inertia", "base_tilt", "coulomb_friction", "viscous_friction"})
 """Effects that a URDF can carry."""
@@ -105,7 +105,7 @@ def _write_body(
     for link, scale in scales.items():
         if link != own:
             old = link_inertia(model.robot.urdf, link)
-            _write_inertial(document, link, pin.Inertia(scale * old.mass, old.lever, scale * old.inertia))
+            _write_inertial(document, link, inertia_of(scale * old.toDynamicParameters()))
 
 
 def _write_inertial(document: UrdfText, link: str, inertia: pin.Inertia) -> None:

@@ -15,6 +15,7 @@ from bdnn_ros.effects import actuation, backlash, environment, friction, rigid, 
 from bdnn_ros.effects.base import Effect, Parameter, Where
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.links import link_inertial
 from bdnn_ros.robot import Robot
 
 ALL: tuple[Effect, ...] = (
@@ -160,7 +161,7 @@ def parse_spec(spec: str, robot: Robot) -> Installed:
 def completed(effect: Effect, values: dict[str, float], robot: Robot, link: str | None) -> dict[str, float]:
     """Parameters with those that follow from the robot: the nominal mass of a scaled link."""
     if effect.name == "link_inertia" and link is not None:
-        nominal = float(robot.link_inertial(link)[1][0])
+        nominal = float(link_inertial(robot, link)[1][0])
         scale = values["scale"] if "scale" in values else values["mass"] / nominal
         return {"mass": scale * nominal, "nominal_mass": nominal, "scale": scale}
     return values

@@ -15,6 +15,7 @@ from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
+from bdnn_ros.links import described_inertial, link_inertial
 from bdnn_ros.robot import PER_LINK, Robot
 
 AXES = ("x", "y", "z")
@@ -156,12 +157,19 @@ class LinkInertia(OnBody):
     coefficient_bounds = ((-0.95, 9.0),)
     coefficient_spread = 0.3
 
+    def places(self, robot: Robot) -> list[tuple[int, str | None]]:
+        return [
+            (target, link)
+            for target, link in super().places(robot)
+            if described_inertial(robot, needed_link(link))[1][0] > 0.0
+        ]
+
     def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray]:
-        body, described = robot.link_inertial(link)
+        body, described = link_inertial(robot, link)
         return body, described[:, None]
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"nominal_mass": float(motion.robot.link_inertial(needed_link(link))[1][0])}]
+        return [{"nominal_mass": float(link_inertial(motion.robot, needed_link(link))[1][0])}]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         scale, nominal = 1.0 + float(coefficients[0]), float(shape["nominal_mass"])
