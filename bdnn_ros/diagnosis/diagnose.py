@@ -172,8 +172,9 @@ def _plain(
     instead = {k: plain for k, plain in settled if plain is not None}
     if not instead:
         return attempt, pool, found
+    others = [term for k, term in enumerate(pool.terms) if k not in instead]
     said = {
-        k: any(other.place == plain.place or contains(other, plain) for other in pool.terms)
+        k: any(other.place == plain.place or contains(other, plain) for other in others)
         for k, plain in instead.items()
     }
     kept = [k for k in range(len(pool.terms)) if not said.get(k)]

@@ -98,7 +98,11 @@ class StribeckFriction(Effect):
     source = ARMSTRONG
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
     contains = ("coulomb_friction",)
+    settles_into = "coulomb_friction"
     shape_bounds = MappingProxyType({"velocity": (5e-3, 0.5)})
+
+    def shown(self, values: Values, stds: Values) -> bool:
+        return values["static"] - values["coulomb"] > stds["static"]
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         coulomb, extra, velocity = values["coulomb"], values["static"] - values["coulomb"], values["velocity"]
