@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +35,6 @@ class Samples:
         joints: n joint names.
         log, stamp: time of recording and of the header, (N,) int64 [ns].
         position, velocity, effort: (N, n), NaN where a message left it empty; None where all did.
-        left_out: messages that hold other joints.
     """
 
     joints: tuple[str, ...]
@@ -44,10 +43,20 @@ class Samples:
     position: np.ndarray
     velocity: np.ndarray | None
     effort: np.ndarray | None
-    left_out: int = 0
 
     def __len__(self) -> int:
         return len(self.stamp)
+
+    def part(self, rows: np.ndarray | slice) -> Samples:
+        """The samples of these rows, (N,) bool, indices or a slice."""
+        return replace(
+            self,
+            log=self.log[rows],
+            stamp=self.stamp[rows],
+            position=self.position[rows],
+            velocity=None if self.velocity is None else self.velocity[rows],
+            effort=None if self.effort is None else self.effort[rows],
+        )
 
 
 @dataclass
@@ -146,25 +155,41 @@ class JointStates:
         groups = sorted(self._groups.values(), key=lambda group: len(group) * len(group.joints), reverse=True)
         return [group.joints for group in groups]
 
-    def samples(self, joints: Sequence[str]) -> Samples:
-        """The messages that hold all these joints, in this order; frees what it has collected.
+    @property
+    def usable(self) -> int:
+        """Messages that hold positions of some joints."""
+        return self.count - len(self.malformed) - self.nameless
+
+    def together(self, joints: Sequence[str]) -> list[tuple[str, ...]]:
+        """These joints by the messages that hold them: as many as one message holds, then of the others, and so on."""
+        left = [joint for joint in joints if any(joint in names for names in self._groups)]
+        parts = []
+        while left:
+            held = max(self.groups, key=lambda names: len({*left} & {*names}))
+            parts.append(tuple(joint for joint in left if joint in held))
+            left = [joint for joint in left if joint not in held]
+        return parts
+
+    def samples(self, parts: Sequence[Sequence[str]]) -> list[Samples]:
+        """The messages that hold all joints of a part, in this order, for each part; frees what it has collected.
 
         Messages with further joints beside them count as well, unless two publishers send the same joints:
         then only those of the one that sent most are taken.
         """
+        found = [self._samples(joints) for joints in parts]
+        self._groups = {}
+        return found
+
+    def _samples(self, joints: Sequence[str]) -> Samples:
         wanted = frozenset(joints)
         groups = sorted((g for names, g in self._groups.items() if wanted <= names), key=len, reverse=True)
-        self._groups = {}
         parts = [
             _joined([_columns(block, group.joints, joints) for block in group.blocks]) for group in groups
         ]
-        kept = _joined(parts) if parts else _nothing(len(joints))
+        kept = _joined(parts)
         if len(parts) > 1 and _twofold(kept.stamp, parts[0].stamp):
             kept = parts[0]
-        left_out = self.count - len(kept.stamp) - len(self.malformed) - self.nameless
-        return Samples(
-            tuple(joints), kept.log, kept.stamp, kept.position, kept.velocity, kept.effort, left_out
-        )
+        return Samples(tuple(joints), kept.log, kept.stamp, kept.position, kept.velocity, kept.effort)
 
 
 def _twofold(merged: np.ndarray, single: np.ndarray) -> bool:
@@ -202,8 +227,3 @@ def _joined(blocks: Sequence[Block]) -> Block:
         column([block.velocity for block in blocks]),
         column([block.effort for block in blocks]),
     )
-
-
-def _nothing(width: int) -> Block:
-    none = np.empty(0, np.int64)
-    return Block(none, none, none, np.empty((0, width)), None, None)

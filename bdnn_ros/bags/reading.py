@@ -8,15 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from bdnn_ros.bags.cdr import MalformedMessage, decode_float64_multi_array, decode_string
+from bdnn_ros.bags.cdr import MalformedMessage, decode_string
+from bdnn_ros.bags.clock import stamped
+from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.description import movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
+from bdnn_ros.bags.merging import together
 from bdnn_ros.bags.storage import Storage, Topic
-from bdnn_ros.errors import BagError, RecordingError, UsageError, listed
+from bdnn_ros.errors import BagError, UsageError, listed
 from bdnn_ros.recording import Recording, cleaned, renamed
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 STRING = "std_msgs/msg/String"
 MOVES = 0.01
 """A joint that covers this much [rad] and reports a velocity of zero throughout does not report it."""
@@ -52,7 +54,8 @@ def read(
     """The joint states of a bag as a recording that starts at time 0.
 
     Messages are streamed: memory holds the joint data and one chunk, not the file. Stamps are those of the
-    headers; where all of these are zero, those of the recorder.
+    headers; where all of these are zero, those of the recorder. Joints that come in messages of their own are put
+    together by the stamps.
 
     Args:
         path: `.mcap` file, `.db3` file or rosbag2 directory.
@@ -60,11 +63,12 @@ def read(
         effort_commands: topic of std_msgs/Float64MultiArray; None takes the bag's only one.
         effort: "measured" is JointState.effort; "command" is the command last recorded before each of them.
             Its values stand for `joints`, `robot_joints` or the joints of the messages, the first that fits.
-        drop_invalid: leave out samples that are not finite or go back in time, instead of refusing the bag.
+        drop_invalid: as of `recording.cleaned`, instead of refusing the bag.
         rename: rules as in `Recording.rename`, applied before joints are chosen.
         joints: the joints to read, all needed, in this order.
-        robot_joints: without `joints`, those of these that the bag has, in this order. Without either, the
-            robot description in the bag says the joints; where there is none, all of one message are read.
+        robot_joints: without `joints`, those of these that the bag has, in this order, but for those whose messages
+            do not fit to the others'. Without either, the robot description in the bag says the joints; where there
+            is none, all of one message are read.
 
     Raises:
         UsageError: there is no such file, topic or joint.
@@ -77,7 +81,7 @@ def read(
     with Storage(Path(path)) as storage:
         available = storage.topics
         _require_joint_states(name, joint_states, available)
-        commands = _Commands(name, effort_commands, available) if effort == "command" else None
+        commands = Commands(name, effort_commands, available) if effort == "command" else None
         states, urdf = _collect(storage, joint_states, commands, progress)
     old = states.joints
     if not old:
@@ -85,18 +89,11 @@ def read(
             f"{name}: {_why_none(states, joint_states)}.", "Record a driver that names its joints."
         )
     new = renamed(old, rename)
-    chosen = _choose(
-        name, states, dict(zip(old, new, strict=True)), joints, robot_joints or movable_joints(urdf)
+    wanted = _wanted(
+        name, states.groups, dict(zip(old, new, strict=True)), joints, robot_joints or movable_joints(urdf)
     )
     main = tuple(new[old.index(joint)] for joint in states.groups[0])
-    samples = states.samples([old[new.index(joint)] for joint in chosen])
-    if not len(samples):
-        raise BagError(
-            f"{name}: no message holds {listed(chosen, 20)} together.",
-            "Choose joints of one message with --joints.",
-        )
-    samples = replace(samples, joints=chosen)
-    notes = _notes(name, states, samples, [joint for joint in new if joint not in chosen])
+    samples, notes = _samples(name, states, dict(zip(new, old, strict=True)), wanted, bool(joints), commands)
     if commands is not None:
         samples, more = commands.aligned(samples, [tuple(joints), tuple(robot_joints), main])
         notes += more
@@ -104,7 +101,7 @@ def read(
 
 
 def _collect(
-    storage: Storage, joint_states: str, commands: _Commands | None, progress: Progress | None
+    storage: Storage, joint_states: str, commands: Commands | None, progress: Progress | None
 ) -> tuple[JointStates, str | None]:
     states, urdf = JointStates(), None
     descriptions = {joint_states.rpartition("/")[0] + "/robot_description", "/robot_description"}
@@ -153,9 +150,9 @@ def _why_none(states: JointStates, topic: str) -> str:
     return f"the messages on {topic} name no joint with a position"
 
 
-def _choose(
+def _wanted(
     name: str,
-    states: JointStates,
+    groups: Sequence[tuple[str, ...]],
     renaming: dict[str, str],
     joints: Sequence[str],
     robot_joints: Sequence[str],
@@ -172,22 +169,39 @@ def _choose(
         if len(set(joints)) != len(joints):
             raise UsageError(f"A joint is named twice in {listed(joints, 20)}.", "Name each joint once.")
         return tuple(joints)
-    best: tuple[str, ...] = ()
-    groups = states.groups
-    for group in groups:
-        held = {renaming[joint] for joint in group}
-        common = tuple(joint for joint in robot_joints if joint in held)
-        best = common if len(common) > len(best) else best
-    return best or tuple(renaming[joint] for joint in groups[0])
+    common = tuple(joint for joint in robot_joints if joint in every)
+    return common or tuple(renaming[joint] for joint in groups[0])
 
 
-def _notes(name: str, states: JointStates, samples: Samples, unused: Sequence[str]) -> list[str]:
+def _samples(
+    name: str,
+    states: JointStates,
+    old: dict[str, str],
+    wanted: Sequence[str],
+    needed: bool,
+    commands: Commands | None,
+) -> tuple[Samples, list[str]]:
+    """The joint states of the joints that are wanted, or needed, by their new names, and what there is to say."""
+    new = {theirs: ours for ours, theirs in old.items()}
+    parts = states.together([old[joint] for joint in wanted])
+    if commands is not None and not needed and not commands.stand_for(len(wanted)):
+        parts = parts[:1]
+    found = [
+        replace(part, joints=tuple(new[joint] for joint in part.joints)) for part in states.samples(parts)
+    ]
+    clocked, notes = stamped(name, found)
+    samples, more = together(name, clocked, wanted, needed=needed, measured=commands is None)
+    unused = [joint for joint in old if not any(joint in part.joints for part in found)]
+    return samples, [*_notes(name, states, sum(map(len, found)), unused), *notes, *more]
+
+
+def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> list[str]:
     notes = []
     if unused:
         notes.append(f"{name}: joints {listed(unused)} of the bag are left out.")
-    if samples.left_out:
+    if held < states.usable:
         notes.append(
-            f"{name}: {samples.left_out} of {states.count} joint states hold other joints; left out."
+            f"{name}: {states.usable - held} of {states.count} joint states hold other joints; left out."
         )
     if states.nameless:
         notes.append(
@@ -201,78 +215,11 @@ def _notes(name: str, states: JointStates, samples: Samples, unused: Sequence[st
     return notes
 
 
-class _Commands:
-    """Effort commands against the time of their recording."""
-
-    def __init__(self, name: str, topic: str | None, available: Sequence[Topic]) -> None:
-        suitable = [t.name for t in available if t.type == MULTI_ARRAY and t.count]
-        if topic is None and len(suitable) == 1:
-            topic = suitable[0]
-        if topic not in suitable:
-            where = f"on {topic}" if topic else "that is the only one"
-            there = f"Float64MultiArray is on {listed(suitable)}" if suitable else "the bag has none at all"
-            raise UsageError(
-                f"{name}: no effort commands (std_msgs/Float64MultiArray) {where}; {there}.",
-                "Name the topic with --effort-commands, or use --effort measured.",
-            )
-        self.name = name
-        self.topic: str = str(topic)
-        self._logs: list[int] = []
-        self._values: list[np.ndarray] = []
-
-    def add(self, log: int, data: bytes) -> None:
-        """Takes one message: its log time [ns] and its bytes."""
-        self._values.append(decode_float64_multi_array(data))
-        self._logs.append(log)
-
-    def aligned(self, samples: Samples, orders: Sequence[tuple[str, ...]]) -> tuple[Samples, list[str]]:
-        """The samples with the command last recorded before each as effort, without those before the first.
-
-        Args:
-            orders: joint names the commands may stand for, the likeliest first.
-        """
-        widths = {len(values) for values in self._values}
-        fitting = [
-            names for names in orders if names and widths == {len(names)} and {*samples.joints} <= {*names}
-        ]
-        if not fitting:
-            raise RecordingError(
-                f"{self.name}: the commands on {self.topic} have {listed(sorted(widths))} values, "
-                f"the joints chosen are {listed(samples.joints, 20)}.",
-                "Name the joints of the commands in their order with --joints.",
-            )
-        columns = [fitting[0].index(joint) for joint in samples.joints]
-        logs = np.array(self._logs)
-        order = np.argsort(logs, kind="stable")
-        latest = np.searchsorted(logs[order], samples.log, side="right") - 1
-        rows = latest >= 0
-        notes = [f"{self.name}: effort is commanded on {self.topic}, in the order {listed(fitting[0], 20)}."]
-        if not rows.all():
-            notes.append(
-                f"{self.name}: {np.count_nonzero(~rows)} samples before the first command are left out."
-            )
-        values = np.array(self._values)[order][:, columns]
-        return (
-            replace(
-                samples,
-                log=samples.log[rows],
-                stamp=samples.stamp[rows],
-                position=samples.position[rows],
-                velocity=None if samples.velocity is None else samples.velocity[rows],
-                effort=values[latest[rows]],
-            ),
-            notes,
-        )
-
-
 def _recording(
     name: str, samples: Samples, urdf: str | None, drop_invalid: bool, notes: list[str]
 ) -> Recording:
-    """The recording of samples: its clock chosen, fields that nobody measured recognised."""
+    """The recording of samples: fields that nobody measured recognised."""
     stamps = samples.stamp
-    if not stamps.any() and len(stamps) > 1:
-        stamps = samples.log
-        notes.append(f"{name}: all header stamps are zero; the recorder's are taken.")
     velocity, effort = samples.velocity, samples.effort
     if velocity is not None:
         unknown = ~(np.isfinite(velocity) & (velocity != 0.0)).any(axis=0)

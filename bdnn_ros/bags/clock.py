@@ -1,0 +1,36 @@
+"""The clock of a bag: which stamps of its joint states stand for their time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bdnn_ros.bags.cdr import NANOSECONDS
+from bdnn_ros.bags.joint_states import Samples
+
+
+def stamped(name: str, parts: Sequence[Samples]) -> tuple[list[Samples], list[str]]:
+    """Joint states with stamps: the recorder's where the headers have none, none of zero among others.
+
+    A clock that starts at zero, as a simulation's, may show it.
+    """
+    if any(len(part) > 1 and not part.stamp.any() for part in parts):
+        recorded = [replace(part, stamp=part.log) for part in parts]
+        return recorded, [f"{name}: all header stamps are zero; the recorder's are taken."]
+    kept = [part.part(_told(part.stamp)) for part in parts]
+    count, left = sum(map(len, parts)), sum(map(len, kept))
+    if left == count:
+        return list(parts), []
+    return kept, [
+        f"{name}: {count - left} of {count} header stamps are zero; these joint states are left out."
+    ]
+
+
+def _told(stamps: np.ndarray) -> np.ndarray:
+    """Which stamps (N,) [ns] are a time, (N,) bool."""
+    told = stamps != 0
+    if told.all() or not told.any() or stamps[told].min() < NANOSECONDS:
+        return np.ones(len(stamps), bool)
+    return told

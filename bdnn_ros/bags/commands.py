@@ -1,0 +1,85 @@
+"""Effort commands of a bag, for efforts that were commanded instead of measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bdnn_ros.bags.cdr import decode_float64_multi_array
+from bdnn_ros.bags.joint_states import Samples
+from bdnn_ros.bags.storage import Topic
+from bdnn_ros.errors import RecordingError, UsageError, listed
+
+MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
+
+
+class Commands:
+    """Effort commands against the time of their recording."""
+
+    def __init__(self, name: str, topic: str | None, available: Sequence[Topic]) -> None:
+        suitable = [t.name for t in available if t.type == MULTI_ARRAY and t.count]
+        if topic is None and len(suitable) == 1:
+            topic = suitable[0]
+        if topic not in suitable:
+            raise _not_there(name, topic, suitable)
+        self.name = name
+        self.topic: str = str(topic)
+        self._logs: list[int] = []
+        self._values: list[np.ndarray] = []
+
+    def add(self, log: int, data: bytes) -> None:
+        """Takes one message: its log time [ns] and its bytes."""
+        self._values.append(decode_float64_multi_array(data))
+        self._logs.append(log)
+
+    @property
+    def _widths(self) -> set[int]:
+        return {len(values) for values in self._values}
+
+    def stand_for(self, joints: int) -> bool:
+        """Whether each command has a value for so many joints."""
+        return self._widths == {joints}
+
+    def aligned(self, samples: Samples, orders: Sequence[tuple[str, ...]]) -> tuple[Samples, list[str]]:
+        """The samples with the command last recorded before each as effort, without those before the first.
+
+        Args:
+            orders: joint names the commands may stand for, the likeliest first.
+        """
+        fitting = [names for names in orders if self.stand_for(len(names)) and {*samples.joints} <= {*names}]
+        if not fitting:
+            raise RecordingError(
+                f"{self.name}: the commands on {self.topic} have {listed(sorted(self._widths))} values, "
+                f"the joints chosen are {listed(samples.joints, 20)}.",
+                "Name the joints of the commands in their order with --joints.",
+            )
+        columns = [fitting[0].index(joint) for joint in samples.joints]
+        logs = np.array(self._logs)
+        order = np.argsort(logs, kind="stable")
+        latest = np.searchsorted(logs[order], samples.log, side="right") - 1
+        rows = latest >= 0
+        notes = [f"{self.name}: effort is commanded on {self.topic}, in the order {listed(fitting[0], 20)}."]
+        if not rows.all():
+            notes.append(
+                f"{self.name}: {np.count_nonzero(~rows)} samples before the first command are left out."
+            )
+        values = np.array(self._values)[order][:, columns]
+        return replace(samples.part(rows), effort=values[latest[rows]]), notes
+
+
+def _not_there(name: str, topic: str | None, suitable: Sequence[str]) -> UsageError:
+    kind = "effort commands (std_msgs/Float64MultiArray)"
+    if not suitable:
+        return UsageError(
+            f"{name}: the bag has no {kind}.", "Use --effort measured, or record the commands as well."
+        )
+    if topic is None:
+        return UsageError(
+            f"{name}: {kind} are on {listed(suitable)}.", "Choose one of them with --effort-commands."
+        )
+    return UsageError(
+        f"{name}: no {kind} on {topic}, but on {listed(suitable)}.",
+        f"Choose with --effort-commands {suitable[0]}, or use --effort measured.",
+    )
