@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bdnn_ros.diagnosis.bounded import gains_of, held
@@ -157,10 +158,16 @@ class Pool:
         return Fit(tuple(chosen), best, factor[0], float(volume - loss - self._scale), float(loss))
 
     def most(self, candidates: Sequence[int]) -> float:
-        """What the evidence of any set of some terms, with these shapes, cannot exceed: all of them at once and for nothing."""
+        """What the evidence of any set of some terms, with these shapes, cannot exceed: all of them at once and for nothing.
+
+        Infinite where they are too much alike for that to be computed.
+        """
         gram, moment, power = self.total
         index = self.columns_of(candidates)
-        factor = cho_factor(gram[np.ix_(index, index)] + np.diag(self.precision[index]), lower=True)
+        try:
+            factor = cho_factor(gram[np.ix_(index, index)] + np.diag(self.precision[index]), lower=True)
+        except LinAlgError:
+            return np.inf
         return float(0.5 * (moment[index] @ cho_solve(factor, moment[index]) - power) - self._scale)
 
     def columns_of(self, chosen: Sequence[int]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -247,15 +247,28 @@ def _same_physics(term: Term, rival: Term) -> bool:
     return SAME_PHYSICS.get(term.effect.name) == rival.effect.name and term.target == rival.target
 
 
-def advice(terms: Sequence[Term], judgements: Sequence[Judgement], where: Sequence[str]) -> list[str]:
-    """One sentence for each tie: what would settle it."""
+def advice(
+    terms: Sequence[Term], judgements: Sequence[Judgement], places: Callable[[Term], str]
+) -> list[str]:
+    """One sentence for each tie: what would settle it.
+
+    Args:
+        places: the name of a term's joint or link.
+    """
     sentences = []
-    for term, judgement, place in zip(terms, judgements, where, strict=True):
+    for term, judgement in zip(terms, judgements, strict=True):
+        place = places(term)
         close = [rival for rival, p in judgement.rivals if p >= TIE and not _same_physics(term, rival)]
         if close:
-            names = " or ".join(dict.fromkeys(r.effect.title for r in close))
+            names = " or ".join(
+                dict.fromkeys(_called(r) + f" at {places(r)}" * (places(r) != place) for r in close)
+            )
             sentences.append(
-                f"To tell {term.effect.title} at {place} from {names}, record {term.effect.shown_by}; "
+                f"To tell {_called(term)} at {place} from {names}, record {term.effect.shown_by}; "
                 f"`bdnn excite --for diagnosis.json` makes such a motion."
             )
     return sentences
+
+
+def _called(term: Term) -> str:
+    return f"a drift of {term.effect.title}" if term.effect.name == "drift" else term.effect.title

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.diagnosis.attempt import Attempt
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
@@ -56,7 +56,6 @@ def told(
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
     verdict = _verdict(findings, doubtful or far_off, after, floor, equations.effort_scale)
-    where = [_place(robot, e)[0] or _place(robot, e)[1] or "the base" for e in found]
     return Diagnosis(
         source=_source(recordings, equations),
         verdict=verdict,
@@ -67,7 +66,7 @@ def told(
         unexplained_share=share,
         unexplained_depends_on=remainder.depends_on[:6],
         unexplained_sentence=_unexplained_sentence(share, remainder),
-        advice=tuple(advice([e.term for e in found], attempt.judgements, where)),
+        advice=tuple(advice([e.term for e in found], attempt.judgements, lambda term: _name(robot, term))),
         notes=(*(note for recording in recordings for note in recording.notes), *[FAR_OFF] * far_off),
     )
 
@@ -111,17 +110,12 @@ def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:
 
 
 def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
-    joint, link = _place(robot, estimate)
+    joint, link = _place(robot, estimate.term)
     rivals = tuple(
-        Rival(
-            rival.effect.name,
-            None if rival.target < 0 or rival.link else robot.joints[rival.target],
-            rival.link,
-            probability,
-        )
+        Rival(rival.effect.name, *_place(robot, rival), probability)
         for rival, probability in judgement.rivals
     )
-    where = link or joint or ("The base" if estimate.term.effect.on == "base" else "every joint")
+    where = link or joint or _name(robot, estimate.term).replace("the base", "The base")
     return Finding(
         effect=estimate.term.effect.name,
         joint=joint,
@@ -143,11 +137,15 @@ def _told(estimate: Estimate) -> dict[str, float]:
     }
 
 
-def _place(robot: Robot, estimate: Estimate) -> tuple[str | None, str | None]:
-    term = estimate.term
+def _place(robot: Robot, term: Term) -> tuple[str | None, str | None]:
     if term.link:
         return None, term.link
     return (robot.joints[term.target] if term.target >= 0 else None), None
+
+
+def _name(robot: Robot, term: Term) -> str:
+    joint, link = _place(robot, term)
+    return joint or link or ("the base" if term.effect.on == "base" else "every joint")
 
 
 def _verdict(

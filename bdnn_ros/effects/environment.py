@@ -21,6 +21,8 @@ TORQUE = ("torque_x", "torque_y", "torque_z")
 COMPONENTS = FORCE + TORQUE
 SHORTEST = 0.3
 """A push lasts so long [s]: what is shorter, no low-pass leaves much of."""
+MOST_APART = 100.0
+"""Parts of a wrench are of like size: what hardly acts is believed to be so many times as large as what acts most, no more."""
 SAME_POINT = 0.005
 """Points nearer to each other are one [m]."""
 WINDOW = (
@@ -83,6 +85,9 @@ class ExternalWrench(Push):
 
     def always(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return -motion.soft_pull(needed_link(link), tuple(shape[c] for c in POINT))
+
+    def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
+        return np.minimum(typical, MOST_APART * typical.min())
 
     def displaced(self, motion: Motion, shape: Values, link: str, force: np.ndarray) -> np.ndarray:
         """What each metre of the point along the link's axes adds to the effort under a force (3,) [N], (N, n, 3)."""
