@@ -451,6 +451,31 @@ def test_a_bag_in_several_files_is_one(tmp_path: Path) -> None:
         bags.read(path)
 
 
+@pytest.mark.parametrize("names", ["part_{}", "{:c}"], ids=["numbered", "letters against time"])
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_files_without_metadata_are_read_in_the_order_of_their_time(
+    tmp_path: Path, names: str, storage: StoragePlugin
+) -> None:
+    recording = motion(joints=ARM)
+    messages = states(recording)
+    (tmp_path / "bag").mkdir()
+    for k in range(12):
+        part = write_bag(tmp_path / f"{k}", messages[50 * k : 50 * (k + 1)], storage)
+        (file,) = (file for file in part.iterdir() if file.suffix != ".yaml")
+        file.rename(tmp_path / "bag" / (names.format(k if "part" in names else ord("z") - k) + file.suffix))
+    assert_equal(bags.read(tmp_path / "bag"), recording)
+
+
+def test_files_of_the_same_time_are_read_as_people_count(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    (tmp_path / "bag").mkdir()
+    for k in range(12):
+        part = states(recording)[50 * k : 50 * (k + 1)]
+        path = write_bag(tmp_path / f"{k}", [(topic, kind, EPOCH, data) for topic, kind, _, data in part])
+        (path / f"{k}.mcap").rename(tmp_path / "bag" / f"part_{k}.mcap")
+    assert_equal(bags.read(tmp_path / "bag"), recording)
+
+
 def test_topics_that_hold_no_joint_state(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "other", states(motion(), topic="/arm/joint_states"))
     with pytest.raises(BagError, match="no JointState on /joint_states, but on /arm/joint_states"):

@@ -53,6 +53,14 @@ def test_table_and_pace(bag, capsys):
     assert len(lines) > 13 and "gripped" in lines[-2] and "1400 samples" in lines[-1]
 
 
+def test_a_pause_of_years_is_no_work(bag, tmp_path, capsys):
+    recording = bags.read(bag)
+    later = replace(recording, time=np.where(recording.time < 7.0, recording.time, recording.time + 1e9))
+    assert main(["replay", str(bags.write(later, tmp_path / "bag", overwrite=True)), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["samples"] == 1400 and len(told["time"]) >= 12
+
+
 def test_a_bad_rate_is_refused(bag, capsys):
     assert main(["replay", str(bag), "--rate", "-1"]) == 2
     assert "--rate -1" in capsys.readouterr().err

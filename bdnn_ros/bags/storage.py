@@ -1,11 +1,13 @@
 """The files of a bag and the serialized messages in them, by rosbags.
 
 The files are opened one by one rather than through metadata.yaml, which is only asked for their order and
-compression: a directory without it, or whose quality-of-service profiles differ from the file's, reads too.
+compression: a directory without it, in the order of the files' first messages, or whose quality-of-service
+profiles differ from the file's, reads too.
 """
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
@@ -48,10 +50,13 @@ class Storage:
 
     def __enter__(self) -> Storage:
         try:
-            for part in _parts(self.path):
+            parts, in_order = _parts(self.path)
+            for part in parts:
                 with _readable(part):
                     _require_all_pages(part)
                     self._readers.append(self._stack.enter_context(Reader(part)))
+            if not in_order:
+                self._readers.sort(key=lambda reader: reader.start_time)
         except BaseException:
             self._stack.close()
             raise
@@ -136,19 +141,19 @@ def _damaged(path: Path, error: Exception) -> BagError:
     )
 
 
-def _parts(path: Path) -> list[Path]:
-    """What to open one after the other."""
+def _parts(path: Path) -> tuple[list[Path], bool]:
+    """What to open, and whether it is in the order of recording for certain: without metadata, names alone tell."""
     if not path.exists():
         raise UsageError(f"There is no bag {path}.", "Check the path.")
     if path.is_file():
         if path.suffix not in SUFFIXES:
             raise BagError(f"{path} is not a bag.", "Pass an .mcap file, a .db3 file or a rosbag2 directory.")
-        return [path]
+        return [path], True
     information = _information(path)
     if information.get("compression_mode") in ("file", "FILE", "message", "MESSAGE"):
-        return [path]
+        return [path], True
     named = [path / Path(str(name)).name for name in information.get("relative_file_paths") or []]
-    found = sorted(part for part in path.iterdir() if part.suffix in SUFFIXES)
+    found = sorted((part for part in path.iterdir() if part.suffix in SUFFIXES), key=_natural)
     missing = [part.name for part in named if not part.exists()]
     if missing:
         raise BagError(
@@ -159,7 +164,12 @@ def _parts(path: Path) -> list[Path]:
         if len(inner) == 1:
             return _parts(inner[0])
         raise BagError(f"{path} is a directory without a bag.", "Pass one that holds .mcap or .db3 files.")
-    return named or found
+    return named or found, bool(named)
+
+
+def _natural(path: Path) -> list[tuple[str, int]]:
+    """Orders names with numbers as people count: part_2 before part_10."""
+    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", path.name)]
 
 
 def _holds_bag(path: Path) -> bool:

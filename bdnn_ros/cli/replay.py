@@ -68,12 +68,11 @@ def replayed(learning: Learning, recording: Recording, rate: float = 0.0) -> Ite
         rate: speed as a multiple of the recording's own, 0 for as fast as it goes.
     """
     effort = recording.require_effort()
-    edges = np.searchsorted(
-        recording.time, np.arange(0.0, recording.duration, BATCH_SECONDS) + recording.time[0]
-    )
+    batch = np.floor((recording.time - recording.time[0]) / BATCH_SECONDS)
+    edges = np.flatnonzero(np.diff(batch)) + 1
     began = time.perf_counter()
-    for low, high in zip(edges, [*edges[1:], len(recording)], strict=True):
-        if rate > 0 and high > low:
+    for low, high in zip([0, *edges], [*edges, len(recording)], strict=True):
+        if rate > 0:
             due = began + (recording.time[high - 1] - recording.time[0]) / rate
             time.sleep(max(due - time.perf_counter(), 0.0))
         rows = slice(int(low), int(high))
