@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 
@@ -176,15 +177,19 @@ def child_link(urdf: str, joint: str) -> str | None:
 
 def _named(urdf: str, tag: str, name: str) -> ElementTree.Element | None:
     """A child of the robot by tag and name, whatever characters the name holds."""
-    elements = ElementTree.fromstring(urdf).findall(tag)
+    elements = _read(urdf).findall(tag)
     return next((element for element in elements if element.get("name") == name), None)
+
+
+@lru_cache(maxsize=4)
+def _read(urdf: str) -> ElementTree.Element:
+    """The robot's element, only to be looked at: whoever asks for one link asks for many."""
+    return ElementTree.fromstring(urdf)
 
 
 def joint_tags(urdf: str, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Damping [N·m·s/rad] and friction [N·m] of some joints by their <dynamics> tags, (n,) each; zero without one."""
-    tags = {
-        str(joint.get("name")): joint.find("dynamics") for joint in ElementTree.fromstring(urdf).iter("joint")
-    }
+    tags = {str(joint.get("name")): joint.find("dynamics") for joint in _read(urdf).iter("joint")}
 
     def number(joint: str, key: str) -> float:
         dynamics = tags.get(joint)

@@ -165,6 +165,15 @@ def test_info_sees_limits_and_plateaus(
     assert any("velocity limit" in concern for concern in json.loads(capsys.readouterr().out)["concerns"])
 
 
+def test_info_doubts_a_description_that_no_robot_can_have(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flat = replace(swing(pendulum, 20.0), urdf=PENDULUM.replace('izz="0.01"', 'izz="0.9"'))
+    assert main(["info", str(bag_of(tmp_path / "bag", flat)), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["concerns"]
+    assert told[0].startswith("No body can have the described inertia of rod")
+
+
 def test_info_says_why_not_and_still_what_is_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

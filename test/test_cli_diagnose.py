@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -183,6 +184,14 @@ def without_effort(recording: Recording) -> Recording:
     return replace(recording, effort=None)
 
 
+def weightless(recording: Recording) -> Recording:
+    bare = ElementTree.fromstring(recording.urdf)
+    for link in bare.findall("link"):
+        for inertial in link.findall("inertial"):
+            link.remove(inertial)
+    return replace(recording, urdf=ElementTree.tostring(bare, encoding="unicode"))
+
+
 def short(recording: Recording) -> Recording:
     return recording.split(0.8)[0]
 
@@ -197,6 +206,7 @@ def resting(recording: Recording) -> Recording:
     [
         (without_description, 2, "--urdf"),
         (without_effort, 1, "effort"),
+        (weightless, 2, "none of the moving links a mass"),
         (short, 1, "too short"),
         (resting, 1, "move"),
     ],

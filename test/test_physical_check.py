@@ -86,6 +86,16 @@ def test_data_is_checked_without_a_model_as_with_one(robot, recording):
     assert "hard to tell apart" in found[0].problem and "limits" in found[1].problem
 
 
+def test_a_doubtful_description_is_told_before_all_else(robot, recording, model):
+    flat = robot.urdf.replace('iyy="0.07879254"', 'iyy="0.7879254"')
+    doubtful = Robot.from_urdf(flat)
+    for found in (
+        check.check_data([recording], doubtful),
+        check.check([recording], doubtful, model),
+    ):
+        assert found[0].about == "arm6_link3" and "No body can have" in found[0].problem
+
+
 @pytest.mark.parametrize("resting", [[3], [1, 4]], ids=["one", "two"])
 def test_joints_at_rest_are_named_in_one_sentence_with_all_that_is_unknown(robot, resting):
     plan = fourier(robot, np.arange(0.0, 20.0, 1.0 / RATE), np.random.default_rng(1))

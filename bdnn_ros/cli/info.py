@@ -15,6 +15,7 @@ from bdnn_ros.cli import options
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.physical.check import unread
 from bdnn_ros.physical.conventions import breaches
+from bdnn_ros.physical.description import doubts
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, prepare
@@ -84,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         report["excitation"] = [joint.as_json() for joint in joints]
         report["concerns"] = [
             *concerns(recording, joints),
-            *map(str, breaches(signals, robot) if robot else ()),
+            *map(str, (*doubts(robot), *breaches(signals, robot)) if robot else ()),
         ]
         options.require_motion(recording)
         recording.require_effort()

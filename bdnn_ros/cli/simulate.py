@@ -12,6 +12,7 @@ from bdnn_ros.cli import options
 from bdnn_ros.diagnosis.effects_file import read_effects
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import UsageError
+from bdnn_ros.physical.description import require_mass
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.trajectory_file import read_trajectory
@@ -79,6 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate, write the bag and the truth, say where."""
     robot = _robot(args)
+    require_mass(robot)
     installed = read_effects(args.effects, robot) if args.effects else []
     scenario = Scenario(
         robot,

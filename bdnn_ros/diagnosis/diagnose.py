@@ -25,6 +25,7 @@ from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.physical.conventions import breaches, unlike
+from bdnn_ros.physical.description import require_mass
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals, flattened, prepare
@@ -94,11 +95,13 @@ def examine(
 
     Raises:
         RecordingError: no effort, too short, or no motion.
+        RobotError: the robot weighs nothing.
         ConventionError: it is not in radians and N·m that drive the joints, or not of the robot as it is described.
     """
     say = progress or (lambda text: None)
     for recording in recordings:
         recording.require_effort()
+    require_mass(robot)
     say("filtering")
     signals = _signals(recordings, robot, cutoff)
     predicted = None if model is None else model.predict(signals)
@@ -117,7 +120,7 @@ def examine(
             f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
             "Record at least 10 s of motion, better 30 s.",
         )
-    candidates = Candidates.of(robot)
+    candidates = Candidates.of(robot, bodies=equations.alone is None)
     attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
     attempt, pool, found = _plain(
         candidates, equations, attempt, _exact(candidates, equations, attempt.fitted)

@@ -9,6 +9,7 @@ import numpy as np
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.combinations import WORDS, Combination, combinations
 from bdnn_ros.physical.conventions import breaches
+from bdnn_ros.physical.description import doubts
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
 from bdnn_ros.physical.remark import Remark
@@ -68,7 +69,7 @@ def check(
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
     value = condition(robot, signals)
-    found = [*unexcited(robot, model, spread), *conditioned(value)]
+    found = [*doubts(robot), *unexcited(robot, model, spread), *conditioned(value)]
     if value < HOPELESS:
         found += delayed(model, recordings)
     return found + _oddities(recordings, robot, signals)
@@ -82,7 +83,7 @@ def check_data(recordings: Sequence[Recording], robot: Robot, cutoff: float | No
         cutoff: of the low-pass [Hz].
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
-    return [*conditioned(condition(robot, signals)), *_oddities(recordings, robot, signals)]
+    return [*doubts(robot), *conditioned(condition(robot, signals)), *_oddities(recordings, robot, signals)]
 
 
 def _oddities(recordings: Sequence[Recording], robot: Robot, signals: Sequence[Signals]) -> list[Remark]:
