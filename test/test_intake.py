@@ -41,7 +41,7 @@ def test_joints_may_come_in_any_order_with_others_between_and_change_it(intake):
     send(intake, 2, ("b", "a"), (2.0, 1.0), (), (4.0, 3.0))
     values = intake.ring.read(0).values
     assert values[:, [0, 1, 4, 5]].tolist() == [[1.0, 2.0, 3.0, 4.0]] * 3
-    assert intake.jumps == 2 and not intake.rejected
+    assert intake.ring.written == 3 and not intake.rejected
 
 
 def test_missing_joints_are_named_and_others_are_ignored(intake):
@@ -88,6 +88,77 @@ def test_without_a_stamp_the_time_of_sending_stands(intake):
     assert intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), 0, START)
     assert intake.ring.read(0).stamp.tolist() == [START]
     assert intake.unstamped == 1
+
+
+def part(intake: Intake, joint: str, stamp: int, value: float = 1.0, effort: float = 3.0) -> bool:
+    """A message of one joint, stamped [ns] after the start."""
+    return intake.take([joint], (value,), (), (effort,), START + stamp, START + stamp + 5)
+
+
+def test_parts_with_one_stamp_are_one_sample(intake):
+    for k in range(5):
+        assert not part(intake, "b", k * MS, 10.0 + k, 4.0)
+        assert part(intake, "a", k * MS, 1.0 + k, 3.0)
+    chunk = intake.ring.read(0)
+    assert chunk.values[:, [0, 1, 4, 5]].tolist() == [[1.0 + k, 10.0 + k, 3.0, 4.0] for k in range(5)]
+    assert chunk.stamp.tolist() == [START + k * MS for k in range(5)]
+    assert intake.received == 5 and not intake.rejected
+
+
+@pytest.mark.parametrize("late", [MS // 10, 4 * MS // 10, 6 * MS // 10, 9 * MS // 10])
+def test_parts_go_with_the_nearest(intake, late):
+    """Two controllers at one rate; where one is late by more than half a period, it is early for the next."""
+    for k in range(100):
+        part(intake, "a", k * MS, float(k))
+        part(intake, "b", k * MS + late, float(k))
+    values = intake.ring.read(0).values
+    assert len(values) >= 98 and intake.rejected["joints_missing"] <= 3
+    assert set(values[3:, 0] - values[3:, 1]) == {0.0 if late < MS // 2 else 1.0}
+
+
+def test_what_is_published_more_often_waits_for_the_rest(intake):
+    for k in range(1000):
+        part(intake, "a", k * MS)
+        if k % 4 == 3:
+            part(intake, "b", k * MS)
+    assert intake.ring.written == 250 and intake.rejected == {"joints_missing": 750}
+    assert set(np.diff(intake.ring.read(0).stamp)) == {4 * MS}
+
+
+def test_a_part_does_not_wait_across_a_pause(intake):
+    for k in range(20):
+        part(intake, "a", k * MS)
+        part(intake, "b", k * MS)
+    part(intake, "a", 20 * MS)
+    assert not part(intake, "b", 5020 * MS)
+    assert not part(intake, "a", 5024 * MS)  # four periods, however long the pause was
+    assert part(intake, "b", 5024 * MS)
+    assert intake.rejected == {"joints_missing": 2} and intake.received == 23
+
+
+def test_a_bad_part_spoils_nothing_and_what_one_does_not_measure_is_missing(intake):
+    part(intake, "a", 0, 1.0)
+    assert not part(intake, "a", 0, float("nan"))
+    assert part(intake, "b", 0)
+    assert intake.ring.read(0).values[0, :2].tolist() == [1.0, 1.0]
+    part(intake, "a", MS, effort=float("nan"))
+    assert part(intake, "b", MS)
+    assert np.isnan(intake.ring.read(1).values[0, 2:]).all()
+    assert intake.rejected == {"not_finite": 1, "effort_missing": 1}
+
+
+def test_a_part_never_outlives_a_whole_message(intake):
+    part(intake, "a", 0)
+    assert send(intake, 1)
+    assert not part(intake, "b", MS)
+    assert intake.rejected == {"joints_missing": 1} and intake.ring.written == 1
+
+
+def test_names_without_end_are_forgotten(intake):
+    for k in range(1000):
+        assert not send(intake, k, ("a", f"joint{k}"))
+    assert len(intake.kinds.groups) <= 64
+    assert send(intake, 1000)
 
 
 def advance(clock: Clock, stamps) -> list[int]:

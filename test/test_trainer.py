@@ -72,6 +72,27 @@ def test_a_session_learns_restarts_and_resets(session):
     assert instant is not None and np.isfinite(instant.acceleration).all()
 
 
+def test_a_stream_of_more_joints_begins_anew(session):
+    """Nothing of the earlier stream is served any more, and its rings are closed as soon as nobody reads them."""
+    earlier = [session.intake.ring]
+    session.begin(ARM.joints[:1])
+    earlier.append(session.intake.ring)
+    recording = motion(REAL, 5.0, 250.0)
+    send(session, recording.select(ARM.joints[:1]))
+    wait_until(lambda: session.served.number >= 1, 30.0)
+    assert session.served.model.joints == session.robot.joints == ARM.joints[:1]
+    session.begin(ARM.joints)
+    assert session.served.number == 0 and session.served.model.joints == session.robot.joints == ARM.joints
+    assert session.intake.received == 0
+    wait_until(lambda: all(ring.descriptor < 0 for ring in earlier))
+    send(session, recording)
+    wait_until(lambda: session.served.number >= 3, 30.0)
+    assert session.served.model.joints == ARM.joints and session.supervisor.restarts == 0
+    q = np.array([0.3, -0.5])
+    expected = REAL.inverse_dynamics(q, q, q)
+    np.testing.assert_allclose(session.served.model.inverse_dynamics(q, q, q), expected, rtol=0.03, atol=0.03)
+
+
 def test_a_question_that_dies_with_the_trainer_is_answered(session):
     wait_until(lambda: session.supervisor.alive, 30.0)
     answer = session.diagnose(0.0).result(30.0)

@@ -68,8 +68,8 @@ class Reporter:
         session, now = self._session, time.monotonic()
         intake, served = session.intake, session.served
         received = intake.received if intake else 0
-        rate = (received - self._received) / max(now - self._looked, 1e-3)
-        if received > self._received:
+        rate = max(received - self._received, 0) / max(now - self._looked, 1e-3)
+        if received != self._received:  # fewer, where the stream began anew
             self._progress = now
         self._received, self._looked = received, now
         rejected = dict(intake.rejected) if intake else {}
@@ -84,7 +84,7 @@ class Reporter:
             **{f"rejected_{reason}": count for reason, count in sorted(rejected.items())},
             **(
                 {f"effort_nrmse_{j}": f"{x:.4g}" for j, x in zip(intake.joints, nrmse, strict=False)}
-                if intake
+                if intake and len(nrmse) == len(intake.joints)
                 else {}
             ),
             "stream_rate": f"{rate:.1f}",
@@ -121,8 +121,9 @@ class Reporter:
             return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
         if now - self._progress > SILENCE:
             return DiagnosticStatus.WARN, f"no joint state for {now - self._progress:.0f} s"
-        if session.counts.unlike:
-            return DiagnosticStatus.WARN, session.counts.unlike
+        if session.counts.unlike or session.watch.complaint:
+            told = (session.counts.unlike, session.watch.complaint)
+            return DiagnosticStatus.WARN, " ".join(filter(None, told))
         if session.counts.updates_rejected and session.counts.reason:
             return DiagnosticStatus.OK, f"an update was refused: {session.counts.reason}"
         return DiagnosticStatus.OK, "training" if session.training else "serving, training is paused"

@@ -185,6 +185,7 @@ class IdentificationNode(LifecycleNode):
             self._begin(session, joints)
 
     def _begin(self, session: Session, joints: Sequence[str]) -> None:
+        again = session.intake is not None
         session.begin(joints)
         directory = self.settings["model_directory"]
         if directory:
@@ -195,7 +196,7 @@ class IdentificationNode(LifecycleNode):
                     self.get_logger().info(f"going on from {path}")
                 except BdnnError as error:
                     self.get_logger().warning(f"not going on from {path}: {error}")
-        self.get_logger().info(f"identifying {listed(joints, 20)}")
+        self.get_logger().info(f"identifying {listed(joints, 20)}{', anew: more joints come now' * again}")
 
     # -- the stream ------------------------------------------------------------------------------
 
@@ -229,22 +230,25 @@ class IdentificationNode(LifecycleNode):
             self._streams = None
 
     def _choose_joints(self, names: Sequence[str]) -> bool:
-        """Fix the joints by the first joint state that has some of the robot's."""
+        """Fix the joints by the names in joint states that have some of the robot's."""
         session = self._session
-        if session is None or session.robot is None:
+        if session is None or session.description is None:
             return False
-        joints = [joint for joint in session.robot.joints if joint in names]
+        known = session.description.joints
+        joints = [joint for joint in known if joint in names]
         if joints:
             self._complained = ""
             self._begin(session, joints)
             return True
-        complaint = f"joint_states has {listed(names, 20)}, the robot {listed(session.robot.joints, 20)}."
+        complaint = f"joint_states has {listed(names, 20)}, the robot {listed(known, 20)}."
         if complaint != self._complained:
             self._complained = complaint
             self.get_logger().warning(complaint)
         return False
 
     def _keep_house(self) -> None:
+        if self._streams is not None:
+            self._streams.look_around()
         lost = self._message_lost + (self._streams.lost if self._streams else 0)
         self._publishing.tell(self._active, self._trouble or self._complained, lost)
         # what outlives a collection is not looked at again: it stays short however long the node runs

@@ -69,7 +69,9 @@ class Setting:
 IDENTIFICATION = (
     Setting("urdf_file", "", "URDF to start from; empty waits for the topic robot_description."),
     Setting(
-        "joints", [], "Joints to identify, in this order; empty takes all movable ones that are published."
+        "joints",
+        [],
+        "Joints to identify, in this order; empty takes the most movable ones that are published together.",
     ),
     Setting(
         "effort_source",

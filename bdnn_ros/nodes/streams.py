@@ -24,7 +24,8 @@ class Streams:
         node: to create them on.
         lane: takes the messages.
         session: that takes the samples.
-        choose: asked to fix the joints by the names in the first joint states, until it says that it has.
+        choose: asked to fix the joints by the names in the first joint states, until it says that it has; and
+            again where more of the robot's joints come.
         profile: quality of service.
         commands: whether effort commands are listened to.
 
@@ -61,6 +62,14 @@ class Streams:
             event_callbacks=lost,
         )
         self._joints_are_fixed()
+
+    def look_around(self) -> None:
+        """Begin anew where more of the robot's joints come than are in use; meanwhile the queue keeps messages."""
+        joints = self._session.wider()
+        if joints:
+            self._lane.forget(self._states)  # commands come in an order that was given: these joints stay
+            self._choose(joints)
+            self._joints_are_fixed()
 
     def close(self) -> None:
         """Take the subscriptions away."""

@@ -95,6 +95,18 @@ class Ring:
             del header
         return cls(descriptor)
 
+    @classmethod
+    def received(cls, descriptor: int) -> Ring:
+        """A ring that another process handed down; its memory goes with the last reference to it.
+
+        Raises:
+            UsageError: the descriptor is not a ring.
+        """
+        ring = cls(descriptor)
+        os.close(descriptor)  # the mapping stays
+        ring.descriptor = -1
+        return ring
+
     # -- the writer --------------------------------------------------------------------------------
 
     def slot(self) -> np.ndarray:

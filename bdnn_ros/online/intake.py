@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bdnn_ros.online.assembly import Assembly, Kind, Kinds
 from bdnn_ros.online.buffer import Ring
 
 PAUSE = 1_000_000_000
@@ -94,31 +95,32 @@ class Clock:
 class Intake:
     """Joint states into a ring of position, velocity, effort (3n numbers, NaN where not measured).
 
+    Messages that hold only some of the joints are put together (see `Assembly`).
+
     Attributes:
         joints: n names, the order in the ring.
-        received: messages that named any of the joints.
+        kinds: of the messages that came, and how many of each.
+        received: samples, and messages with any of the joints that did not become one.
         rejected: messages left out, by reason.
-        unstamped: samples whose stamp is zero; when they were sent stands for it.
-        jumps: times the order of the names in the messages changed.
+        unstamped: messages whose stamp is zero; when they were sent stands for it.
     """
 
     def __init__(self, joints: Sequence[str], ring: Ring, needs_effort: bool = True) -> None:
         self.joints = tuple(joints)
         self.ring = ring
         self.clock = Clock()
+        self.kinds = Kinds(joints)
         self.received = 0
         self.rejected: Counter[str] = Counter()
         self.needs_effort = needs_effort
         self.unstamped = 0
-        self.jumps = 0
-        self._names: Sequence[str] = ()
-        self._index: np.ndarray | None = None
-        self._foreign = False
+        self._assembly = Assembly(len(self.joints))
+        self._kind = self.kinds.of(())
 
     def take(
         self, names: Sequence[str], position: Any, velocity: Any, effort: Any, stamp: int, sent: int
     ) -> bool:
-        """Copy one message into the ring; False if it was left out.
+        """Copy one message into the ring; False if it was left out, or waits for the other joints.
 
         Args:
             names: joints of the message, any order, others between.
@@ -126,57 +128,78 @@ class Intake:
             stamp: of the header [ns].
             sent: by the middleware's clock [ns].
         """
-        if names != self._names:
-            self._learn_order(names)
-        if self._foreign:
-            return False
-        self.received += 1
-        index = self._index
-        if index is None:
-            return self._reject(JOINTS)
+        kind = self._kind
+        if names != kind.names:
+            kind = self._kind = self.kinds.of(names)
         if stamp <= 0:
             self.unstamped += 1
             stamp = sent
+        kind.group.came(names, effort, stamp)
+        if kind.foreign:
+            return False
+        if kind.unusable:
+            return self._reject(JOINTS)
         count = len(names)
         if len(position) != count or len(velocity) not in (0, count) or len(effort) not in (0, count):
             return self._reject(LENGTH)
-        row = self.ring.slot()
-        n = len(self.joints)
-        row[:n] = np.asarray(position)[index]
-        row[n : 2 * n] = np.asarray(velocity)[index] if len(velocity) else math.nan
-        row[2 * n :] = np.asarray(effort)[index] if len(effort) else math.nan
-        if not np.isfinite(row).all() and not self._acceptable(row, n):
-            return self._reject(NOT_FINITE)
+        if not kind.whole:
+            return self._take_part(kind, position, velocity, effort, stamp, sent)
+        self._leave_out(self._assembly.give_up())
+        row = self.ring.slot().reshape(3, -1)
+        return self._fill(row, kind, position, velocity, effort) and self._commit(row, stamp, sent)
+
+    def _take_part(
+        self, kind: Kind, position: Any, velocity: Any, effort: Any, stamp: int, sent: int
+    ) -> bool:
+        """Let a message wait for the others, or make a sample of it and those that do."""
+        part = np.empty((3, len(kind.index)))
+        if not self._fill(part, kind, position, velocity, effort):
+            return False
+        assembly = self._assembly
+        self._leave_out(assembly.add(kind.group, stamp))
+        assembly.row[:, kind.joints] = part
+        if not assembly.take():
+            return False
+        row = self.ring.slot().reshape(3, -1)
+        row[:] = assembly.row
+        row[np.isnan(row).any(axis=1)] = math.nan  # what one controller does not measure, the robot does not
+        return self._commit(row, assembly.stamp, sent)
+
+    def _fill(self, row: np.ndarray, kind: Kind, position: Any, velocity: Any, effort: Any) -> bool:
+        """Write a message's numbers in our order, (3, m); False where they are none."""
+        index = kind.index
+        row[0] = np.asarray(position)[index]
+        row[1] = np.asarray(velocity)[index] if len(velocity) else math.nan
+        row[2] = np.asarray(effort)[index] if len(effort) else math.nan
+        return bool(np.isfinite(row).all()) or _acceptable(row) or self._reject(NOT_FINITE)
+
+    def _commit(self, row: np.ndarray, stamp: int, sent: int) -> bool:
         stream_time = self.clock.advance(stamp)
         if stream_time < 0:
             return self._reject(BACKWARDS)
-        if self.needs_effort and math.isnan(row[2 * n]):
+        self.received += 1
+        if self.needs_effort and math.isnan(row[2, 0]):
             self.rejected[NO_EFFORT] += 1
         self.ring.commit(stamp, sent, stream_time)
         return True
 
-    def _acceptable(self, row: np.ndarray, n: int) -> bool:
-        """Finite where measured; drivers without velocity or effort may fill them with NaN throughout."""
-        if not np.isfinite(row[:n]).all():
-            return False
-        rest = (row[n : 2 * n], row[2 * n :])
-        return all(bool(np.isfinite(part).all() or np.isnan(part).all()) for part in rest)
-
-    def _learn_order(self, names: Sequence[str]) -> None:
-        known = [name for name in self.joints if name in names]
-        self._foreign = not known and bool(names)
-        if self._foreign:
-            self._names = list(names)
-            return
-        self.jumps += self._index is not None
-        self._names = list(names)
-        order = {name: k for k, name in enumerate(names)}
-        whole = len(known) == len(self.joints) and len(order) == len(names)
-        self._index = np.array([order[name] for name in self.joints]) if whole else None
-
     def _reject(self, reason: str) -> bool:
+        self.received += 1
         self.rejected[reason] += 1
         return False
+
+    def _leave_out(self, count: int) -> None:
+        """Count messages that waited for others in vain."""
+        if count:
+            self.received += count
+            self.rejected[JOINTS] += count
+
+
+def _acceptable(row: np.ndarray) -> bool:
+    """Finite where measured; drivers without velocity or effort may fill them with NaN throughout."""
+    if not np.isfinite(row[0]).all():
+        return False
+    return all(bool(np.isfinite(part).all() or np.isnan(part).all()) for part in row[1:])
 
 
 class CommandIntake:

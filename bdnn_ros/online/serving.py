@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,16 @@ class Settings:
     niceness: int = 10
     diagnosis_period: float = 30.0
     diagnosis_window: float = 60.0
+
+    def for_trainer(self) -> dict[str, Any]:
+        """What a trainer must know of it."""
+        return {
+            "effort_factors": self.effort_factors,
+            "add_gravity": self.add_gravity,
+            "cutoff": self.cutoff,
+            "diagnosis_period": self.diagnosis_period,
+            "diagnosis_window": self.diagnosis_window,
+        }
 
     def convention(self, robot: Robot) -> EffortConvention:
         """What the efforts of a robot, or of some of its joints, are; it computes with a robot of its own.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.models import Model, build_model, load_model, save_model
 from bdnn_ros.online.serving import COMMANDED, Counts, Served, Settings, nominal
 from bdnn_ros.online.supervisor import Supervisor
+from bdnn_ros.online.watch import Watch
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 
@@ -31,17 +33,21 @@ MOST_DEATHS = 3
 class Session:
     """Receives a robot's joint states, has a model learned from them, and serves the newest that passed.
 
-    `take` and `command` belong to one thread, which never waits in them.
+    Samples are taken in (`intake.take`, `commands.take`, `instant`) by one thread, which never waits in them.
 
     Attributes:
+        description: the robot with all joints that may be used; None until it is known.
+        robot: the robot with the joints in use.
         served: the model that answers; None until the robot is known.
         intake: counts of the stream; None until the first joint state of the robot.
         findings: what diagnoses said, for the node to take from the left.
+        watch: which joints come in which messages.
     """
 
     def __init__(self, settings: Settings, training: bool = True) -> None:
         self.settings = settings
         self.training = training
+        self.description: Robot | None = None
         self.robot: Robot | None = None
         self.served: Served | None = None
         self.intake: Intake | None = None
@@ -49,7 +55,10 @@ class Session:
         self.counts = Counts()
         self.findings: deque[Message] = deque(maxlen=16)
         self.supervisor = Supervisor(self._hear, self._introduce, niceness=settings.niceness)
+        self.watch = Watch()
         self._feed: Feed | None = None
+        self._given_up: list[Ring] = []
+        self._turn = threading.RLock()  # what is served and what the trainer works on change together
         self._smoother = Smoother(settings.cutoff)
         self._start = 0
         self._resumed: PhysicalModel | None = None
@@ -81,36 +90,50 @@ class Session:
                 "The new robot description lacks joints of the one in use.",
                 "Restart the node for another robot.",
             )
-        self.robot = robot
-        self.served = Served(nominal(robot), 0, time.monotonic())
+        self.description = robot
         if self.intake is not None:
-            self.robot = Robot.from_urdf(robot.urdf, self.intake.joints)
-            self.served = Served(nominal(self.robot), 0, time.monotonic())
+            robot = Robot.from_urdf(robot.urdf, self.intake.joints)
+        with self._turn:
+            self.robot = robot
+            self.served = Served(nominal(robot), 0, time.monotonic())
             if self._feed is not None:
-                self._feed.convention = self.settings.convention(self.robot)
-            self._begin_again()
+                self._feed.convention = self.settings.convention(robot)
+                self._begin_again()
 
     def begin(self, joints: Sequence[str]) -> None:
-        """Lay out the rings for a stream of these joints and set the trainer to it.
+        """Lay out the rings for a stream of these joints and set the trainer to it; an earlier stream ends.
+
+        Nobody may take samples in meanwhile.
 
         Raises:
             RobotError: the robot lacks one of them.
         """
-        assert self.robot is not None
-        if tuple(joints) != self.robot.joints:
-            self.robot = Robot.from_urdf(self.robot.urdf, joints)
-            loaded = self.served is not None and self.served.model.joints == self.robot.joints
-            if not loaded:
-                self.served = Served(nominal(self.robot), 0, time.monotonic())
-        commanded = self.settings.effort_source == COMMANDED
-        states = Ring.create(self.settings.capacity, 3 * len(joints))
-        self.intake = Intake(joints, states, needs_effort=not commanded)
-        if commanded:
-            self.commands = CommandIntake(joints, Ring.create(self.settings.capacity, len(joints)))
-        commands = self.commands.ring if self.commands else None
-        self._feed = Feed(tuple(joints), states, commands, convention=self.settings.convention(self.robot))
-        self.supervisor.ring = states
-        self._begin_again()
+        assert self.robot is not None and self.description is not None
+        robot = self.robot
+        if tuple(joints) != robot.joints:
+            robot = Robot.from_urdf(self.description.urdf, joints)
+        commanded, capacity = self.settings.effort_source == COMMANDED, self.settings.capacity
+        states = Ring.create(capacity, 3 * len(joints))
+        commands = Ring.create(capacity, len(joints)) if commanded else None
+        feed = Feed(robot.joints, states, commands, convention=self.settings.convention(robot))
+        with self._turn:
+            self._given_up += self._rings
+            if self.served is None or self.served.model.joints != robot.joints:
+                self.served = Served(nominal(robot), 0, time.monotonic())
+                self._resumed = None
+            self.robot, self._feed = robot, feed
+            self.intake = Intake(joints, states, needs_effort=not commanded)
+            self.commands = CommandIntake(joints, commands) if commands else None
+            self.counts, self.watch = Counts(), Watch()
+            self._start = self._deaths = 0
+            self.supervisor.ring = states
+            self._begin_again()
+
+    def wider(self) -> tuple[str, ...]:
+        """Joints to begin anew with, where messages hold more of the robot's than are in use; else none."""
+        if self.intake is None or self.description is None:
+            return ()
+        return self.watch.look(self.intake, self.description.joints)
 
     def stop(self, patience: float = 5.0) -> bool:
         """End the trainer, which first learns and hands over what came; give the memory back.
@@ -123,13 +146,13 @@ class Session:
         for future in self._requests.values():
             future.cancel()
         self._feed = None
-        for ring in (
-            self.intake.ring if self.intake else None,
-            self.commands.ring if self.commands else None,
-        ):
-            if ring is not None:
-                ring.close()
+        for ring in (*self._rings, *self._given_up):
+            ring.close()
         return self.served is not None and self.served.number > 0
+
+    @property
+    def _rings(self) -> list[Ring]:
+        return [intake.ring for intake in (self.intake, self.commands) if intake is not None]
 
     # -- what the model says -----------------------------------------------------------------------
 
@@ -155,12 +178,13 @@ class Session:
     def reset(self) -> None:
         """Forget what was learned: the robot description serves, and learning starts with the next sample."""
         assert self.robot is not None
-        self.served = Served(nominal(self.robot), 0, time.monotonic())
-        self._resumed = None
-        self.counts = Counts()
-        if self.intake is not None:
-            self._start = self.intake.ring.written
-            self._begin_again()
+        with self._turn:
+            self.served = Served(nominal(self.robot), 0, time.monotonic())
+            self._resumed = None
+            self.counts = Counts()
+            if self.intake is not None:
+                self._start = self.intake.ring.written
+                self._begin_again()
 
     def diagnose(self, window: float) -> Future[Message]:
         """Ask what the robot description gets wrong over the last `window` [s], 0 for all that is kept.
@@ -192,18 +216,19 @@ class Session:
             raise ModelFileError(
                 "The robot is not known yet.", "Publish robot_description, or set urdf_file."
             )
-        joints = self.robot.joints
-        if tuple(model.joints) != joints:
-            raise ModelFileError(
-                f"{path.name} is a model of {listed(model.joints, 20)}, the robot has {listed(joints, 20)}.",
-                "Load a model of this robot.",
-            )
-        number = 1 + (self.served.number if self.served else 0)
-        self._resumed = model if isinstance(model, PhysicalModel) else None
-        self.training = self.training and self._resumed is not None
-        self.served = Served(model, number, time.monotonic(), origin=str(path))
-        self._start = self.intake.ring.written if self.intake is not None else 0
-        self._begin_again()
+        with self._turn:
+            joints = self.robot.joints
+            if tuple(model.joints) != joints:
+                raise ModelFileError(
+                    f"{path.name} is a model of {listed(model.joints, 20)}, the robot has {listed(joints, 20)}.",
+                    "Load a model of this robot.",
+                )
+            number = 1 + (self.served.number if self.served else 0)
+            self._resumed = model if isinstance(model, PhysicalModel) else None
+            self.training = self.training and self._resumed is not None
+            self.served = Served(model, number, time.monotonic(), origin=str(path))
+            self._start = self.intake.ring.written if self.intake is not None else 0
+            self._begin_again()
         return model
 
     def _ask(self, kind: str, info: dict[str, Any]) -> Future[Message]:
@@ -226,50 +251,41 @@ class Session:
 
     def _introduce(self) -> Sequence[Message]:
         """What a trainer must know to take the stream over from where the last one, or a reset, left it."""
-        if self.robot is None or self.intake is None:
-            return ()
-        rings = [self.intake.ring.descriptor]
-        if self.commands is not None:
-            rings.append(self.commands.ring.descriptor)
-        if self._deaths >= MOST_DEATHS:  # whatever it is in these samples: leave them behind
-            self._start = self._trained = self.intake.ring.written
-        resumed, start = self._resumed, self._start
-        served = self.served
-        if start < self.intake.ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
-            # what came before is no longer in the ring: go on from what is known of it
-            resumed, start = served.model, max(self._trained, self.intake.ring.oldest)
-            self._number = served.number
-        info = {
-            "urdf": self.robot.urdf,
-            "joints": list(self.robot.joints),
-            "training": self.training,
-            "start": start,
-            "effort_factors": self.settings.effort_factors,
-            "add_gravity": self.settings.add_gravity,
-            "cutoff": self.settings.cutoff,
-            "number": self._number,
-            "epoch": self._epoch,
-            "diagnosis_period": self.settings.diagnosis_period,
-            "diagnosis_window": self.settings.diagnosis_window,
-        }
-        arrays: dict[str, np.ndarray] = {}
-        if resumed is not None:
-            arrays, info["resume"] = resumed.to_state()
-        return (Message("begin", info, arrays, tuple(rings)),)
+        with self._turn:
+            if self.robot is None or self.intake is None:
+                return ()
+            ring, served = self.intake.ring, self.served
+            if self._deaths >= MOST_DEATHS:  # whatever it is in these samples: leave them behind
+                self._start = self._trained = ring.written
+            resumed, start = self._resumed, self._start
+            if start < ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
+                # what came before is no longer in the ring: go on from what is known of it
+                resumed, start = served.model, max(self._trained, ring.oldest)
+                self._number = served.number
+            info = {
+                "urdf": self.robot.urdf,
+                "joints": list(self.robot.joints),
+                "training": self.training,
+                "start": start,
+                "number": self._number,
+                "epoch": self._epoch,
+                **self.settings.for_trainer(),
+            }
+            arrays: dict[str, np.ndarray] = {}
+            if resumed is not None:
+                arrays, info["resume"] = resumed.to_state()
+            return (Message("begin", info, arrays, tuple(ring.descriptor for ring in self._rings)),)
 
     def _hear(self, message: Message) -> None:
         """A message of the trainer, in the supervisor's thread; attributes are swapped whole."""
         info = message.info
         if message.kind == "version":
-            self._deaths = 0
-            self.counts.overrun = int(info["missed"])
-            if info["epoch"] != self._epoch or info["end"] <= self._trained:
-                return  # of before a reset, or of a new trainer that catches up
-            self._trained = int(info["end"])
-            model = build_model(info["kind"], message.arrays, info["model"])
-            self.served = Served(
-                model, int(info["number"]), time.monotonic(), int(info["samples"]), "this stream"
-            )
+            with self._turn:
+                self._take_over(message)
+        elif message.kind == "begun":
+            with self._turn:
+                while self._given_up and info["epoch"] == self._epoch:  # nobody reads them any more
+                    self._given_up.pop().close()
         elif message.kind == "rejected":
             self.counts.updates_rejected += 1
             self.counts.reason = str(info["reason"])
@@ -287,3 +303,16 @@ class Session:
         request = int(info.get("request") or 0)
         if request in self._requests:
             self._requests.pop(request).set_result(message)
+
+    def _take_over(self, message: Message) -> None:
+        """Serve a version of this stream, and of it only."""
+        info = message.info
+        self._deaths = 0
+        self.counts.overrun = int(info["missed"])
+        if info["epoch"] != self._epoch or info["end"] <= self._trained:
+            return  # of before a reset, or of a new trainer that catches up
+        self._trained = int(info["end"])
+        model = build_model(info["kind"], message.arrays, info["model"])
+        self.served = Served(
+            model, int(info["number"]), time.monotonic(), int(info["samples"]), "this stream"
+        )

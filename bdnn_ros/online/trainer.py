@@ -148,7 +148,7 @@ class Trainer:
     def _begin(self, message: Message) -> None:
         """Take over a stream: its robot and its rings, from the sample `start` on."""
         info = message.info
-        rings = [Ring(descriptor) for descriptor in message.descriptors]
+        rings = [Ring.received(descriptor) for descriptor in message.descriptors]
         try:
             self.robot = Robot.from_urdf(info["urdf"], info["joints"])
         except BdnnError as error:
@@ -167,6 +167,7 @@ class Trainer:
         )
         self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]))
         self.analyst.begin(self.robot, self.feed, info)
+        self.say(Message("begun", {"epoch": self.epoch}))
 
     def _set_training(self, message: Message) -> None:
         self.training = bool(message.info["on"])

@@ -1,0 +1,152 @@
+"""Samples out of messages that each hold only some of the joints, as where a robot has several controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+MOST_KINDS = 64
+"""Kinds of messages that are remembered; beyond that, all are learned anew."""
+SMOOTHING = 8
+"""The usual step between stamps follows the last about so many."""
+
+
+class Group:
+    """Joints that come together, whatever their order in the message.
+
+    Attributes:
+        members: which of the joints in use they are, one bit each.
+        messages: how many came.
+        period: usual step between their stamps [ns]; 0 before there is one.
+        latest: names and efforts of the last message.
+    """
+
+    __slots__ = ("_stamp", "latest", "members", "messages", "period")
+
+    def __init__(self, members: int) -> None:
+        self.members = members
+        self.messages = 0
+        self.period = 0.0
+        self.latest: tuple[Sequence[str], Any] = ((), ())
+        self._stamp = 0
+
+    def came(self, names: Sequence[str], effort: Any, stamp: int) -> None:
+        """Count a message with this stamp [ns]."""
+        self.messages += 1
+        self.latest = names, effort
+        step = stamp - self._stamp
+        if step > 0 and self._stamp:
+            # a pause must not make the period long: stale values would be taken for simultaneous ones
+            usual = self.period or step
+            self.period = usual + (min(step, 2.0 * usual) - usual) / SMOOTHING
+        self._stamp = stamp
+
+
+class Kind:
+    """Messages with the same names in the same order.
+
+    Attributes:
+        names: all names.
+        group: what they are counted under.
+        joints: places of the joints in use that they hold, in the order in use, (m,).
+        index: places of these in the message, (m,).
+        whole: they hold all joints in use.
+        foreign: they hold none of them.
+        unusable: a name is repeated, or there is none.
+    """
+
+    __slots__ = ("foreign", "group", "index", "joints", "names", "unusable", "whole")
+
+    def __init__(self, names: Sequence[str], used: Sequence[str], group: Group) -> None:
+        order = {name: k for k, name in enumerate(names)}
+        self.names = list(names)
+        self.group = group
+        self.joints = np.array([k for k, name in enumerate(used) if name in order], int)
+        self.index = np.array([order[used[k]] for k in self.joints], int)
+        self.unusable = len(order) < len(names) or not names
+        self.whole = len(self.joints) == len(used)
+        self.foreign = len(self.joints) == 0 and len(names) > 0
+
+
+class Kinds:
+    """The kinds of messages that came, and the groups they make.
+
+    Args:
+        used: names of the joints in use.
+    """
+
+    def __init__(self, used: Sequence[str]) -> None:
+        self._used = tuple(used)
+        self._kinds: dict[tuple[str, ...], Kind] = {}
+        self._groups: dict[frozenset[str], Group] = {}
+
+    @property
+    def groups(self) -> list[Group]:
+        """All groups, those in use and others."""
+        return list(self._groups.values())
+
+    def of(self, names: Sequence[str]) -> Kind:
+        """The kind of a message with these names."""
+        key = tuple(names)
+        kind = self._kinds.get(key)
+        if kind is None:
+            if len(self._kinds) >= MOST_KINDS:
+                self._kinds.clear()
+                self._groups.clear()
+            members = sum(1 << k for k, name in enumerate(self._used) if name in names)
+            group = self._groups.setdefault(frozenset(names), Group(members))
+            kind = self._kinds[key] = Kind(names, self._used, group)
+        return kind
+
+
+class Assembly:
+    """Parts of a sample that wait until every joint has come.
+
+    Parts belong together where their stamps are at most half a period of the slower of the two apart.
+
+    Attributes:
+        row: the newest values: position, velocity and effort of the n joints, (3, n).
+        stamp: the newest stamp of what waits [ns].
+    """
+
+    def __init__(self, width: int) -> None:
+        self.row = np.full((3, width), np.nan)
+        self.stamp = 0
+        self._all = (1 << width) - 1
+        self._waiting: dict[Group, int] = {}
+
+    def add(self, group: Group, stamp: int) -> int:
+        """Have a message of this group wait for the others.
+
+        Returns:
+            How many that waited are given up: newer values of theirs have come, or their stamps are too far away.
+        """
+        waiting = self._waiting
+        gone = [
+            other
+            for other, since in waiting.items()
+            if other is group or abs(stamp - since) > 0.5 * max(group.period, other.period)
+        ]
+        for other in gone:
+            del waiting[other]
+        waiting[group] = stamp
+        return len(gone)
+
+    def take(self) -> bool:
+        """Whether every joint has come; if so, nothing waits any more."""
+        covered = 0
+        for group in self._waiting:
+            covered |= group.members
+        if covered != self._all:
+            return False
+        self.stamp = max(self._waiting.values())
+        self._waiting.clear()
+        return True
+
+    def give_up(self) -> int:
+        """Let nothing wait any more, and return how many messages did."""
+        count = len(self._waiting)
+        self._waiting.clear()
+        return count

@@ -1,0 +1,127 @@
+"""Which of a robot's joints come, and which of them together: looked at once in a while, beside the stream."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.errors import listed
+from bdnn_ros.online.assembly import Group
+from bdnn_ros.online.intake import JOINTS, Intake
+
+LEAST = 5
+"""Joints come where so many messages held them since the last look."""
+SLOWER = 0.45
+"""Messages are put together with others whose rate is at least this part of their own."""
+MANY = 2
+"""So many times the joints in use are worth it at any rate."""
+VAIN = 2.0
+"""Messages do not fit together where so many times more of them wait in vain than become samples."""
+REMEDY = "Publish all joints together (joint_state_publisher with source_list), or set the parameter joints."
+
+
+@dataclass(frozen=True)
+class Coming:
+    """Joints of the robot that come together.
+
+    Attributes:
+        joints: their names.
+        period: usual step between stamps [ns].
+        measured: with effort.
+    """
+
+    joints: frozenset[str]
+    period: float
+    measured: bool
+
+
+class Watch:
+    """Compares what came since the last look with what is in use.
+
+    Attributes:
+        complaint: what is wrong with the messages, and what to do; empty if nothing is.
+    """
+
+    def __init__(self) -> None:
+        self.complaint = ""
+        self._counts: dict[Group, int] = {}
+        self._samples = 0
+        self._vain = 0
+
+    def look(self, intake: Intake, joints: Sequence[str]) -> tuple[str, ...]:
+        """The joints to use instead of those in use, always more of them; none where those are right.
+
+        Args:
+            intake: of the stream.
+            joints: all of the robot's that may be used.
+        """
+        groups = self._coming(intake, joints)
+        samples, vain = intake.ring.written, intake.rejected[JOINTS]
+        more = wider(groups, intake.joints, intake.needs_effort)
+        if groups and not more:
+            misfit = vain - self._vain > VAIN * (samples - self._samples)
+            self.complaint = complaint(groups, intake.joints, misfit)
+        self._samples, self._vain = samples, vain
+        return tuple(joint for joint in joints if joint in more)
+
+    def _coming(self, intake: Intake, joints: Sequence[str]) -> list[Coming]:
+        counts = {group: group.messages for group in intake.kinds.groups}
+        fresh = [group for group, count in counts.items() if count - self._counts.get(group, 0) >= LEAST]
+        self._counts = counts
+        return [coming for group in fresh if (coming := _coming(group, joints)).joints]
+
+
+def _coming(group: Group, joints: Sequence[str]) -> Coming:
+    names, effort = group.latest
+    ours = [k for k, name in enumerate(names) if name in joints]
+    measured = len(effort) == len(names) and bool(np.isfinite(np.asarray(effort)[ours]).all())
+    return Coming(frozenset(names[k] for k in ours), group.period, measured)
+
+
+def wider(groups: Sequence[Coming], used: Sequence[str], needs_effort: bool) -> frozenset[str]:
+    """The most joints that can be had together, if these are more than those in use; else none.
+
+    Messages at much the same rate are put together. What comes much slower is not waited for, it would slow
+    down the rest. What has no effort, where others have, would spoil theirs.
+    """
+    measured = [group for group in groups if group.measured]
+    usable = measured if needs_effort and measured else groups
+    sets = [_together(slowest, usable) for slowest in usable]
+    now = min((each.period for each in sets if each.joints >= set(used)), default=np.inf)
+    sets = [
+        each
+        for each in sets
+        if len(each.joints) > len(used)
+        and (each.period <= now / SLOWER or len(each.joints) >= MANY * len(used))
+    ]
+    return max(sets, key=lambda each: (len(each.joints), -each.period)).joints if sets else frozenset()
+
+
+def _together(slowest: Coming, groups: Sequence[Coming]) -> Coming:
+    """Those that are not slower than one, and not much faster, as one."""
+    alike = [group.joints for group in groups if SLOWER * slowest.period <= group.period <= slowest.period]
+    return Coming(frozenset().union(*alike), slowest.period, slowest.measured)
+
+
+def complaint(groups: Sequence[Coming], used: Sequence[str], misfit: bool) -> str:
+    """What is wrong, one sentence, and what to do; empty if nothing is.
+
+    Args:
+        groups: what comes; at least one.
+        used: the joints in use.
+        misfit: most messages that hold some of them wait for the others in vain.
+    """
+    here = frozenset().union(*(group.joints for group in groups))
+    largest = max(groups, key=lambda group: len(group.joints & set(used))).joints
+    missing = [joint for joint in used if joint not in here]
+    if misfit and missing:
+        return f"No message holds {listed(missing)}. Start the driver, or set the parameter joints."
+    apart = [joint for joint in used if joint not in largest]
+    if misfit and apart:
+        return f"Other messages hold {listed(apart)}, with stamps that do not fit. {REMEDY}"
+    others = sorted(here - set(used))
+    if others:
+        return f"Other messages hold {listed(others)}, at another rate or without effort: left out. {REMEDY}"
+    return ""
