@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
+import os
 import subprocess
 import sys
 import time
@@ -16,7 +18,7 @@ import pytest
 from bag_cases import EPOCH, PENDULUM, bag_of, motion
 
 from bdnn_ros import bags, cli
-from bdnn_ros.cli import info, options
+from bdnn_ros.cli import info, options, outputs
 from bdnn_ros.cli.main import VERBS, main
 from bdnn_ros.cli.predict import effort_along
 from bdnn_ros.recording import Recording
@@ -25,7 +27,9 @@ from bdnn_ros.scores import score
 from bdnn_ros.signals import Signals, prepare
 
 MODULES = sorted(
-    p.stem for p in Path(cli.__file__).parent.glob("*.py") if p.stem not in ("__init__", "main", "options")
+    p.stem
+    for p in Path(cli.__file__).parent.glob("*.py")
+    if p.stem not in ("__init__", "main", "options", "outputs")
 )
 
 
@@ -304,13 +308,75 @@ def _load(words: list[str]) -> tuple[list[Recording], Robot | None]:
 
 
 def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), options.written_whole(tmp_path / "a.csv") as file:
+    with pytest.raises(RuntimeError), outputs.written_whole(tmp_path / "a.csv") as file:
         file.write("half")
         raise RuntimeError
     assert list(tmp_path.iterdir()) == []
-    with options.written_whole(tmp_path / "a.csv") as file:
+    with outputs.written_whole(tmp_path / "a.csv") as file:
         file.write("whole")
     assert (tmp_path / "a.csv").read_text() == "whole"
+
+
+def test_a_link_to_a_file_stays_one(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "a.csv").write_text("old")
+    for name, target in (("link.csv", "there/a.csv"), ("new.csv", "there/b.csv")):
+        (tmp_path / name).symlink_to(target)
+        with outputs.written_whole(tmp_path / name) as file:
+            file.write("new")
+        assert (tmp_path / name).is_symlink() and (tmp_path / target).read_text() == "new"
+    assert sorted(path.name for path in (tmp_path / "there").iterdir()) == ["a.csv", "b.csv"]
+
+
+def test_a_pipe_is_written_to_and_stays_one(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        with outputs.written_whole(pipe) as file:
+            file.write("through")
+        assert os.read(reader, 100) == b"through"
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]
+
+
+def test_a_full_disk_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "new.csv"
+    with pytest.raises(OSError) as full, outputs.written_whole(path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert (full.value.errno, full.value.filename) == (errno.ENOSPC, str(path))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["diagnose", "BAG", "--out", "FILE"],
+        ["diagnose", "BAG", "--out", "FILE/deep/er"],
+        ["identify", "BAG", "--out", "FILE"],
+        ["replay", "BAG", "--out", "FILE"],
+        ["excite", "--robot", "arm2", "--out", "FILE"],
+        ["simulate", "--robot", "arm2", "--out", "FILE"],
+        ["predict", "model", "BAG", "--out", "FILE/effort.csv"],
+        ["predict", "model", "BAG", "--out", "FOLDER"],
+    ],
+    ids=" ".join,
+)
+def test_a_place_that_holds_no_results_is_refused_before_any_work(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There is no such bag: nobody looked."""
+    places = {"FILE": tmp_path / "file", "FOLDER": tmp_path / "folder", "BAG": tmp_path / "bag"}
+    places["FILE"].write_text("kept")
+    places["FOLDER"].mkdir()
+    for name, place in places.items():
+        words = [word.replace(name, str(place)) for word in words]
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("bdnn: error: ") and ("is a file" in error or "is a directory" in error)
+    assert str(tmp_path) in error and error.count("\n") == 1
+    assert places["FILE"].read_text() == "kept"
 
 
 def test_what_is_left_out_of_a_list_is_said():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from dataclasses import replace
 
@@ -59,6 +60,13 @@ def test_a_pause_of_years_is_no_work(bag, tmp_path, capsys):
     assert main(["replay", str(bags.write(later, tmp_path / "bag", overwrite=True)), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["samples"] == 1400 and len(told["time"]) >= 12
+
+
+def test_a_robot_that_weighs_nothing_is_said_to(bag, tmp_path, capsys):
+    bare = re.sub("<inertial>.*?</inertial>", "", ARM.urdf, flags=re.DOTALL)
+    (tmp_path / "bare.urdf").write_text(bare, encoding="utf-8")
+    assert main(["replay", str(bag), "--urdf", str(tmp_path / "bare.urdf")]) == 0
+    assert "none of the moving links a mass" in capsys.readouterr().err
 
 
 def test_a_bad_rate_is_refused(bag, capsys):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from bdnn_ros.cli import options
+from bdnn_ros.cli import options, outputs
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.extension import extend
 from bdnn_ros.diagnosis.files import write_extension
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the files, say the verdict."""
+    outputs.require_directory(args.out)
     earlier = load_model(args.model) if args.model else None
     joints = earlier.joints if earlier else ()
     recordings, robot = options.load(args, joints=joints, undisturbed=True)

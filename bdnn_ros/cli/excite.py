@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from bdnn_ros.cli import options
+from bdnn_ros.cli import options, outputs
 from bdnn_ros.diagnosis.excitation import DECISIVE, Excitation, Progress, excite
 from bdnn_ros.diagnosis.motions import Bounds, Trajectory
 from bdnn_ros.diagnosis.rivals import Case, joints_of, read_case
@@ -76,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
     """Find the motion, write it, say what it is expected to settle."""
     if args.seed < 0:
         raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
+    outputs.require_directory(args.out)
     robot = _robot(args)
     case = read_case(args.case, robot) if args.case else None
     bounds = Bounds.of(
@@ -96,9 +97,9 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=say,
         )
-    with options.written_whole(args.out / CSV) as file:
+    with outputs.written_whole(args.out / CSV) as file:
         file.writelines(csv_lines(found.trajectory, robot.joints))
-    with options.written_whole(args.out / YAML) as file:
+    with outputs.written_whole(args.out / YAML) as file:
         file.writelines(yaml_lines(found.trajectory, robot.joints))
     print("\n".join(_summary(found, robot, case)))
     print(f"trajectory: {args.out / CSV}, {args.out / YAML}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bdnn_ros.cli import options
+from bdnn_ros.cli import options, outputs
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.recording import Recording
@@ -69,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
     """Identify, score on what was held out, write the model."""
     if not 0.0 < args.budget < float("inf"):
         raise UsageError(f"--budget {args.budget:g} is not a time.", "Give seconds above zero.")
+    outputs.require_model_place(args.out)
     spread = _spread(args.spread)
     if spread is not None and args.prior == "none":
         raise UsageError(
@@ -204,7 +205,7 @@ def _report_parameters(
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:
-    with options.written_whole(path) as file:
+    with outputs.written_whole(path) as file:
         json.dump(content, file, indent=1, allow_nan=False)
         file.write("\n")
 

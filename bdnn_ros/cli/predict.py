@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from bdnn_ros.bags import Progress
-from bdnn_ros.cli import options
+from bdnn_ros.cli import options, outputs
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.kernels import KERNEL_WIDTHS, gaussian_std
 from bdnn_ros.online.models import Model, load_model
@@ -46,12 +46,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Predict and write one row a joint state."""
+    if args.out:
+        outputs.require_file(args.out)
     model = load_model(args.model)
     (recording,), _ = options.load(args, joints=model.joints, moves=False, needs_robot=False)
     with options.progress("predicting") as show:
         effort = effort_along(model, recording, args.cutoff, show)
     target: AbstractContextManager[TextIO] = (
-        options.written_whole(args.out) if args.out else nullcontext(sys.stdout)
+        outputs.written_whole(args.out) if args.out else nullcontext(sys.stdout)
     )
     with target as file, options.progress("writing") as show:
         for row, lines in enumerate(_lines(recording, effort)):

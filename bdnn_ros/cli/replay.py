@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bdnn_ros.cli import options
+from bdnn_ros.cli import options, outputs
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
+from bdnn_ros.physical.description import doubts
 from bdnn_ros.recording import Recording
 
 HELP = "run the online identifier over a bag and show its error against time"
@@ -37,9 +38,13 @@ def run(args: argparse.Namespace) -> int:
     """Replay, print the error of each second by the model of the time, save the last one."""
     if not 0.0 <= args.rate < float("inf"):
         raise UsageError(f"--rate {args.rate:g} is not a speed.", "Use for example 1.0.")
+    if args.out:
+        outputs.require_model_place(args.out)
     recordings, robot = options.load(args)
     if robot is None:
         raise UsageError("There is no URDF to start from.", "Give --urdf FILE or --robot NAME.")
+    for remark in doubts(robot):
+        options.say(str(remark))
     recording = recordings[0]
     learning = Learning(robot, args.cutoff)
     began = time.perf_counter()

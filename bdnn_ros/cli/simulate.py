@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from bdnn_ros import bags
-from bdnn_ros.cli import options
+from bdnn_ros.cli import options, outputs
 from bdnn_ros.diagnosis.effects_file import read_effects
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import UsageError
@@ -79,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, write the bag and the truth, say where."""
+    outputs.require_directory(args.out)
     robot = _robot(args)
     require_mass(robot)
     installed = read_effects(args.effects, robot) if args.effects else []
@@ -108,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     with options.progress("simulating") as show:
         simulated, content = scenario.run(show)
     bags.write(simulated.recording, bag, overwrite=args.overwrite)
-    with options.written_whole(truth) as file:
+    with outputs.written_whole(truth) as file:
         yaml.safe_dump(content, file, sort_keys=False)
     for one in simulated.effects[: len(installed) + len(args.effect)]:
         print(one.effect.sentence(one.place(robot), one.values))
