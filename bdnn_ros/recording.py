@@ -84,6 +84,18 @@ class Recording:
         return float(self.time[-1] - self.time[0]) if len(self.time) else 0.0
 
     @property
+    def recorded(self) -> float:
+        """Time of all segments together [s]: pauses do not count."""
+        return float(self._clock[-1]) if len(self.time) else 0.0
+
+    @property
+    def _clock(self) -> np.ndarray:
+        """Time of all samples without the pauses between segments [s], (N,)."""
+        steps = np.diff(self.time, prepend=self.time[:1])
+        steps[[rows.start for rows in self.segments()[1:]]] = 0.0
+        return np.cumsum(steps)
+
+    @property
     def rate(self) -> float:
         """Samples per second [Hz], from the median period (0 with fewer than two samples)."""
         return float(1.0 / np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
@@ -136,15 +148,16 @@ class Recording:
         return self.part((self.time >= start) & (self.time < end))
 
     def split(self, holdout: float) -> tuple[Recording, Recording]:
-        """The first part and the last `holdout` share of the duration, each a recording of its own.
+        """The first part and the last `holdout` share of the time recorded, each a recording of its own.
 
         Raises:
             UsageError: `holdout` is not in (0, 1).
         """
         if not 0.0 < holdout < 1.0:
             raise UsageError(f"The held-out share is {holdout}, not between 0 and 1.", "Use for example 0.2.")
-        edge = self.time[0] + (1.0 - holdout) * self.duration
-        return self.part(self.time < edge), self.part(self.time >= edge)
+        clock = self._clock
+        last = clock >= (1.0 - holdout) * self.recorded
+        return self.part(~last), self.part(last)
 
     def segments(self) -> list[slice]:
         """Runs of samples without a gap, longest pause `GAP_FACTOR` periods, as slices of rows."""

@@ -207,7 +207,7 @@ def resting(recording: Recording) -> Recording:
         (without_description, 2, "--urdf"),
         (without_effort, 1, "effort"),
         (weightless, 2, "none of the moving links a mass"),
-        (short, 1, "too short"),
+        (short, 1, "s of motion are too short for a diagnosis"),
         (resting, 1, "move"),
     ],
 )

@@ -230,6 +230,22 @@ def test_a_long_recording_has_longer_blocks(robot):
     assert np.ptp(lengths) < 0.1 * BLOCK_SECONDS
 
 
+def test_a_long_pause_does_not_make_blocks_long(robot):
+    signals = signals_of()
+    half = len(signals) // 2
+    paused = replace(
+        signals,
+        time=signals.time + np.where(np.arange(len(signals)) < half, 0.0, 1e6),
+        segments=(slice(0, half), slice(half, len(signals))),
+    )
+    equations = build(paused, robot)
+    time = equations.motion.time[equations.rows]
+    assert equations.blocks >= build(signals, robot).blocks
+    for run in equations.runs:
+        for b in np.unique(equations.block[run]):
+            assert np.ptp(time[run][equations.block[run] == b]) <= BLOCK_SECONDS
+
+
 def test_two_recordings_share_no_run_and_no_block(robot):
     parts = [signals_of(seed=0), signals_of(seed=1)]
     equations = build(concatenated(parts), robot)

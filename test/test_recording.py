@@ -109,6 +109,16 @@ def test_between_and_split_lose_nothing() -> None:
             recording().split(share)
 
 
+def test_pauses_are_no_time_recorded_and_held_out_is_a_share_of_that() -> None:
+    time = np.where(np.arange(100) < 10, recording().time, recording().time + 100.0)
+    paused = replace(recording(), time=time)
+    assert paused.recorded == pytest.approx(0.98)
+    assert recording().recorded == recording().duration
+    assert recording(1).recorded == recording().part(slice(0, 0)).recorded == 0.0
+    first, last = paused.split(0.25)
+    assert (len(first), len(last)) == (75, 25)
+
+
 def test_segments_end_at_gaps() -> None:
     time = recording().time.copy()
     time[40:] += 0.2

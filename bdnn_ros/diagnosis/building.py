@@ -75,7 +75,8 @@ def build(
             "Wherever the robot moves its effort is at a limit or stands still.",
             "Check that the driver reports it, or move the robot more gently.",
         )
-    since = signals.time[rows] - signals.time[rows[0]]
+    steps = np.diff(signals.time[rows], prepend=signals.time[rows[0]])
+    since = np.cumsum(np.minimum(steps, BLOCK_SECONDS))  # a long pause must not make the blocks long
     block = since // max(BLOCK_SECONDS, since[-1] / (MOST_BLOCKS - 1e-6))
     _, block = np.unique(block, return_inverse=True)
     effort = signals.smooth(signals.effort)[rows]

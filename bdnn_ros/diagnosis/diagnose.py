@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, best_attempt
-from bdnn_ros.diagnosis.building import build
+from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
@@ -102,6 +102,8 @@ def examine(
     for recording in recordings:
         recording.require_effort()
     require_mass(robot)
+    if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
+        raise _too_short(recordings)
     say("filtering")
     signals = _signals(recordings, robot, cutoff)
     predicted = None if model is None else model.predict(signals)
@@ -116,10 +118,7 @@ def examine(
     equations = build(signals, robot, predicted, None if known is None else known[links, links])
     equations.lead = float(getattr(model, "lead", 0.0))
     if equations.blocks < EVERY_TEST_BLOCK:
-        raise RecordingError(
-            f"{recordings[0].name}: {signals.time[-1] - signals.time[0]:.1f} s are too short for a diagnosis.",
-            "Record at least 10 s of motion, better 30 s.",
-        )
+        raise _too_short(recordings)
     candidates = Candidates.of(robot, bodies=equations.alone is None)
     attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
     attempt, pool, found = _plain(
@@ -141,6 +140,14 @@ def examine(
         remainder,
         model,
         late,
+    )
+
+
+def _too_short(recordings: Sequence[Recording]) -> RecordingError:
+    together = sum(recording.recorded for recording in recordings)
+    return RecordingError(
+        f"{recordings[0].name}: {together:.1f} s of motion are too short for a diagnosis.",
+        "Record at least 10 s of motion, better 30 s.",
     )
 
 

@@ -33,6 +33,8 @@ LEAST_FRICTION = 0.01
 """Of a joint, in units of its effort scale: what it lacks may still be learned."""
 LEARNED = 0.5
 """Share of the residual that is left where what is learned lowers it so far that doubtful rows must be weighed anew."""
+LONG_PAUSE = 10.0
+"""No chunk is looked for in a pause longer than this [s]."""
 NEVER = 1 << 62
 FIRST_SETTLED = 4
 ITERATIONS = 10
@@ -159,7 +161,9 @@ class Identifier:
         self._settle_at = NEVER  # once is enough, at the end
         for recording in recordings:
             effort = recording.require_effort()
-            for rows in _stretches(recording, 10.0):
+            for rows in _stretches(recording, LONG_PAUSE):
+                if rows.start and recording.time[rows.start] - recording.time[rows.start - 1] > LONG_PAUSE:
+                    self.finish()
                 self.feed(recording.time[rows], recording.position[rows], effort[rows])
                 if progress:
                     share = (done + float(recording.time[rows][-1] - recording.time[0])) / total
@@ -300,7 +304,6 @@ class Identifier:
 
 def _stretches(recording: Recording, seconds: float) -> list[slice]:
     """Rows of the recording in stretches of time."""
-    count = max(int(np.ceil(recording.duration / seconds)), 1)
-    edges = np.searchsorted(recording.time, recording.time[0] + seconds * np.arange(1, count))
-    bounds = [0, *edges.tolist(), len(recording)]
-    return [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a]
+    number = np.floor((recording.time - recording.time[0]) / seconds)
+    bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(recording)]
+    return [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
