@@ -147,6 +147,8 @@ def test_info_tells_what_is_there(
     printed = capsys.readouterr().out
     assert "Fit for identification." in printed
     assert "1 gaps, longest 0.505 s" in printed
+    assert told["recorded"] == pytest.approx(19.99)
+    assert "in 19.99 s without gaps" in printed
 
 
 def test_info_sees_limits_and_plateaus(
@@ -271,6 +273,17 @@ def test_evaluate_prints_and_counts(
     printed = capsys.readouterr().out
     assert "URDF's NRMSE" in printed
     assert "pivot" in printed
+
+
+def test_evaluate_says_why_a_motion_that_is_integrated_for_long_is_infinite(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = bag_of(tmp_path / "bag", swing(pendulum, 20.0))
+    assert main(["evaluate", "model", str(path)]) == 0
+    assert "runs away" not in capsys.readouterr().err
+    monkeypatch.setattr("bdnn_ros.scores.DIVERGED", 0.5)
+    assert main(["evaluate", "model", str(path), "--horizon", "5"]) == 0
+    assert "Integrated over 5 s without a controller, the motion runs away (inf)" in capsys.readouterr().err
 
 
 def test_a_description_that_does_not_fit_the_model_is_not_needed(

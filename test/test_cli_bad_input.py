@@ -110,6 +110,10 @@ def bad_cutoff(path: Path) -> list[str]:
     return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--cutoff", "9000"]
 
 
+def no_such_robot(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--robot", "nobody"]
+
+
 def no_commands(path: Path) -> list[str]:
     return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--effort", "command"]
 
@@ -132,7 +136,8 @@ CASES: list[tuple[Case, int, str]] = [
     (nothing_there, 2, "There is no bag"),
     (bad_rename, 2, "matches none of pivot"),
     (bad_cutoff, 2, "cut-off of 9000 Hz does not fit"),
-    (no_commands, 2, "no effort commands"),
+    (no_such_robot, 2, "No bundled robot 'nobody'"),
+    (no_commands, 2, "the bag has no effort commands (std_msgs/Float64MultiArray). Use --effort measured"),
 ]
 IDS = [case.__name__ for case, _, _ in CASES]
 
@@ -163,6 +168,19 @@ def test_identify(
     assert main(["identify", *case(tmp_path), "--out", str(tmp_path / "model")]) == status
     assert_one_sentence(capfd.readouterr().err, sentence)
     assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize("verb", ["info", "identify", "replay", "diagnose"])
+def test_half_a_second_is_too_short_and_nothing_else(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], verb: str
+) -> None:
+    bag = str(bag_of(tmp_path / "bag", motion(samples=50, urdf=PENDULUM)))
+    out = ["--out", str(tmp_path / "out")] if verb in ("identify", "diagnose") else []
+    assert main([verb, bag, *out]) == 1
+    captured = capfd.readouterr()
+    assert_one_sentence(captured.err, "s of motion are too short")
+    assert "Fit for identification" not in captured.out
+    assert "- pivot" not in captured.out
 
 
 @pytest.fixture(scope="module")

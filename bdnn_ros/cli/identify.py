@@ -27,8 +27,6 @@ HELP = "identify a model from recordings"
 MOST_REMARKS = 8
 """Sentences about the data that are printed; parameters.json has all."""
 
-LEAST_SECONDS = 1.0
-"""Motion that a model is identified from, at least [s]."""
 WIDEST_SPREAD = 10.0
 
 
@@ -60,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--holdout",
         type=float,
         default=0.2,
-        help="last share of each bag that is kept out of training and scored (default: %(default)s)",
+        help="last share of each bag's time, without pauses, that is kept out of training and scored (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the training with --prior none")
 
@@ -76,12 +74,13 @@ def run(args: argparse.Namespace) -> int:
             "--spread is about the URDF, which --prior none leaves out.", "Leave one of them out."
         )
     recordings, robot = options.load(args)
+    options.require_length(recordings)
     parts = [recording.split(args.holdout) for recording in recordings]
     for recording, (first, _) in zip(recordings, parts, strict=True):
-        if first.duration < LEAST_SECONDS <= recording.duration:
+        if first.recorded < options.LEAST_SECONDS <= recording.recorded:
             raise UsageError(
-                f"--holdout {args.holdout:g} leaves {first.duration:.2g} s of {recording.name} to learn from.",
-                f"Give a smaller share: {LEAST_SECONDS:g} s are the least.",
+                f"--holdout {args.holdout:g} leaves {first.recorded:.2g} s of {recording.name} to learn from.",
+                f"Give a smaller share: {options.LEAST_SECONDS:g} s are the least.",
             )
     training, held_out = [first for first, _ in parts], [last for _, last in parts]
     tested = [prepare(recording, args.cutoff) for recording in held_out]

@@ -83,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
         limits = robot.limits if robot else None
         joints = excitation(recording, signals, limits)
         report["excitation"] = [joint.as_json() for joint in joints]
+        options.require_length([recording])
         report["concerns"] = [
             *concerns(recording, joints),
             *map(str, (*doubts(robot), *breaches(signals, robot)) if robot else ()),
@@ -111,6 +112,7 @@ def timing(recording: Recording) -> dict[str, Any]:
     return {
         "samples": len(recording),
         "duration": recording.duration,
+        "recorded": recording.recorded,
         "rate": recording.rate,
         "jitter": float(np.std(within)) if len(within) else 0.0,
         "longest_step": float(within.max()) if len(within) else 0.0,
@@ -149,8 +151,8 @@ def excitation(recording: Recording, signals: Signals, limits: Limits | None) ->
 def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
     """What a usable recording still lacks, one sentence each."""
     found = []
-    if recording.duration < SHORT:
-        found.append(f"{recording.duration:.1f} s of motion are little; 30 s and more tell causes apart.")
+    if recording.recorded < SHORT:
+        found.append(f"{recording.recorded:.1f} s of motion are little; 30 s and more tell causes apart.")
     steps = np.concatenate([np.diff(recording.time[rows]) for rows in recording.segments()])
     if np.std(steps) > UNEVEN / recording.rate:
         found.append("Stamps are uneven: stamp the joint states where they are measured.")
@@ -186,14 +188,15 @@ def _text(report: dict[str, Any]) -> str:
     if "samples" in report:
         gaps = report["gaps"]
         lines += [
-            f"{report['samples']} samples of {len(report['joints'])} joints in {report['duration']:.2f} s: "
+            f"{report['samples']} samples of {len(report['joints'])} joints in {report['recorded']:.2f} s"
+            f"{' without gaps' if gaps['count'] else ''}: "
             f"{report['rate']:.4g} Hz, jitter {1e3 * report['jitter']:.3g} ms "
             f"(longest step {1e3 * report['longest_step']:.3g} ms)",
             f"{gaps['count']} gaps, longest {gaps['longest']:.3g} s, {gaps['total']:.3g} s in all",
             f"not in the bag: {', '.join(report['missing']) or 'nothing'}",
         ]
     if "excitation" in report:
-        lines += ["", *_table(report["excitation"]), *(f"- {text}" for text in report["concerns"])]
+        lines += ["", *_table(report["excitation"]), *(f"- {text}" for text in report.get("concerns", ()))]
     if report["usable"]:
         lines.append("Fit for identification.")
     return "\n".join(lines)

@@ -20,6 +20,9 @@ from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.signals import MINIMUM_SAMPLES, mended
 
+LEAST_SECONDS = 1.0
+"""Motion that a model is identified from, at least [s]."""
+
 
 def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one", "many"]) -> None:
     """BAG, what to read from it and how to clean it, and the robot."""
@@ -110,10 +113,11 @@ def load(
     """
     required = tuple(joints) or args.joints
     given = Robot.from_file(args.urdf) if args.urdf else None
+    bundled = Robot.bundled(args.robot) if args.robot else None
     recordings = [
         _read(path, args, args.joints or required, given.joints if given else ()) for path in args.bags
     ]
-    robot = given or _own_robot(args, recordings, needs_robot)
+    robot = given or _own_robot(bundled, args.robot, recordings, needs_robot)
     chosen = required or _common_joints(recordings, robot)
     whole = recordings
     recordings = [_with_notes(recording.select(chosen)) for recording in recordings]
@@ -200,6 +204,20 @@ def require_motion(recording: Recording) -> None:
         say(f"{recording.name}: {listed(still)} does not move: nothing can be learned about it.")
 
 
+def require_length(recordings: Sequence[Recording]) -> None:
+    """Says how little there is to learn from.
+
+    Raises:
+        RecordingError: the recordings last less than `LEAST_SECONDS` together.
+    """
+    together = sum(recording.recorded for recording in recordings)
+    if together < LEAST_SECONDS:
+        raise RecordingError(
+            f"{recordings[0].name}: {together:.2g} s of motion are too short to learn from.",
+            "Record at least 10 s, better 30 s.",
+        )
+
+
 def say(sentence: str) -> None:
     """Tells the user something beside the result."""
     print(f"bdnn: note: {sentence}", file=sys.stderr)
@@ -240,9 +258,10 @@ def _read(
         )
 
 
-def _own_robot(args: argparse.Namespace, recordings: Sequence[Recording], needed: bool) -> Robot | None:
-    """The robot of the first bag's description, else of --robot."""
-    name = args.robot
+def _own_robot(
+    bundled: Robot | None, name: str | None, recordings: Sequence[Recording], needed: bool
+) -> Robot | None:
+    """The robot of the first bag's description, else the bundled one of that name."""
     described = [recording for recording in recordings if recording.urdf]
     if described:
         if name:
@@ -255,7 +274,7 @@ def _own_robot(args: argparse.Namespace, recordings: Sequence[Recording], needed
             if needed:
                 raise
             return None
-    return Robot.bundled(name) if name else None
+    return bundled
 
 
 def _common_joints(recordings: Sequence[Recording], robot: Robot | None) -> tuple[str, ...]:

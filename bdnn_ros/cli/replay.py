@@ -45,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("There is no URDF to start from.", "Give --urdf FILE or --robot NAME.")
     for remark in doubts(robot):
         options.say(str(remark))
+    options.require_length(recordings)
     recording = recordings[0]
     learning = Learning(robot, args.cutoff)
     began = time.perf_counter()
@@ -107,7 +108,7 @@ def _print(learning: Learning, errors: list[Error], recording: Recording, took: 
             print(_row(error))
     for change in learning.changes:
         print(change.finding["sentence"])
-    speed = recording.duration / max(took, 1e-9)
+    speed = recording.recorded / max(took, 1e-9)
     served = learning.served
     print(
         f"{len(recording)} samples in {took:.1f} s ({speed:.0f} times as fast as they came), "
