@@ -155,7 +155,7 @@ def _with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording]
     looked_at = Robot.from_urdf(robot.urdf, chosen, held)
     unknown = [joint for joint in out if joint not in held]
     if unknown:
-        say(f"Joints {listed(unknown)} of the URDF are not in the bag; they are held at zero.")
+        say(f"No message that is used holds {listed(unknown)} of the URDF; held at zero.")
     for recording in whole if held else ():
         felt = disturbing(recording, robot, looked_at)
         if felt and undisturbed:
