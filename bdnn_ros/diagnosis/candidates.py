@@ -32,11 +32,16 @@ class Candidates:
     robot: Robot
 
     @classmethod
-    def of(cls, robot: Robot) -> Candidates:
-        """All effects of the registry that act on the effort, at all joints and moving links of a robot."""
+    def of(cls, robot: Robot, bodies: bool = True) -> Candidates:
+        """All effects of the registry that act on the effort, at all joints and moving links of a robot.
+
+        Args:
+            bodies: with those that change what bodies weigh or where gravity points.
+        """
         terms: list[Term] = []
         for effect in ALL:
-            if effect.kinematic:
+            of_weight = effect.on_body or effect.name in ANGLES
+            if effect.kinematic or (of_weight and not bodies):
                 continue
             for target, link in effect.places(robot):
                 terms.append(Term(effect, target, link))

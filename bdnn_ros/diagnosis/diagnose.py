@@ -17,7 +17,7 @@ from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lateness import in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.odds import contains
-from bdnn_ros.diagnosis.posterior import Estimate, estimates
+from bdnn_ros.diagnosis.posterior import CLEAR, Estimate, estimates, excesses
 from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.settling import refined
@@ -121,9 +121,10 @@ def examine(
         raise _too_short(recordings)
     candidates = Candidates.of(robot, bodies=equations.alone is None)
     attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
-    attempt, pool, found = _plain(
-        candidates, equations, attempt, _exact(candidates, equations, attempt.fitted)
-    )
+    every = _in_rows_that_count(equations, attempt.fitted)
+    beyond = excesses(every, every.whole)
+    pool = _exact(candidates, equations, attempt.fitted)
+    attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
     equations.count(pool.sure)
     remainder = describe(equations, pool.left())
     diagnosis = told(recordings, robot, equations, attempt, found, remainder)
@@ -156,6 +157,10 @@ def _signals(recordings: Sequence[Recording], robot: Robot, cutoff: float | None
     return flattened(concatenated([prepare(recording, cutoff) for recording in recordings]), lower)
 
 
+def _in_rows_that_count(equations: Equations, fitted: Pool) -> Pool:
+    return Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
+
+
 def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
     """The terms where no joint dwells: what it bears there tells causes, but passes for less than their size.
 
@@ -163,7 +168,7 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
     """
     dwelling = equations.usable & equations.dwelling
     equations.count(equations.exact)
-    pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
+    pool = _in_rows_that_count(equations, fitted)
     moved = [
         c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
     ]
@@ -171,14 +176,18 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
 
 
 def _plain(
-    candidates: Candidates, equations: Equations, attempt: Attempt, pool: Pool
+    candidates: Candidates, equations: Equations, attempt: Attempt, pool: Pool, beyond: Sequence[float]
 ) -> tuple[Attempt, Pool, list[Estimate]]:
     """The attempt, its pool and the pool's estimates, with laws that are not shown given up for what they settle into.
 
     Where another law says that already they only go.
+
+    Args:
+        beyond: how many standard deviations each law lies from what it settles into, by all rows.
     """
     found = estimates(pool, pool.whole)
-    settled = ((k, one.term.settled(equations.motion)) for k, one in enumerate(found) if not one.shown)
+    plainly = (k for k, one in enumerate(found) if not one.shown or beyond[k] <= CLEAR)
+    settled = ((k, found[k].term.settled(equations.motion)) for k in plainly)
     instead = {k: plain for k, plain in settled if plain is not None}
     if not instead:
         return attempt, pool, found

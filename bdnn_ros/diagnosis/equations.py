@@ -28,6 +28,8 @@ STICKING_LEAD = 0.003
 """How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
 HARDLY_SEEN = 1e-4
 """What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
+HARDLY_USABLE = 0.05
+"""A joint hardly moves where a smaller share of its rows counts."""
 BLURS = slice(1, 3)
 """Which nuisances blur; before them comes a lead, after them each joint's sticking."""
 
@@ -111,6 +113,12 @@ class Equations:
     def exact(self) -> np.ndarray:
         """Rows that count and in which no dry friction passes for less than it is, (R, n) bool."""
         return self.usable & ~self.dwelling
+
+    @property
+    def alone(self) -> int | None:
+        """The only joint of several whose rows count; None where others' do, too."""
+        count = np.flatnonzero(self.usable.mean(axis=0) > HARDLY_USABLE)
+        return int(count[0]) if len(count) == 1 < self.width else None
 
     @property
     def blocks(self) -> int:

@@ -160,6 +160,29 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     return result
 
 
+def excesses(pool: Pool, fit: Fit) -> list[float]:
+    """How many standard deviations each law of a fit lies from the one it settles into; infinite where there is none.
+
+    By the noise model or by the scatter of blocks, whichever is less, shapes taken as they are: they mean nothing there.
+    """
+    index = pool.columns_of(fit.terms)
+    white = pool.white[:, :, index]
+    tall = white.reshape(-1, white.shape[2])
+    covariance = np.linalg.inv(tall.T @ tall + np.diag(pool.precision[index]))
+    robust = _clustered(pool, fit, white, covariance)
+    result, start = [], pool.base
+    for chosen in fit.terms:
+        rows = slice(start, start + len(pool.slots[chosen]))
+        start, weights = rows.stop, pool.terms[chosen].effect.excess
+        if weights is None:
+            result.append(math.inf)
+            continue
+        beyond = float(np.dot(weights, pool.coefficients(fit, chosen)))
+        variance = max(float(weights @ one[rows, rows] @ weights) for one in (covariance, robust))
+        result.append(abs(beyond) / math.sqrt(variance))
+    return result
+
+
 def _ranges(term: Term) -> list[float]:
     """Prior spread of each shape parameter; what is given is known."""
     free = term.effect.shape_bounds

@@ -26,6 +26,10 @@ LARGE_ERROR = 0.4
 USUAL_LINK_ERROR = 0.1
 """Spread of the links' relative errors that any description may have."""
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
+ALONE = (
+    "Only {joint} moves: what it carries, wrong links and wrong angles do the same to it, so none of them is named. "
+    "Move several joints at once."
+)
 UNLIKELY = 0.5
 """And with this one it is no more than as likely as nothing."""
 EXPLAINED = 1.3
@@ -67,7 +71,11 @@ def told(
         unexplained_depends_on=remainder.depends_on[:6],
         unexplained_sentence=_unexplained_sentence(share, remainder),
         advice=tuple(advice([e.term for e in found], attempt.judgements, lambda term: _name(robot, term))),
-        notes=(*(note for recording in recordings for note in recording.notes), *[FAR_OFF] * far_off),
+        notes=(
+            *(note for recording in recordings for note in recording.notes),
+            *([] if equations.alone is None else [ALONE.format(joint=robot.joints[equations.alone])]),
+            *[FAR_OFF] * far_off,
+        ),
     )
 
 

@@ -84,6 +84,8 @@ class Effect(ABC):
     """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
     settles_into: ClassVar[str | None] = None
     """What becomes of it where the motion lacks the moments that tell it: a gap that is never crossed is an offset."""
+    excess: ClassVar[np.ndarray | None] = None
+    """What of its coefficients it says beyond what it settles into: weights (k,) whose sum is nothing where it says no more."""
     of_load: ClassVar[bool] = False
     """Its columns are made from the load, so a better estimate of the load changes them."""
     of_bodies: ClassVar[bool] = False

@@ -171,6 +171,7 @@ class Drift(Effect):
 
     name = "drift"
     on = "joint"
+    excess = np.array((-1.0, 1.0))
     shown_by = "the same motion early and late in a long recording"
     source = (
         "Carvalho Bittencourt, Axelsson, Modeling and experiment design for identification of wear in a "
@@ -218,6 +219,7 @@ class DriftingCoulomb(Drift):
     confused_with = ("coulomb_friction", "external_wrench")
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
     contains = ("coulomb_friction",)
+    settles_into = "coulomb_friction"
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         level = ramp(values, plant.duration)
@@ -242,6 +244,7 @@ class DriftingViscous(Drift):
     confused_with = ("viscous_friction",)
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
     contains = ("viscous_friction",)
+    settles_into = "viscous_friction"
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         level = ramp(values, plant.duration)
@@ -265,6 +268,7 @@ class DriftingOffset(Drift):
     confused_with = ("effort_offset", "external_wrench")
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
     contains = ("effort_offset",)
+    settles_into = "effort_offset"
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         level = ramp(values, plant.duration)

@@ -99,10 +99,8 @@ class StribeckFriction(Effect):
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
     contains = ("coulomb_friction",)
     settles_into = "coulomb_friction"
+    excess = np.array((0.0, 1.0))
     shape_bounds = MappingProxyType({"velocity": (5e-3, 0.5)})
-
-    def shown(self, values: Values, stds: Values) -> bool:
-        return values["static"] - values["coulomb"] > stds["static"]
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         coulomb, extra, velocity = values["coulomb"], values["static"] - values["coulomb"], values["velocity"]
@@ -152,6 +150,8 @@ class AsymmetricFriction(Effect):
     source = BONA
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
     contains = ("coulomb_friction",)
+    settles_into = "coulomb_friction"
+    excess = np.array((1.0, -1.0))
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         positive, negative = values["positive"], values["negative"]

@@ -124,7 +124,9 @@ class Borne:
         q, v, a = signals.position[rows], signals.velocity[rows], signals.acceleration[rows]
         inertia = np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2) - robot.armature
         own, gravity = inertia * a, robot.gravity(q)
-        return cls(Efforts.of(signals, rows, robot), own, robot.rigid_effort(q, v, a) - own - gravity, gravity)
+        return cls(
+            Efforts.of(signals, rows, robot), own, robot.rigid_effort(q, v, a) - own - gravity, gravity
+        )
 
     @property
     def total(self) -> np.ndarray:
