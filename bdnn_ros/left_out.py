@@ -8,8 +8,8 @@ import numpy as np
 
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.urdf import Held
 from bdnn_ros.signals import prepare
-from bdnn_ros.urdf import Held
 
 MATTERS = 0.02
 """Others' motion counts where it changes what bodies ask of a joint by this share of the spread of its effort."""

@@ -19,11 +19,11 @@ from _naming_tables import NOT_DRAWN
 from bdnn_ros import bags
 from bdnn_ros.diagnosis.building import nominal_effort
 from bdnn_ros.diagnosis.diagnose import Examination, examine
-from bdnn_ros.diagnosis.extended import IN_ROBOT
 from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import BdnnError, DataError
+from bdnn_ros.extension.extended import IN_ROBOT
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.scenario import Scenario

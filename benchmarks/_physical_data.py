@@ -98,11 +98,17 @@ def tests(one: Real, seed: int) -> list[Signals]:
 
 def true_motion(one: Real, seed: int) -> Trajectory:
     """Other motions once more, as they are: without sensors, at 100 Hz."""
-    rng = np.random.default_rng([seed, 3])
+    plans = true_motions(one, seed, 100.0)
     time = np.arange(0.0, TESTED, 0.01)
-    plans = [fourier(one.nominal, time[time < PIECE], rng) for _ in range(round(TESTED / PIECE))]
     parts = (np.concatenate([getattr(p, k) for p in plans]) for k in ("position", "velocity", "acceleration"))
     return Trajectory(time, *parts)
+
+
+def true_motions(one: Real, seed: int, rate: float) -> list[Trajectory]:
+    """The single motions of `true_motion`."""
+    rng = np.random.default_rng([seed, 3])
+    time = np.arange(round(PIECE * rate)) / rate
+    return [fourier(one.nominal, time, rng) for _ in range(round(TESTED / PIECE))]
 
 
 def _noise(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:

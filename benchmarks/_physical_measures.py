@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from _physical_data import PIECE, Real, true_motion
+from _physical_data import PIECE, RATE, Real, true_motion, true_motions
 
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Scores, rollout_error, score, score_model
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import Signals, prepare
 
 HORIZON = 1.0
 """Length of a rollout [s]."""
@@ -67,6 +67,18 @@ def gravity_std(model: PhysicalModel, one: Real) -> float:
 def rollout(model: PhysicalModel, signals: Signals) -> float:
     """Root mean square error of the positions after `HORIZON`, over joints and starts [rad]."""
     return float(np.sqrt(np.mean(rollout_error(model, signals, HORIZON).position ** 2)))
+
+
+def true_rollout(model: PhysicalModel, one: Real, seed: int) -> float:
+    """The same along motions known exactly, from the exact state and driven by the exact effort: the model's own error."""
+    errors = []
+    for plan in true_motions(one, seed, RATE):
+        effort = one.effort(plan.position, plan.velocity, plan.acceleration)
+        recording = Recording(plan.time, one.robot.joints, plan.position, plan.velocity, effort)
+        signals = prepare(recording)
+        known = replace(signals, position=plan.position, velocity=plan.velocity, effort=effort)
+        errors.append(rollout_error(model, known, HORIZON).position)
+    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def first_seconds(recordings: Sequence[Recording], seconds: float) -> list[Recording]:

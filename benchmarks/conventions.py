@@ -24,8 +24,8 @@ import numpy as np
 from _naming_draws import Choices, robot_of, scenario
 from _naming_text import text
 
+from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.physical.conventions import breaches
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare

@@ -40,9 +40,8 @@ RECORDS = HERE / "results" / "naming.jsonl"
 DOCUMENT = HERE.parent / "docs" / "naming.md"
 RECORDED = HERE / "results" / "naming_recordings.json"
 SOURCES = (
-    *("diagnosis", "effects", "simulation", "signals.py", "kernels.py", "recording.py", "robot.py"),
-    *("glitches.py", "repeats.py", "unmeasured.py", "wraps.py"),
-    *("physical/alternatives.py", "physical/conventions.py"),
+    *("diagnosis", "effects", "simulation", "signals", "recording.py", "robot"),
+    *("checks/alternatives.py", "checks/conventions.py", "checks/sampling.py"),
 )
 FIRST_SEED, BUDGET = 10000, 120.0
 HEAD = """# Naming hidden effects: blind draws

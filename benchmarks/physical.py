@@ -30,6 +30,7 @@ from _physical_measures import (
     rollout,
     torque_error,
     true_error,
+    true_rollout,
 )
 from _physical_recordings import from_bag, recorded
 from _physical_solvers import solvers
@@ -68,26 +69,34 @@ def errors(args: argparse.Namespace, effects: str) -> dict[str, Any]:
         for seconds in SECONDS:
             model = Identifier(one.nominal).fit(first_seconds(recordings, seconds))
             row = [torque_error(model, others), *mechanics_errors(model, one), rollout(model, others[0])]
-            row += [true_error(model, one, seed), gravity_std(model, one)]
+            row += [true_error(model, one, seed), gravity_std(model, one), true_rollout(model, one, seed)]
             rows.setdefault(seconds, []).append(row)
         true = exact(model, one)
-        floors.append(
-            [torque_error(true, others), 0.0, 0.0, rollout(true, others[0]), true_error(true, one, seed), 0.0]
-        )
-    print("torque nMSE against the measured effort, and along exact motion against the exact effort")
+        floor = [
+            torque_error(true, others),
+            0.0,
+            0.0,
+            rollout(true, others[0]),
+            true_error(true, one, seed),
+            0.0,
+        ]
+        floors.append([*floor, true_rollout(true, one, seed)])
+    print(
+        "torque nMSE against the measured effort, and along exact motion against the exact effort; rollouts alike"
+    )
     print(
         f"{'motion':>12} {'measured':>12} {'(worst seed)':>13} {'exact':>12} {'M off by':>9} {'g off by':>9} "
         f"{'(its std)':>9} "
-        f"{'1 s rollout':>12}"
+        f"{'1 s rollout':>12} {'exact':>12}"
     )
     for label, found in [*((f"{s:g} s", v) for s, v in rows.items()), ("true bodies", floors)]:
         mean, worst = np.mean(found, axis=0), np.max(found, axis=0)
         print(
             f"{label:>12} {100 * mean[0]:10.4f} % {100 * worst[0]:11.4f} % {100 * mean[4]:10.4f} % "
             f"{100 * mean[1]:7.2f} % "
-            f"{100 * mean[2]:7.2f} % {100 * mean[5]:7.2f} % {mean[3]:8.4f} rad"
+            f"{100 * mean[2]:7.2f} % {100 * mean[5]:7.2f} % {mean[3]:8.4f} rad {mean[6]:8.4f} rad"
         )
-    keys = ("nmse", "mass_matrix", "gravity", "rollout_rad", "nmse_exact", "gravity_std")
+    keys = ("nmse", "mass_matrix", "gravity", "rollout_rad", "nmse_exact", "gravity_std", "rollout_exact_rad")
     return {
         "seconds": {
             f"{s:g}": dict(zip(keys, np.transpose(v).tolist(), strict=True)) for s, v in rows.items()

@@ -13,13 +13,14 @@ import pytest
 PACKAGE = "bdnn_ros"
 ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
-    {"dynamics", "errors", "kernels", "stamps", "unmeasured"},
-    {"recording", "urdf", "urdf_values"},
-    {"glitches", "repeats", "wraps"},
+    {"dynamics", "errors", "stamps"},
+    {"recording"},
     {"robot", "signals"},
-    {"efforts", "left_out", "links", "robot_state", "scores"},
+    {"efforts", "left_out", "scores"},
     {"effects", "bdnn", "physical", "bags"},
-    {"diagnosis", "simulation"},
+    {"checks", "simulation"},
+    {"diagnosis"},
+    {"extension", "excitation"},
     {"online", "report"},
     {"nodes", "cli"},
 ]

@@ -10,8 +10,8 @@ import yaml
 from excitation_cases import finding, place, write_diagnosis
 
 from bdnn_ros.cli.main import main
-from bdnn_ros.diagnosis import excitation
-from bdnn_ros.diagnosis.extended import ExtendedModel
+from bdnn_ros.excitation import choice
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import save_model
 from bdnn_ros.robot import Robot
 
@@ -20,8 +20,8 @@ JOINTS = ("arm2_joint1", "arm2_joint2")
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch) -> None:
-    monkeypatch.setattr(excitation, "DRAWS", 20)
-    monkeypatch.setattr(excitation, "CHANGES", 5)
+    monkeypatch.setattr(choice, "DRAWS", 20)
+    monkeypatch.setattr(choice, "CHANGES", 5)
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.cli.main import main
-from bdnn_ros.diagnosis.effects_file import read_effects
-from bdnn_ros.diagnosis.extended import ExtendedModel
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.extension.effects_file import read_effects
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.extension import extend
 from bdnn_ros.diagnosis.lateness import in_time, lateness
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.extension.extend import extend
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -9,9 +9,10 @@ import pytest
 from diagnosis_cases import coloured, equations_of, term
 
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.posterior import Estimate, estimates
+from bdnn_ros.diagnosis.posterior import Estimate, estimates, excesses
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
@@ -66,6 +67,37 @@ def test_intervals_of_shapes_hold_the_truth():
         z = scores(found, 0, name, truth)
         assert np.mean(np.abs(z) < 1.96) >= 0.75
         assert 0.5 < np.sqrt(np.mean(z**2)) < 1.7
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        f"stribeck_friction@{J1}:coulomb=0.8,static={{}},velocity=0.15",
+        f"asymmetric_friction@{J1}:positive=0.8,negative={{}}",
+        f"drift@{J1}:of=coulomb,start_value=0.8,end_value={{}},start=0,end=12",
+    ],
+)
+def test_what_a_law_says_beyond_a_simpler_one_is_counted_in_its_deviations(spec):
+    """About one of them where it says nothing, by each of some draws of noise, and many where it says a lot."""
+    one, _ = term(spec.format(0.8), Robot.bundled("arm2"))
+    plain, rich = ([excess_of(one, spec.format(other), seed) for seed in range(8)] for other in (0.8, 1.2))
+    assert 0.3 < np.sqrt(np.mean(np.square(plain))) < 2.0
+    assert min(rich) > 6.0
+
+
+def test_a_law_that_settles_into_nothing_simpler_says_all_of_it_by_itself():
+    one, _ = term(f"coulomb_friction@{J1}:coulomb=0.8", Robot.bundled("arm2"))
+    assert excess_of(one, f"coulomb_friction@{J1}:coulomb=0.8", 0) == np.inf
+
+
+def excess_of(one: Term, spec: str, seed: int) -> float:
+    """The excess that a law shows where another acts, in white noise."""
+    equations = equations_of([spec])
+    equations.target = equations.target + 0.02 * np.random.default_rng(seed).standard_normal(
+        equations.target.shape
+    )
+    pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.02)), [one], LINK_ERROR)
+    return excesses(pool, pool.whole)[0]
 
 
 def test_an_unknown_shape_widens_its_coefficients():

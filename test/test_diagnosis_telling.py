@@ -131,6 +131,16 @@ def test_a_law_that_is_not_shown_is_told_as_what_it_settles_into(monkeypatch, sh
         assert [rival.effect.name for rival, _ in told.judgements[1].rivals] == ["viscous_friction"]
 
 
+@pytest.mark.parametrize("beyond, wanted", [(2.9, "coulomb_friction"), (3.1, "hysteresis")])
+def test_a_law_that_says_hardly_more_than_what_it_settles_into_is_told_as_that(monkeypatch, beyond, wanted):
+    """However well it is known itself."""
+    names = ["viscous_friction", "hysteresis"]
+    truth, shape = "coulomb_friction@arm2_joint1:coulomb=0.3", {"breakaway": 0.001}
+    told, refitted = told_plainly(monkeypatch, names, truth, shape, True, beyond)
+    for pool in (told.fitted, refitted):
+        assert [t.effect.name for t in pool.terms] == ["viscous_friction", wanted]
+
+
 def test_a_gap_that_is_not_shown_is_told_as_the_zero_that_fits(monkeypatch):
     told, refitted = told_plainly(
         monkeypatch, ["armature", "backlash"], "position_offset@arm2_joint1:offset=0.2", {"crossing": 0.01}
@@ -160,7 +170,7 @@ def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_
     np.testing.assert_array_equal(equations.usable, counted & ~equations.dwelling)
 
 
-def told_plainly(monkeypatch, names, truth, shape, shown=False):
+def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=np.inf):
     """The attempt and the pool that are told of some laws of the first joint, the second of this shape."""
     equations = equations_of([truth])
     terms = [Term(get(name), 0) for name in names]
@@ -169,11 +179,14 @@ def told_plainly(monkeypatch, names, truth, shape, shown=False):
     plain = Term(get(terms[1].effect.settles_into), 0)
     judgements = [Judgement(0.7, 0.0, ((plain, 0.2), (terms[0], 0.1))) for _ in terms]
     attempt = Attempt(np.zeros(len(equations.rows), bool), judgements, pool, equations.target)
+    law = terms[1].effect.name
     monkeypatch.setattr(
-        diagnose, "estimates", lambda pool, fit: [SimpleNamespace(term=t, shown=shown) for t in pool.terms]
+        diagnose,
+        "estimates",
+        lambda pool, fit: [SimpleNamespace(term=t, shown=shown or t.effect.name != law) for t in pool.terms],
     )
     candidates = Candidates.of(equations.motion.robot)
-    told, refitted, found = diagnose._plain(candidates, equations, attempt, pool)
+    told, refitted, found = diagnose._plain(candidates, equations, attempt, pool, [beyond] * len(terms))
     assert len(found) == len(refitted.terms)
     return told, refitted
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
-from bdnn_ros.diagnosis.extension import extend
+from bdnn_ros.extension.extend import extend
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.scenario import Scenario
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from excitation_cases import finding, place, write_diagnosis
 
-from bdnn_ros.diagnosis import excitation
-from bdnn_ros.diagnosis.excitation import excite
-from bdnn_ros.diagnosis.motions import Bounds, Piece
-from bdnn_ros.diagnosis.rivals import Case, read_case
-from bdnn_ros.diagnosis.separation import LINK_ERROR, STAMP_ERROR, THINNING, Design, left_out, motion_of
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import DataError, UsageError
+from bdnn_ros.excitation import choice
+from bdnn_ros.excitation.choice import excite
+from bdnn_ros.excitation.motions import Bounds, Piece
+from bdnn_ros.excitation.rivals import Case, read_case
+from bdnn_ros.excitation.separation import LINK_ERROR, STAMP_ERROR, THINNING, Design, left_out, motion_of
 from bdnn_ros.robot import Robot
 
 JOINTS = ("arm2_joint1", "arm2_joint2")
@@ -163,8 +163,8 @@ def test_senseless_requests_are_refused(robot: Robot, options: dict) -> None:
 
 
 def test_every_effect_of_the_registry_can_be_asked_for(robot: Robot, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(excitation, "DRAWS", 6)
-    monkeypatch.setattr(excitation, "CHANGES", 2)
+    monkeypatch.setattr(choice, "DRAWS", 6)
+    monkeypatch.setattr(choice, "CHANGES", 2)
     from bdnn_ros.effects.registry import ALL
 
     rivals = []

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.excitation import excite
 from bdnn_ros.diagnosis.result import Diagnosis
-from bdnn_ros.diagnosis.rivals import read_case
+from bdnn_ros.excitation.choice import excite
+from bdnn_ros.excitation.rivals import read_case
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
 from bdnn_ros.simulation.scenario import Scenario

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.motions import Bounds, Trajectory, changed, drawn
-from bdnn_ros.diagnosis.routes import joined
 from bdnn_ros.errors import UsageError
+from bdnn_ros.excitation.motions import Bounds, Trajectory, changed, drawn
+from bdnn_ros.excitation.routes import joined
 from bdnn_ros.robot import Robot
 
 

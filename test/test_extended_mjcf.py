@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.extended import ExtendedModel
-from bdnn_ros.diagnosis.mjcf import extended_mjcf
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.mjcf import extended_mjcf
 from bdnn_ros.robot import Robot
 
 mujoco = pytest.importorskip("mujoco")

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.effects_file import effects_text, read_effects
-from bdnn_ros.diagnosis.extended import ExtendedModel, tilt_of
-from bdnn_ros.diagnosis.urdf import beside_urdf, extended_urdf
-from bdnn_ros.diagnosis.urdf_text import UrdfText
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RobotError, UsageError
+from bdnn_ros.extension.effects_file import effects_text, read_effects
+from bdnn_ros.extension.extended import ExtendedModel, tilt_of
+from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
+from bdnn_ros.extension.urdf_text import UrdfText
 from bdnn_ros.robot import Robot
 
 SPECS = (

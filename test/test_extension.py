@@ -14,11 +14,11 @@ from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.extended import ExtendedModel
-from bdnn_ros.diagnosis.extension import corrected_links, extend, of_physical
 from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.effects.registry import Installed, parse_spec
 from bdnn_ros.errors import ModelFileError, UsageError
+from bdnn_ros.extension.extend import corrected_links, extend, of_physical
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import Model, load_model, save_model
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.couplings import CoupledMotors, Coupling

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.effects_file import read_effects
-from bdnn_ros.diagnosis.extended import ExtendedModel
-from bdnn_ros.diagnosis.files import write_model_files
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.extension.effects_file import read_effects
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation.sensors import Noise

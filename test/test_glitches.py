@@ -12,9 +12,9 @@ from reading_cases import glitched
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.effects.registry import parse_spec
-from bdnn_ros.glitches import without_glitches
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.signals.glitches import without_glitches
 from bdnn_ros.simulation.simulate import simulate
 
 

@@ -10,8 +10,8 @@ import pytest
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.errors import UsageError
-from bdnn_ros.links import described_inertial, link_inertial
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.links import described_inertial, link_inertial
 
 
 def lumped(link: str, keep_mass: bool = True) -> Robot:

@@ -13,11 +13,11 @@ from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.networks import Network
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
-from bdnn_ros.diagnosis.extended import ExtendedModel
-from bdnn_ros.diagnosis.extension import of_physical
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import DataError
+from bdnn_ros.extension.extend import of_physical
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.physical.couplings import CoupledMotors, Coupling
 from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS
 from bdnn_ros.physical.dictionary import Scales as FeatureScales
@@ -27,9 +27,9 @@ from bdnn_ros.robot import Robot
 
 pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
-from bdnn_ros.diagnosis import onnx_export  # noqa: E402
-from bdnn_ros.diagnosis.onnx_export import INPUTS, inverse_dynamics_graph  # noqa: E402
-from bdnn_ros.diagnosis.symbols import Graph  # noqa: E402
+from bdnn_ros.extension import onnx_export  # noqa: E402
+from bdnn_ros.extension.onnx_export import INPUTS, inverse_dynamics_graph  # noqa: E402
+from bdnn_ros.extension.symbols import Graph  # noqa: E402
 
 
 def error(model: Dynamics, count: int = 50) -> float:
@@ -90,8 +90,8 @@ def test_extended_models() -> None:
 
 
 def test_every_pointwise_effect_is_known() -> None:
-    from bdnn_ros.diagnosis.extended import IN_PLANT, WITH_MEMORY
     from bdnn_ros.effects.registry import EFFECTS
+    from bdnn_ros.extension.extended import IN_PLANT, WITH_MEMORY
 
     known = IN_PLANT | WITH_MEMORY | set(onnx_export.RESISTANCE) | {"load_dependent_friction"}
     assert set(EFFECTS) == known

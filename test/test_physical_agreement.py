@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bdnn_ros.checks.data import Remark
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical import parameters_report
 from bdnn_ros.physical.agreement import Agreement, agreement
-from bdnn_ros.physical.check import Remark
 from bdnn_ros.physical.combinations import combinations
 from bdnn_ros.physical.dictionary import FEATURES, Scales
 from bdnn_ros.physical.local import LocalResiduals

@@ -3,8 +3,8 @@
 import numpy as np
 
 from bdnn_ros.recording import Recording
-from bdnn_ros.repeats import without_repeats
 from bdnn_ros.signals import prepare
+from bdnn_ros.signals.repeats import without_repeats
 
 PERIOD = 1.0 / 30.0
 
@@ -48,7 +48,7 @@ def test_a_slow_drivers_clock_is_put_right():
 
 def _prepared(recording):
     """Signals as they are without the repair."""
-    import bdnn_ros.signals as module
+    import bdnn_ros.signals.signals as module
 
     repair, module.without_repeats = module.without_repeats, lambda same: same
     try:

@@ -10,9 +10,9 @@ import pinocchio as pin
 import pytest
 
 from bdnn_ros.errors import RobotError, UsageError
-from bdnn_ros.links import link_inertial
 from bdnn_ros.robot import BUNDLED, PER_LINK, Robot
-from bdnn_ros.robot_state import robot_from_state, robot_state
+from bdnn_ros.robot.links import link_inertial
+from bdnn_ros.robot.state import robot_from_state, robot_state
 
 G = 9.81
 M1, M2, L1, C1, C2, I1, I2 = 3.0, 2.0, 0.8, 0.5, 0.3, 0.2, 0.07

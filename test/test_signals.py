@@ -9,16 +9,9 @@ import pytest
 
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.kernels import passed_noise
 from bdnn_ros.recording import Recording
-from bdnn_ros.signals import (
-    DEFAULT_CUTOFF,
-    Signals,
-    flattened,
-    gaussian_kernel,
-    gaussian_std,
-    prepare,
-)
+from bdnn_ros.signals import DEFAULT_CUTOFF, Signals, flattened, prepare
+from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std, passed_noise
 
 JOINTS = ("a", "b")
 

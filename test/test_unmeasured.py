@@ -10,18 +10,18 @@ import pytest
 from reading_cases import clipped, dropped, glitched, without_effort
 
 from bdnn_ros import bags
+from bdnn_ros.checks import data
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.identifier import Identifier
-from bdnn_ros.physical import check
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.signals.unmeasured import absent, cut_off, held, unmeasured
 from bdnn_ros.simulation.simulate import simulate
-from bdnn_ros.unmeasured import absent, cut_off, held, unmeasured
 
 STRIBECK = "stribeck_friction@arm2_joint1:coulomb=1.0,static=2.0,velocity=0.05"
 LOW = 5.0
@@ -113,7 +113,7 @@ def test_rows_that_saw_a_limit_do_not_count_for_its_joint(arm, plain):
 def test_every_kind_is_remarked_on(arm, plain):
     def about(recording):
         return [
-            (one.about, one.problem) for one in (*check.unread(recording), *check.saturated(recording, arm))
+            (one.about, one.problem) for one in (*data.unread(recording), *data.saturated(recording, arm))
         ]
 
     effort = plain.require_effort()

@@ -8,7 +8,7 @@ import pytest
 
 from bdnn_ros.errors import RobotError
 from bdnn_ros.robot import BUNDLED, Robot
-from bdnn_ros.urdf_values import refuse_impossible
+from bdnn_ros.robot.urdf_values import refuse_impossible
 
 MASS, INERTIA = '<mass value="2"/>', '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
 AXIS, LIMIT = '<axis xyz="0 1 0"/>', '<limit lower="-3" upper="3" effort="9" velocity="5"/>'

@@ -12,8 +12,8 @@ from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.signals.wraps import without_wraps
 from bdnn_ros.simulation.simulate import simulate
-from bdnn_ros.wraps import without_wraps
 
 
 def turning() -> Recording:

@@ -12,7 +12,7 @@ from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot_state import robot_from_state, robot_state
+from bdnn_ros.robot.state import robot_from_state, robot_state
 
 Build = Callable[[str, dict[str, np.ndarray], dict[str, Any]], Dynamics]
 """Makes a prior of another kind from its kind, arrays and info."""

@@ -11,16 +11,16 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from bdnn_ros.checks.data import check_data
 from bdnn_ros.cli import options, outputs
 from bdnn_ros.diagnosis.diagnose import Examination, examine
-from bdnn_ros.diagnosis.extension import extend
-from bdnn_ros.diagnosis.files import write_extension
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
 from bdnn_ros.diagnosis.search import Progress
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
+from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.files import write_extension
 from bdnn_ros.online.models import load_model, save_model
-from bdnn_ros.physical.check import check_data
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
 from bdnn_ros.robot import Robot

@@ -12,10 +12,10 @@ import numpy as np
 from tqdm import tqdm
 
 from bdnn_ros.cli import options, outputs
-from bdnn_ros.diagnosis.excitation import DECISIVE, Excitation, Progress, excite
-from bdnn_ros.diagnosis.motions import Bounds, Trajectory
-from bdnn_ros.diagnosis.rivals import Case, joints_of, read_case
 from bdnn_ros.errors import UsageError
+from bdnn_ros.excitation.choice import DECISIVE, Excitation, Progress, excite
+from bdnn_ros.excitation.motions import Bounds, Trajectory
+from bdnn_ros.excitation.rivals import Case, joints_of, read_case
 from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import BUNDLED, Robot
 

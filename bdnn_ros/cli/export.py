@@ -13,12 +13,12 @@ import yaml
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.cli import options
-from bdnn_ros.diagnosis.effects_file import entry
-from bdnn_ros.diagnosis.extended import ExtendedModel
-from bdnn_ros.diagnosis.extension import of_physical
-from bdnn_ros.diagnosis.files import write_bytes, write_model_files
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError, UsageError, listed
+from bdnn_ros.extension.effects_file import entry
+from bdnn_ros.extension.extend import of_physical
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.files import write_bytes, write_model_files
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
@@ -98,7 +98,7 @@ def _beyond(model: PhysicalModel) -> str:
 
 def _write_graph(model: Model, path: Path) -> list[Path]:
     try:
-        from bdnn_ros.diagnosis.onnx_export import inverse_dynamics_graph
+        from bdnn_ros.extension.onnx_export import inverse_dynamics_graph
     except ImportError:
         options.say("ONNX is not written: the package onnx is missing (pip install 'bdnn_ros[export]').")
         return []
@@ -114,7 +114,7 @@ def _write_graph(model: Model, path: Path) -> list[Path]:
 
 
 def _with_memory(model: Model) -> list[str]:
-    from bdnn_ros.diagnosis.extended import WITH_MEMORY
+    from bdnn_ros.extension.extended import WITH_MEMORY
 
     effects = model.effects if isinstance(model, ExtendedModel) else ()
     return list(dict.fromkeys(e.effect.name for e in effects if e.effect.name in WITH_MEMORY))

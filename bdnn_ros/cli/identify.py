@@ -182,12 +182,13 @@ def _report_parameters(
     spread: Spread | None,
 ) -> None:
     """Write what was identified and how sure it is; tell what the data leaves open."""
+    from bdnn_ros.checks import data
     from bdnn_ros.online.identifier import Identifier
-    from bdnn_ros.physical import agreement, check, parameters_report
+    from bdnn_ros.physical import agreement, parameters_report
     from bdnn_ros.physical.model import PhysicalModel
 
     assert isinstance(model, PhysicalModel)
-    remarks = check.check(training, robot, model, cutoff, spread)
+    remarks = data.check(training, robot, model, cutoff, spread)
     agreements = []
     if len(training) > 1:
         each = [Identifier(robot, cutoff, spread).fit([recording]) for recording in training]

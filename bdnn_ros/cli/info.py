@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros import bags
+from bdnn_ros.checks.conventions import breaches
+from bdnn_ros.checks.data import unread
+from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import options
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.physical.check import unread
-from bdnn_ros.physical.conventions import breaches
-from bdnn_ros.physical.description import doubts
 from bdnn_ros.recording import Recording, moving
+from bdnn_ros.robot.urdf import Limits
 from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, prepare
-from bdnn_ros.unmeasured import AT_LIMIT, at_limit
-from bdnn_ros.urdf import Limits
+from bdnn_ros.signals.unmeasured import AT_LIMIT, at_limit
 
 HELP = "say what a bag holds and whether it is fit for identification"
 CLIPPED = 0.01

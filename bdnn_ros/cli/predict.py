@@ -16,7 +16,6 @@ from scipy.interpolate import PchipInterpolator
 from bdnn_ros.bags import Progress
 from bdnn_ros.cli import options, outputs
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.kernels import KERNEL_WIDTHS, gaussian_std
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import (
@@ -25,6 +24,7 @@ from bdnn_ros.signals import (
     prepare,
     suitable_cutoff,
 )
+from bdnn_ros.signals.kernels import KERNEL_WIDTHS, gaussian_std
 
 HELP = "predict the effort along a recording, as CSV"
 ROWS_AT_ONCE = 4096

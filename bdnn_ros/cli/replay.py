@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import options, outputs
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
-from bdnn_ros.physical.description import doubts
 from bdnn_ros.recording import Recording
 
 HELP = "run the online identifier over a bag and show its error against time"

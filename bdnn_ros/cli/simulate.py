@@ -8,11 +8,11 @@ from pathlib import Path
 import yaml
 
 from bdnn_ros import bags
+from bdnn_ros.checks.description import require_mass
 from bdnn_ros.cli import options, outputs
-from bdnn_ros.diagnosis.effects_file import read_effects
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import UsageError
-from bdnn_ros.physical.description import require_mass
+from bdnn_ros.extension.effects_file import read_effects
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.trajectory_file import read_trajectory

@@ -20,6 +20,8 @@ CONSISTENT = 0.1
 """Columns are exact enough where the shape they were made with is found again within this share."""
 ANGLES = {"base_tilt", "position_offset"}
 """One angle, where a joint turns about the axis that the base tilts about."""
+LIKE_WEIGHT = {*ANGLES, "effort_scale"}
+"""What does the same to a joint that moves alone as a body that it carries, without being one."""
 COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
 """What almost every drive has; they stand in for the unknown cause while the noise is first estimated."""
 
@@ -36,11 +38,11 @@ class Candidates:
         """All effects of the registry that act on the effort, at all joints and moving links of a robot.
 
         Args:
-            bodies: with those that change what bodies weigh or where gravity points.
+            bodies: with those that change what bodies seem to weigh or where gravity points.
         """
         terms: list[Term] = []
         for effect in ALL:
-            of_weight = effect.on_body or effect.name in ANGLES
+            of_weight = effect.on_body or effect.name in LIKE_WEIGHT
             if effect.kinematic or (of_weight and not bodies):
                 continue
             for target, link in effect.places(robot):

@@ -8,6 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
+from bdnn_ros.checks.conventions import breaches, unlike
+from bdnn_ros.checks.description import require_mass
 from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, best_attempt
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
@@ -24,8 +26,6 @@ from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import ConventionError, RecordingError
-from bdnn_ros.physical.conventions import breaches, unlike
-from bdnn_ros.physical.description import require_mass
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals, flattened, prepare

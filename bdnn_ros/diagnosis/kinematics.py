@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import lfilter
 
+from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.result import Finding, Quantity
-from bdnn_ros.physical.sampling import brisk
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import Signals, prepare
 

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.physical.alternatives import explained
-from bdnn_ros.physical.sampling import some, telling
+from bdnn_ros.checks.alternatives import explained
+from bdnn_ros.checks.sampling import some, telling
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals

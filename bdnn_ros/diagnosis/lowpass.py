@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.kernels import gaussian_std, passed_noise
 from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import usual_cutoff
+from bdnn_ros.signals.kernels import gaussian_std, passed_noise
 
 CUTOFFS = (7.0, 6.0, 5.0, 4.2, 3.5, 3.0)
 """Low-passes tried [Hz], widest first."""

@@ -27,8 +27,8 @@ USUAL_LINK_ERROR = 0.1
 """Spread of the links' relative errors that any description may have."""
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
 ALONE = (
-    "Only {joint} moves: what it carries, wrong links and wrong angles do the same to it, so none of them is named. "
-    "Move several joints at once."
+    "Only {joint} moves: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
+    "of them is named. Move several joints at once."
 )
 UNLIKELY = 0.5
 """And with this one it is no more than as likely as nothing."""
@@ -59,7 +59,9 @@ def told(
     floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
-    verdict = _verdict(findings, doubtful or far_off, after, floor, equations.effort_scale)
+    near = _near(after, floor, equations.effort_scale)
+    of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale)
+    verdict = _verdict(findings, doubtful or far_off or of_weight, near)
     return Diagnosis(
         source=_source(recordings, equations),
         verdict=verdict,
@@ -156,18 +158,17 @@ def _name(robot: Robot, term: Term) -> str:
     return joint or link or ("the base" if term.effect.on == "base" else "every joint")
 
 
-def _verdict(
-    findings: Sequence[Finding],
-    doubtful: bool,
-    after: np.ndarray,
-    floor: np.ndarray,
-    scale: np.ndarray,
-) -> Verdict:
-    """Explained means: every joint's error is near its floor, or too small a share of its effort to matter.
+def _near(error: np.ndarray, floor: np.ndarray, scale: np.ndarray) -> bool:
+    """Whether every joint's error is near its floor, or too small a share of its effort to matter, (n,) each [N·m]."""
+    return bool(((error <= EXPLAINED * floor) | (error <= 0.02 * scale)).all())
 
-    Where something large is more likely there than not, but not surely, nobody can say that nothing is wrong.
+
+def _verdict(findings: Sequence[Finding], doubtful: bool, near: bool) -> Verdict:
+    """Where something large is likely without being sure, nobody can say that nothing is wrong.
+
+    Args:
+        near: whether the extended model's error is no more than the noise.
     """
-    near = bool(((after <= EXPLAINED * floor) | (after <= 0.02 * scale)).all())
     if findings:
         return "explained" if near else "partly_explained"
     return "nothing_wrong" if near and not doubtful else "cannot_tell"

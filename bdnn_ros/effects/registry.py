@@ -15,8 +15,8 @@ from bdnn_ros.effects import actuation, backlash, environment, friction, rigid, 
 from bdnn_ros.effects.base import Effect, Parameter, Where
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError, listed
-from bdnn_ros.links import link_inertial
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.links import link_inertial
 
 ALL: tuple[Effect, ...] = (
     friction.CoulombFriction(),

@@ -15,8 +15,8 @@ from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
-from bdnn_ros.links import described_inertial, link_inertial
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.links import described_inertial, link_inertial
 
 AXES = ("x", "y", "z")
 SHAPE = ("com_x", "com_y", "com_z")

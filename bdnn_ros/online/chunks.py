@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.kernels import KERNEL_WIDTHS, gaussian_std
 from bdnn_ros.recording import Recording
-from bdnn_ros.repeats import without_repeats
 from bdnn_ros.signals import Signals, prepare, suitable_cutoff
+from bdnn_ros.signals.kernels import KERNEL_WIDTHS, gaussian_std
+from bdnn_ros.signals.repeats import without_repeats
 
 CHUNK_SECONDS = 1.0
 CHUNK_SAMPLES = 40

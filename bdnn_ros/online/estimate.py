@@ -8,11 +8,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bdnn_ros.dynamics import Dynamics
-from bdnn_ros.kernels import gaussian_kernel, gaussian_std
 from bdnn_ros.online.feed import Samples
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.signals import CUTOFF_PER_RATE, DEFAULT_CUTOFF, SAMPLES_PER_CUTOFF
+from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std
 
 EVEN = 1e-3
 """Steps that differ by less than this share of the period count as even."""

@@ -30,7 +30,7 @@ KINDS = {
     "physical": "bdnn_ros.physical.model:PhysicalModel",
     "bdnn": "bdnn_ros.bdnn.dynamics:BDNN",
     "bdnn_on_prior": "bdnn_ros.bdnn.on_prior:BDNNOnPrior",
-    "extended": "bdnn_ros.diagnosis.extended:ExtendedModel",
+    "extended": "bdnn_ros.extension.extended:ExtendedModel",
 }
 """Where the class of each kind of model is, imported when one is met."""
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from bdnn_ros.kernels import gaussian_kernel
 from bdnn_ros.physical.dictionary import Scales, curve, features
 from bdnn_ros.physical.presliding import COUPLING_SIGNS, USUAL, Directions, coupled
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
+from bdnn_ros.signals.kernels import gaussian_kernel
 
 
 def smooth_columns(robot: Robot, signals: Signals) -> np.ndarray:

@@ -14,7 +14,7 @@ from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.parameters import Parameters, parameter_names
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot_state import robot_from_state, robot_state
+from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
 LOAD_ITERATIONS = 50

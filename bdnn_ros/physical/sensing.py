@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.kernels import passed_noise
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
+from bdnn_ros.signals.kernels import passed_noise
 
 POSES = 6
 """Positions of a chunk at which the bodies' columns are asked what noise on the acceleration does to them."""

@@ -11,7 +11,7 @@ import pinocchio as pin
 from bdnn_ros.errors import RobotError, UsageError, listed
 from bdnn_ros.physical.remark import Remark
 from bdnn_ros.robot import Robot
-from bdnn_ros.urdf import inertia_of, link_inertia
+from bdnn_ros.robot.urdf import inertia_of, link_inertia
 
 ROUNDING = 1.05
 """Rounded moments of inertia may exceed the sum of the other two by this factor."""

@@ -14,12 +14,12 @@ import onnx
 from onnx.reference import ReferenceEvaluator
 
 from bdnn_ros.bdnn.dynamics import BDNN
-from bdnn_ros.diagnosis.extended import IN_PLANT, WITH_MEMORY, ExtendedModel
-from bdnn_ros.diagnosis.onnx_bodies import Array, effort_beyond, physical_effort, rigid_effort, robot_effort
-from bdnn_ros.diagnosis.onnx_networks import bdnn_effort
-from bdnn_ros.diagnosis.symbols import Graph
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError
+from bdnn_ros.extension.extended import IN_PLANT, WITH_MEMORY, ExtendedModel
+from bdnn_ros.extension.onnx_bodies import Array, effort_beyond, physical_effort, rigid_effort, robot_effort
+from bdnn_ros.extension.onnx_networks import bdnn_effort
+from bdnn_ros.extension.symbols import Graph
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bdnn_ros.physical.alternatives import misread
+from bdnn_ros.checks.alternatives import misread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare

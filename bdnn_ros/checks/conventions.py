@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bdnn_ros.checks.alternatives import misread, weightless
+from bdnn_ros.checks.sampling import loud, some, telling
 from bdnn_ros.errors import listed
-from bdnn_ros.physical.alternatives import misread, weightless
 from bdnn_ros.physical.remark import Remark
-from bdnn_ros.physical.sampling import loud, some, telling
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 

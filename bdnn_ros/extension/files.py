@@ -7,11 +7,11 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bdnn_ros.diagnosis.effects_file import effects_text
-from bdnn_ros.diagnosis.extended import ExtendedModel
-from bdnn_ros.diagnosis.extension import extend
-from bdnn_ros.diagnosis.mjcf import beside_mjcf, extended_mjcf
-from bdnn_ros.diagnosis.urdf import beside_urdf, extended_urdf
+from bdnn_ros.extension.effects_file import effects_text
+from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.mjcf import beside_mjcf, extended_mjcf
+from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.physical.conventions import breaches, unlike
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare

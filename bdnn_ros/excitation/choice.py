@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.motions import Bounds, Piece, Trajectory, changed, drawn
-from bdnn_ros.diagnosis.rivals import Case, Suspect
-from bdnn_ros.diagnosis.routes import joined, way
-from bdnn_ros.diagnosis.separation import Design, left_out
 from bdnn_ros.errors import DataError, UsageError
+from bdnn_ros.excitation.motions import Bounds, Piece, Trajectory, changed, drawn
+from bdnn_ros.excitation.rivals import Case, Suspect
+from bdnn_ros.excitation.routes import joined, way
+from bdnn_ros.excitation.separation import Design, left_out
 from bdnn_ros.robot import Robot
 
 DRAWS = 160

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.motions import ATTEMPTS, Bounds, Piece, Trajectory, smooth_step, step_curvature
+from bdnn_ros.excitation.motions import ATTEMPTS, Bounds, Piece, Trajectory, smooth_step, step_curvature
 from bdnn_ros.robot import Robot
 
 

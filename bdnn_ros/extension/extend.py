@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bdnn_ros.diagnosis.equations import BLURS
-from bdnn_ros.diagnosis.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of, tilt_of
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import UsageError
+from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of, tilt_of
 from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import PER_LINK, Robot

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.errors import UsageError, listed
-from bdnn_ros.urdf import (
+from bdnn_ros.robot.urdf import (
     NONE_HELD,
     Held,
     Limits,
@@ -23,7 +23,7 @@ from bdnn_ros.urdf import (
     model_of,
     text_of,
 )
-from bdnn_ros.urdf_values import refuse_impossible
+from bdnn_ros.robot.urdf_values import refuse_impossible
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 BUNDLED = ("arm2", "arm6", "arm7")

@@ -6,19 +6,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from bdnn_ros.checks.conventions import breaches
+from bdnn_ros.checks.description import doubts
+from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.combinations import WORDS, Combination, combinations
-from bdnn_ros.physical.conventions import breaches
-from bdnn_ros.physical.description import doubts
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
 from bdnn_ros.physical.remark import Remark
-from bdnn_ros.physical.sampling import brisk
 from bdnn_ros.physical.structure import LEAD
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
-from bdnn_ros.unmeasured import absent, at_limit, held
+from bdnn_ros.signals.unmeasured import absent, at_limit, held
 
 UNKNOWN = 0.5
 """A parameter whose standard deviation is still this share of what it was before is hardly known."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bdnn_ros.kernels import passed_noise
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
+from bdnn_ros.signals.kernels import passed_noise
 
 CLEAR = 5.0
 """What is looked at stands out from noise so many times."""

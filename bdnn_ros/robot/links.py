@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
-from bdnn_ros.urdf import link_inertia
+from bdnn_ros.robot.urdf import link_inertia
 
 
 def described_inertial(robot: Robot, link: str) -> tuple[int, np.ndarray]:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import pytest
 
+from bdnn_ros.checks.description import doubts, require_mass
 from bdnn_ros.errors import RobotError
-from bdnn_ros.physical.description import doubts, require_mass
 from bdnn_ros.robot import BUNDLED, Robot
 
 IDENTITY = {"ixx": "1", "iyy": "1", "izz": "1", "ixy": "0", "ixz": "0", "iyz": "0"}

@@ -8,8 +8,8 @@ from bdnn_ros.bdnn.cores import NetworkCore, PriorCore, angles
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.networks import SPD_FLOOR, Network, lower_indices
-from bdnn_ros.diagnosis.onnx_bodies import Array, inertial_effort, physical_effort, rigid_effort
 from bdnn_ros.errors import DataError
+from bdnn_ros.extension.onnx_bodies import Array, inertial_effort, physical_effort, rigid_effort
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 

@@ -11,14 +11,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bdnn_ros.diagnosis.building import nominal_effort
-from bdnn_ros.diagnosis.effects_file import entry, from_entry
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import BdnnError, ModelFileError
+from bdnn_ros.extension.effects_file import entry, from_entry
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot_state import robot_from_state, robot_state
+from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
 IN_BODIES = frozenset({"payload", "link_inertia", "base_tilt"})

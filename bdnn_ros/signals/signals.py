@@ -16,12 +16,12 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.glitches import without_glitches
-from bdnn_ros.kernels import convolved_at, even_grid, gaussian_kernel, gaussian_std, passed_noise
 from bdnn_ros.recording import Recording, position_noise, white_noise
-from bdnn_ros.repeats import without_repeats
-from bdnn_ros.unmeasured import unmeasured
-from bdnn_ros.wraps import without_wraps
+from bdnn_ros.signals.glitches import without_glitches
+from bdnn_ros.signals.kernels import convolved_at, even_grid, gaussian_kernel, gaussian_std, passed_noise
+from bdnn_ros.signals.repeats import without_repeats
+from bdnn_ros.signals.unmeasured import unmeasured
+from bdnn_ros.signals.wraps import without_wraps
 
 DEFAULT_CUTOFF = 10.0
 """-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""

@@ -13,9 +13,9 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import nnls
 
+from bdnn_ros.checks.sampling import loud, some, telling
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.remark import Remark
-from bdnn_ros.physical.sampling import loud, some, telling
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 

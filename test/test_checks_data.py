@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from bdnn_ros.checks import data
 from bdnn_ros.online.identifier import Identifier
-from bdnn_ros.physical import check
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
+from bdnn_ros.signals.unmeasured import AT_LIMIT
 from bdnn_ros.simulation.excitation import fourier
-from bdnn_ros.unmeasured import AT_LIMIT
 
 RATE = 200.0
 
@@ -37,7 +37,7 @@ def good(robot, duration=20.0):
 
 
 def remarks(robot, recording):
-    return check.check([recording], robot, Identifier(robot).fit([recording]))
+    return data.check([recording], robot, Identifier(robot).fit([recording]))
 
 
 @pytest.fixture(scope="module")
@@ -72,16 +72,16 @@ def test_every_remark_says_what_to_do(robot, recording):
 def test_degrees_are_beyond_the_limits(robot, recording):
     position = recording.position.copy()
     position[:, 2] = np.degrees(position[:, 2])
-    (found,) = check.beyond(replace(recording, position=position), robot)
+    (found,) = data.beyond(replace(recording, position=position), robot)
     assert found.about == robot.joints[2] and "radians" in found.remedy
     assert f"{position[:, 2].max():.3g}, its limits are" in found.problem
-    assert list(check.beyond(recording, robot)) == []
+    assert list(data.beyond(recording, robot)) == []
 
 
 def test_data_is_checked_without_a_model_as_with_one(robot, recording):
-    assert check.check_data([recording], robot) == []
+    assert data.check_data([recording], robot) == []
     odd = replace(recording, position=recording.position * [1, 1, 100, 1, 1, 0], velocity=None)
-    found = check.check_data([odd], robot)
+    found = data.check_data([odd], robot)
     assert [one.about for one in found] == ["", robot.joints[2]]
     assert "hard to tell apart" in found[0].problem and "limits" in found[1].problem
 
@@ -90,8 +90,8 @@ def test_a_doubtful_description_is_told_before_all_else(robot, recording, model)
     flat = robot.urdf.replace('iyy="0.07879254"', 'iyy="0.7879254"')
     doubtful = Robot.from_urdf(flat)
     for found in (
-        check.check_data([recording], doubtful),
-        check.check([recording], doubtful, model),
+        data.check_data([recording], doubtful),
+        data.check([recording], doubtful, model),
     ):
         assert found[0].about == "arm6_link3" and "No body can have" in found[0].problem
 
@@ -123,7 +123,7 @@ def test_joints_that_move_alike_cannot_be_told_apart(robot):
     time = np.arange(0.0, 20.0, 1.0 / RATE)
     angle, rate = np.tile(2.0 * np.pi * 0.3 * time[:, None], 6), 2.0 * np.pi * 0.3
     alike = along(robot, time, np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle))
-    assert check.condition(robot, [prepare(alike)]) > check.ILL_CONDITIONED
+    assert data.condition(robot, [prepare(alike)]) > data.ILL_CONDITIONED
     assert any("hard to tell apart" in one.problem for one in remarks(robot, alike))
 
 
@@ -132,9 +132,9 @@ def test_the_condition_is_that_of_independent_columns():
     robot = Robot.bundled("arm2")
     recording = good(robot)
     signals = prepare(recording)
-    value = check.condition(robot, [signals])
+    value = data.condition(robot, [signals])
     assert 1.0 <= value < 100.0
-    assert check.condition(robot, [signals, signals]) == pytest.approx(value, rel=0.2)
+    assert data.condition(robot, [signals, signals]) == pytest.approx(value, rel=0.2)
 
 
 @pytest.mark.parametrize(("delay", "words"), [(0.012, "ms behind"), (-0.012, "ms ahead of")])
@@ -150,9 +150,9 @@ def test_a_cut_effort_is_remarked_on_but_not_one_beyond_the_limit(robot, recordi
     limit = robot.limits.effort[1]
     grown = recording.effort.copy()
     grown[:, 1] *= 2.0 * limit / np.abs(grown[:, 1]).max()
-    assert list(check.saturated(replace(recording, effort=grown), robot)) == []
+    assert list(data.saturated(replace(recording, effort=grown), robot)) == []
     cut = np.clip(grown, -robot.limits.effort, robot.limits.effort)
-    found = list(check.saturated(replace(recording, effort=cut), robot))
+    found = list(data.saturated(replace(recording, effort=cut), robot))
     assert [one.about for one in found] == [robot.joints[1]]
     share = 100.0 * np.mean(np.abs(grown[:, 1]) >= AT_LIMIT * limit)
     assert f"{share:.0f} % of the time" in found[0].problem
@@ -162,7 +162,7 @@ def test_velocity_in_degrees_is_found(recording):
     wrong = recording.velocity.copy()
     wrong[:, 2] = np.degrees(wrong[:, 2])
     odd = replace(recording, velocity=wrong)
-    found = list(check.odd_velocity(odd, prepare(odd)))
+    found = list(data.odd_velocity(odd, prepare(odd)))
     assert [one.about for one in found] == [recording.joints[2]]
     assert "57.3" in found[0].problem
     assert "unit" in found[0].remedy
@@ -173,7 +173,7 @@ def test_a_velocity_behind_a_low_pass_is_found(recording):
     wrong = recording.velocity.copy()
     wrong[:, 4] = lfilter([1.0 - keep], [1.0, -keep], wrong[:, 4])
     odd = replace(recording, velocity=wrong)
-    found = list(check.odd_velocity(odd, prepare(odd)))
+    found = list(data.odd_velocity(odd, prepare(odd)))
     assert [one.about for one in found] == [recording.joints[4]]
     assert float(found[0].problem.split("low-pass of ")[1].split()[0]) == pytest.approx(8.0, abs=1.5)
 
@@ -181,22 +181,22 @@ def test_a_velocity_behind_a_low_pass_is_found(recording):
 def test_a_good_or_missing_velocity_is_not_odd(recording):
     noise = 1e-3 * np.random.default_rng(0).normal(size=recording.velocity.shape)
     noisy = replace(recording, velocity=recording.velocity + noise)
-    assert list(check.odd_velocity(noisy, prepare(noisy))) == []
+    assert list(data.odd_velocity(noisy, prepare(noisy))) == []
     silent = replace(recording, velocity=None)
-    assert list(check.odd_velocity(silent, prepare(silent))) == []
+    assert list(data.odd_velocity(silent, prepare(silent))) == []
 
 
 def test_a_delay_of_half_a_period_is_a_held_command(model, recording):
     held = replace(model, lead=0.5 / RATE)
-    assert list(check.delayed(held, [recording])) == []
-    assert len(list(check.delayed(replace(model, lead=1.0 / RATE), [recording]))) == 1
+    assert list(data.delayed(held, [recording])) == []
+    assert len(list(data.delayed(replace(model, lead=1.0 / RATE), [recording]))) == 1
 
 
 def test_an_uncertain_delay_is_not_told(model, recording):
     apart = replace(model, lead=0.02)
-    assert len(list(check.delayed(apart, [recording]))) == 1
-    assert list(check.delayed(replace(apart, lead_std=0.008), [recording])) == []
-    assert list(check.delayed(replace(apart, lead_std=0.002), [recording])) == []
+    assert len(list(data.delayed(apart, [recording]))) == 1
+    assert list(data.delayed(replace(apart, lead_std=0.008), [recording])) == []
+    assert list(data.delayed(replace(apart, lead_std=0.002), [recording])) == []
 
 
 def test_a_motion_that_tells_nothing_apart_tells_no_delay(model, recording):
@@ -205,5 +205,5 @@ def test_a_motion_that_tells_nothing_apart_tells_no_delay(model, recording):
     poor[:, 1:] = poor[:1, 1:]
     alone = replace(recording, position=poor, velocity=None)
     for one, told in ((recording, True), (alone, False)):
-        remarks = [str(remark) for remark in check.check([one], model.robot, apart)]
+        remarks = [str(remark) for remark in data.check([one], model.robot, apart)]
         assert any("ahead of the motion" in remark for remark in remarks) is told

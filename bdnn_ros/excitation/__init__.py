@@ -1,0 +1,1 @@
+"""The next motion: the one that tells apart what a diagnosis could not."""
