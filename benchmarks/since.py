@@ -26,6 +26,7 @@ from _naming_records import BRIEF, in_brief
 from _naming_tables import NOT_DRAWN, counted
 from _naming_text import text
 from naming import rounded
+from tqdm import tqdm
 
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.errors import BdnnError
@@ -99,7 +100,8 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=RESULTS, help="default: %(default)s")
     args = parser.parse_args()
     with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
-        records = [rounded(r) for r in pool.imap(done, range(args.seed0, args.seed0 + args.draws))]
+        seeds = range(args.seed0, args.seed0 + args.draws)
+        records = [rounded(r) for r in tqdm(pool.imap(done, seeds), total=args.draws, desc="robots")]
     args.results.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
     print(text(table(records)))
 

@@ -17,7 +17,7 @@ ROWS_PER_CUTOFF = 2.5
 BLOCK_SECONDS, MOST_BLOCKS = 2.0, 40
 """Held-out blocks are about this long; longer in a recording that would have more of them."""
 IDENTIFIED = 0.01
-"""One standard deviation of identified links, where errors of a description's links are relative."""
+"""One standard deviation of what was identified, where errors of a description's links are relative."""
 THIN = 0.3
 """No link is described better across than this share of its length would tell."""
 TURNING_WIDTHS = 2.0
@@ -41,7 +41,8 @@ def build(
         robot: what the simulation believes.
         simulated: the effort the simulation predicts, (N, n) [N·m]; None takes the robot's rigid bodies, armature and
             friction.
-        covariance: of the links' inertial parameters where they were identified, (n * PER_LINK, n * PER_LINK).
+        covariance: of the links' inertial parameters and of `OF_JOINTS` where they were identified, (P, P), in the order of
+            `physical.parameters.parameter_names`.
 
     Raises:
         RecordingError: no joint moves, or no effort.
@@ -67,8 +68,11 @@ def build(
         simulated = _rigid_effort(robot, signals) + drive
     motion = Motion(signals, robot, simulated, drive)
     target = signals.smooth(signals.effort - simulated)[rows]
-    relative = relative_inertials(robot) if covariance is None else identified_inertials(covariance)
-    masses = (np.arange(len(relative)) % PER_LINK == 0) & (covariance is None)
+    relative, jointwise = relative_inertials(robot), None
+    if covariance is not None:
+        relative, jointwise = np.split(identified(covariance), [robot.width * PER_LINK])
+        jointwise[-robot.width :] *= -1.0  # identified offsets add to the measured effort, the contract's to what acts
+    masses = (np.arange(relative.shape[1]) % PER_LINK == 0) & (covariance is None)
     usable = (signals.seen & ~(resting | sticks(signals, STICKING_WIDTHS)))[rows]
     if not usable.any():
         raise RecordingError(
@@ -96,11 +100,12 @@ def build(
         relative,
         masses,
         scale,
+        jointwise=jointwise,
     )
 
 
-def identified_inertials(covariance: np.ndarray) -> np.ndarray:
-    """Map from independent errors of identified links to their inertial parameters, (n * PER_LINK, n * PER_LINK).
+def identified(covariance: np.ndarray) -> np.ndarray:
+    """Map from independent errors to those of all parameters that were identified, (P, P).
 
     One hundredth of a unit is one standard deviation of what was identified, so that a spread of 0.02 doubts it twofold.
     """

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from bdnn_ros.diagnosis.equations import BLURS, Equations, Term
+from bdnn_ros.diagnosis.equations import Equations, Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.pushes import best_push, between_rows, piece_of
 from bdnn_ros.effects.plant import Plant
@@ -97,7 +97,7 @@ class Candidates:
         motion = equations.motion
         links = equations.rigid.shape[2]
         # what sticks turns round late: part of the load, so that a delay puts it ahead like all else
-        late = motion.derivative(motion.signals.sign) * fit.coefficients[links + BLURS.stop : pool.base]
+        late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.sticking]
         base = equations.simulated + motion.regressor @ (equations.relative @ fit.coefficients[:links]) + late
         drive = equations.drive + late
         for chosen in fit.terms:

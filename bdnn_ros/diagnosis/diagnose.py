@@ -27,7 +27,7 @@ from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.recording import Recording
-from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, flattened, prepare
 
 
@@ -114,8 +114,7 @@ def examine(
         recordings = in_time(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     known = getattr(model, "covariance", None)
-    links = slice(robot.width * PER_LINK)
-    equations = build(signals, robot, predicted, None if known is None else known[links, links])
+    equations = build(signals, robot, predicted, known)
     equations.lead = float(getattr(model, "lead", 0.0))
     if equations.blocks < EVERY_TEST_BLOCK:
         raise _too_short(recordings)

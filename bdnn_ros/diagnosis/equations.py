@@ -30,6 +30,8 @@ HARDLY_SEEN = 1e-4
 """What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
 HARDLY_USABLE = 0.05
 """A joint hardly moves where a smaller share of its rows counts."""
+OF_JOINTS = ("armature", "viscous_friction", "coulomb_friction", "effort_offset")
+"""What an identified model knows of each joint, in the order of `physical.parameters.JOINT_NAMES`."""
 BLURS = slice(1, 3)
 """Which nuisances blur; before them comes a lead, after them each joint's sticking."""
 
@@ -75,10 +77,12 @@ class Equations:
         dwelling: rows in which it creeps for so long that its dry friction passes for less than it is, (R, n) bool.
         block: held-out block of each row, (R,) int, starting at 0.
         runs: rows of each gap-free piece.
-        relative: from relative errors of the links to inertial parameters, (n * PER_LINK, n * PER_LINK).
-        masses: which of them are of a described link's mass, (n * PER_LINK,) bool.
+        relative: from U relative errors of the links to inertial parameters, (n * PER_LINK, U).
+        masses: which of them are of a described link's mass, (U,) bool.
         effort_scale: spread of each joint's effort, (n,) [N·m].
         lead: how far the recorded effort is known to be ahead of the motion [s].
+        jointwise: where an identified model takes the simulation's place, from the same errors to those of `OF_JOINTS` at
+            every joint, kind by kind, (len(OF_JOINTS) * n, U); else None.
     """
 
     motion: Motion
@@ -95,6 +99,7 @@ class Equations:
     masses: np.ndarray
     effort_scale: np.ndarray
     lead: float = 0.0
+    jointwise: np.ndarray | None = None
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
     _pasts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
@@ -159,8 +164,15 @@ class Equations:
 
     @cached_property
     def rigid(self) -> np.ndarray:
-        """Columns of the links' relative errors, (R, n, n * PER_LINK), one unit = an error of 100 %."""
-        return np.asarray(self._regressor @ self.relative)
+        """Columns of the links' relative errors, and of those of an identified model's joints, (R, n, U).
+
+        One unit is an error of 100 %, or a hundred standard deviations of what was identified.
+        """
+        columns = np.asarray(self._regressor @ self.relative)
+        if self.jointwise is None:
+            return columns
+        terms = (Term(get(name), joint) for name in OF_JOINTS for joint in range(self.width))
+        return columns + np.concatenate([self.columns(term) for term in terms], axis=2) @ self.jointwise
 
     @cached_property
     def _regressor(self) -> np.ndarray:
@@ -187,6 +199,11 @@ class Equations:
             general = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1))
             self._nuisances = np.concatenate([general, self._jitter, self._sticking], axis=2)
         return self._nuisances
+
+    @property
+    def sticking(self) -> slice:
+        """Which nuisances are the joints' sticking."""
+        return slice(BLURS.stop, BLURS.stop + self.width)
 
     @cached_property
     def _jitter(self) -> np.ndarray:
@@ -228,7 +245,7 @@ class Equations:
         self.usable, self._pasts = rows, {}
 
     def link_spread(self, link_error: float) -> np.ndarray:
-        """Prior standard deviations of the links' relative errors, (n * PER_LINK,).
+        """Prior standard deviations of the links' relative errors, (U,).
 
         Of a description that seems a little wrong, masses are believed half as well as shapes: those are drawn to scale.
         """

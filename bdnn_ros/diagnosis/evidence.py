@@ -250,6 +250,10 @@ class Pool:
         """What the fit leaves, in units of its noise, rows (R, n)."""
         return np.asarray(self.white_target - self.white[:, :, self.columns_of(fit.terms)] @ fit.coefficients)
 
+    def nuisances(self, fit: Fit) -> np.ndarray:
+        """Coefficients of `Equations.nuisances` in a fit, (K,)."""
+        return np.asarray(fit.coefficients[self.equations.rigid.shape[2] : self.base])
+
     def contribution(self, fit: Fit, blur: bool = True) -> np.ndarray:
         """What the links' errors, the nuisances and the terms of a fit add to the effort, rows (R, n) [N·m].
 
@@ -259,7 +263,7 @@ class Pool:
         equations = self.equations
         links = equations.rigid.shape[2]
         total = equations.rigid @ fit.coefficients[:links]
-        nuisances = fit.coefficients[links : self.base].copy()
+        nuisances = self.nuisances(fit).copy()
         nuisances[BLURS] *= blur
         total = total + equations.nuisances @ nuisances
         at = self.base

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bdnn_ros.diagnosis.equations import BLURS
+from bdnn_ros.diagnosis.equations import OF_JOINTS
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import UsageError
@@ -50,13 +50,17 @@ def extend(examination: Examination) -> ExtendedModel:
     links = equations.rigid.shape[2]
     errors, covariance = fit.coefficients[:links], fit.covariance[:links, :links]
     corrected = corrected_links(robot, found, equations.relative, errors, covariance)
+    if equations.jointwise is not None:
+        moved = (equations.jointwise @ errors).reshape(len(OF_JOINTS), -1)
+        earlier = _offsets_moved(earlier, moved[OF_JOINTS.index("effort_offset")])
+        corrected = _joints_moved(corrected, moved)
     rows = equations.usable & examination.test[:, None]
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
     effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
     lead, sticking = (
         parted(examination.pool, fit)[0] - examination.late,
-        fit.coefficients[links + BLURS.stop : examination.pool.base],
+        examination.pool.nuisances(fit)[equations.sticking],
     )
     if earlier.sticking:
         sticking = sticking + earlier.sticking
@@ -107,16 +111,35 @@ def corrected_links(
     """A robot with its links' errors added, feasible together with the effects on its bodies.
 
     Args:
-        relative: from relative errors to inertial parameters, (P, P), P = n · PER_LINK.
-        errors, covariance: belief in the relative errors, (P,) and (P, P).
+        relative: from relative errors to inertial parameters, (n · PER_LINK, U).
+        errors, covariance: belief in the relative errors, (U,) and (U, U).
     """
     bodies = plant_of(robot, [e for e in effects if e.effect.name in IN_BODIES]).robot.inertials
     added = (bodies - robot.inertials).ravel()
     mean = robot.inertials.ravel() + relative @ errors + added
-    back = np.linalg.inv(relative)
-    information = back.T @ np.linalg.solve(covariance, back)
+    triangle = np.linalg.qr((relative @ np.linalg.cholesky(covariance)).T, mode="r")
+    back = np.linalg.inv(triangle)
+    information = back @ back.T
     total = consistent(mean, 0.5 * (information + information.T), robot.width, np.array([], dtype=int))
     return robot.with_inertials((total - added).reshape(-1, PER_LINK))
+
+
+def _joints_moved(robot: Robot, errors: np.ndarray) -> Robot:
+    """A robot with armature, viscous and Coulomb friction moved by their errors, in the order of `OF_JOINTS`; none below zero."""
+    kinds = ("armature", "viscous", "coulomb")
+    moved = {kind: np.maximum(getattr(robot, kind) + e, 0.0) for kind, e in zip(kinds, errors, strict=False)}
+    return robot.with_joint_parameters(**moved)
+
+
+def _offsets_moved(model: ExtendedModel, errors: np.ndarray) -> ExtendedModel:
+    """A model with its joints' effort offsets moved by their errors, (n,) [N·m]."""
+    effects = tuple(
+        replace(e, values={"offset": e.values["offset"] + float(errors[e.target])})
+        if e.effect.name == "effort_offset"
+        else e
+        for e in model.effects
+    )
+    return replace(model, effects=effects)
 
 
 def _scaled_offsets(effects: Sequence[Installed]) -> list[Installed]:

@@ -140,7 +140,7 @@ class PhysicalModel:
             sharp = sharp + self.learned.effort(q, v, state.joints[:, :, USUAL], load, dry)
         linear = robot.armature * a + robot.viscous * v + self.offset
         linear = linear + self.motors.inertial(a) + self.motors.viscous(v)
-        return self._shifted(load + linear + signals.smooth(sharp), signals)
+        return self._shifted(load + linear + signals.soften(sharp), signals)
 
     def _shifted(self, effort: np.ndarray, signals: Signals) -> np.ndarray:
         """The effort as a sensor reports it that is ahead of the motion."""

@@ -1,0 +1,83 @@
+"""What changed since a model was identified: its own errors, of links and of joints alike, are no change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.building import IDENTIFIED, build, nominal_effort
+from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.extension.extend import extend
+from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import Parameters
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.scores import score_model
+from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.simulation.excitation import fourier
+from bdnn_ros.simulation.scenario import Scenario
+
+JOINT = "arm2_joint2"
+
+
+def moved(seconds: float, *effects: str, seed: int = 0) -> Recording:
+    """A recording of one worn robot with links 5 % off; another length is another motion."""
+    robot = Robot.bundled("arm2")
+    plan = fourier(robot, np.arange(round(seconds * 500.0)) / 500.0, np.random.default_rng(round(seconds)))
+    return Scenario(robot, effects, seed=seed, wrong=0.05, worn=True, plan=plan).run()[0].recording
+
+
+@pytest.fixture(scope="module")
+def model() -> PhysicalModel:
+    return Identifier(Robot.bundled("arm2")).fit([moved(40.0)])
+
+
+def since(model: PhysicalModel, *effects: str) -> Examination:
+    """The diagnosis of a new motion against the model."""
+    return examine([moved(30.0, *effects)], model.robot, model=model)
+
+
+def test_errors_of_a_model_are_those_of_all_its_parameters(model):
+    """One unit of each of them does to the effort what moved parameters do, of links and of joints."""
+    signals = flattened(prepare(moved(30.0)), 5.0)
+    equations = build(signals, model.robot, model.predict(signals), model.covariance)
+    units = 0.1 * IDENTIFIED * np.random.default_rng(1).standard_normal(equations.rigid.shape[2])
+    errors = np.concatenate([equations.relative @ units, equations.jointwise @ units])
+    errors[-model.robot.width :] *= -1.0  # the contract's offset counts the other way
+    other = Parameters.from_vector(model.parameters.vector() + errors)
+    robot = model.robot.with_inertials(other.inertials.ravel()).with_joint_parameters(
+        armature=other.armature, viscous=other.viscous, coulomb=other.coulomb
+    )
+    after = replace(model, robot=robot, offset=other.offset).predict(signals)
+    wanted = equations.reduced(after - model.predict(signals))
+    np.testing.assert_allclose(equations.rigid @ units, wanted, atol=0.05 * np.abs(wanted).max())
+
+
+def test_a_model_predicts_steps_of_friction_as_soft_as_the_effort_is(model):
+    """Also behind the flattened low-pass of a diagnosis, where the effort is not as soft as `smooth` would make it."""
+    robot = Robot.bundled("arm2").with_joint_parameters(coulomb=np.array([2.0, 1.0]))
+    plain = replace(model, robot=robot, offset=np.zeros(2), breakaway=(0, 0), learned=None, lead=0.0)
+    plan = fourier(robot, np.arange(5000) / 500.0, np.random.default_rng(3))
+    signals = flattened(prepare(Recording(plan.time, robot.joints, plan.position)), 4.0)
+    error = plain.predict(signals) - nominal_effort(robot, signals)
+    begun = signals.interior & (signals.time > 2.0)  # before it moves a joint may hold any friction
+    assert (np.sqrt(np.mean(error[begun] ** 2, axis=0)) < 0.02 * robot.coulomb).all()
+
+
+def test_nothing_has_changed_where_only_the_motion_has(model):
+    found = since(model).diagnosis
+    assert (found.findings, found.verdict) == ((), "nothing_wrong")
+
+
+def test_friction_that_grew_is_named_with_its_growth_alone(model):
+    examination = since(model, f"coulomb_friction@{JOINT}:coulomb=0.4")
+    (finding,) = examination.diagnosis.findings
+    assert (finding.effect, finding.joint) == ("coulomb_friction", JOINT)
+    grown = finding.parameters["coulomb"]
+    assert abs(grown.value - 0.4) < 3.0 * grown.std < 0.2
+    signals = [prepare(moved(25.0, f"coulomb_friction@{JOINT}:coulomb=0.4"))]
+    before, after = (score_model(one, signals).nrmse_mean for one in (model, extend(examination)))
+    assert after < 0.3 * before
