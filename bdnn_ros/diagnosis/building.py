@@ -71,9 +71,8 @@ def build(
     relative, jointwise = relative_inertials(robot), None
     if covariance is not None:
         relative, jointwise = np.split(identified(covariance), [robot.width * PER_LINK])
-        jointwise[
-            -robot.width :
-        ] *= -1.0  # identified offsets add to the measured effort, the contract's to what acts
+        # identified offsets add to the measured effort, the contract's to what acts
+        jointwise[-robot.width :] *= -1.0
     masses = (np.arange(relative.shape[1]) % PER_LINK == 0) & (covariance is None)
     usable = (signals.seen & ~(resting | sticks(signals, STICKING_WIDTHS)))[rows]
     if not usable.any():
