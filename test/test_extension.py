@@ -201,6 +201,16 @@ def test_corrected_links_stay_feasible(robot: Robot) -> None:
     assert 0.0 < corrected.inertials[6, 0] < 0.5 * robot.inertials[6, 0]
 
 
+def test_links_may_be_corrected_by_more_errors_than_they_have_parameters(robot: Robot) -> None:
+    """As those of an identified model are, of which some are its joints'."""
+    relative, errors, spread = relative_inertials(robot), np.zeros(70), np.full(70, 0.3**2)
+    errors[60] = -1.2
+    twice, share = np.concatenate([relative, relative], axis=1) / np.sqrt(2.0), np.sqrt(0.5)
+    both = corrected_links(robot, [], twice, share * np.tile(errors, 2), np.diag(np.tile(spread, 2)))
+    once = corrected_links(robot, [], relative, errors, np.diag(spread))
+    np.testing.assert_allclose(both.inertials, once.inertials, rtol=1e-6, atol=1e-9)
+
+
 def test_links_are_feasible_together_with_the_effects_on_them(robot: Robot) -> None:
     shrunk = [parse_spec("link_inertia@arm7_link4:scale=0.1", robot)]
     errors = np.zeros(70)
