@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.diagnosis.building import build, nominal_effort, relative_inertials
-from bdnn_ros.diagnosis.equations import Equations, Noise, Term
+from bdnn_ros.diagnosis.equations import Equations, Noise
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS, get, parse_spec
 from bdnn_ros.recording import Recording

@@ -9,9 +9,10 @@ import numpy as np
 
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec

@@ -7,8 +7,8 @@ import pytest
 from diagnosis_cases import equations_of, term, white
 from scipy.optimize import minimize
 
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.robot import Robot
 
 J1, J2 = "arm2_joint1", "arm2_joint2"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis import telling
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.gains import Removal, noticeable, removed
 from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 

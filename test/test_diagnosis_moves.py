@@ -9,12 +9,12 @@ import pytest
 from diagnosis_cases import equations_of
 
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import contains, log_odds
 from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
 

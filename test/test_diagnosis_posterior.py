@@ -9,10 +9,10 @@ import pytest
 from diagnosis_cases import coloured, equations_of, term
 
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.posterior import Estimate, estimates, excesses
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot

@@ -10,7 +10,6 @@ from diagnosis_cases import equations_of, signals_of, term, white
 
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.identifiability import judge
 from bdnn_ros.diagnosis.moves import Moves
@@ -24,6 +23,7 @@ from bdnn_ros.diagnosis.pushes import (
     together,
 )
 from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import POINT
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec

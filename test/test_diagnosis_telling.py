@@ -11,11 +11,11 @@ from diagnosis_cases import equations_of
 from bdnn_ros.diagnosis import diagnose, identifiability
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.identifiability import Judgement, folded, likelier, plainer, weighed
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.search import Selection
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
 

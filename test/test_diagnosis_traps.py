@@ -12,12 +12,13 @@ from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.equations import BLURS, Equations, Term
+from bdnn_ros.diagnosis.equations import BLURS, Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.leads import moved
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST
 from bdnn_ros.diagnosis.settling import at_own_noise
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.robot import Robot

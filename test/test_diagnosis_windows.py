@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, term, white
 
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.windows import COARSE, LONGEST_SHARE, best_window
 from bdnn_ros.effects.environment import SHORTEST
 from bdnn_ros.robot import Robot

@@ -12,9 +12,9 @@ from bdnn_ros.bdnn import modelfile
 from bdnn_ros.diagnosis.building import build, relative_inertials
 from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.posterior import estimates
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import Installed, parse_spec
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.extension.extend import corrected_links, extend, of_physical

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier, plainer, weighed
 from bdnn_ros.diagnosis.search import Progress, Search, Selection
 from bdnn_ros.diagnosis.settling import settled, windows_anew
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
 
 EVERY_TEST_BLOCK = 5

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting
-from bdnn_ros.effects.base import Effect
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots
@@ -34,32 +34,6 @@ OF_JOINTS = ("armature", "viscous_friction", "coulomb_friction", "effort_offset"
 """What an identified model knows of each joint, in the order of `physical.parameters.JOINT_NAMES`."""
 BLURS = slice(1, 3)
 """Which nuisances blur; before them comes a lead, after them each joint's sticking."""
-
-
-@dataclass(frozen=True)
-class Term:
-    """An effect at its place, with the shape its columns are made with."""
-
-    effect: Effect
-    target: int
-    link: str | None = None
-    shape: tuple[tuple[str, float], ...] = ()
-
-    @property
-    def place(self) -> tuple[str, str, int, str | None]:
-        """What it is and where, without the shape."""
-        return (self.effect.name, self.effect.variant, self.target, self.link)
-
-    def shaped(self, shape: dict[str, float]) -> Term:
-        """The same effect with another shape."""
-        return Term(self.effect, self.target, self.link, tuple(sorted(shape.items())))
-
-    def settled(self, motion: Motion) -> Term | None:
-        """What it settles into, with its first shape; None where it is always itself."""
-        if self.effect.settles_into is None:
-            return None
-        plain = get(self.effect.settles_into)
-        return Term(plain, self.target).shaped(plain.shapes(motion, self.target)[0])
 
 
 @dataclass

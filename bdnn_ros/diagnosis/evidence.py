@@ -16,8 +16,9 @@ from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bdnn_ros.diagnosis.bounded import gains_of, held
-from bdnn_ros.diagnosis.equations import BLURS, Equations, Term
+from bdnn_ros.diagnosis.equations import BLURS, Equations
 from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.term import Term
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, acting
 from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped, toss
 from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.term import Term
 
 TEMPERATURE = 2.0
 """Evidence differences are divided by this: the noise model is never quite right."""

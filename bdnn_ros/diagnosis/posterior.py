@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.leads import hold_spread, parted
 from bdnn_ros.diagnosis.result import Quantity
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.base import SHOWN
 
 RELATIVE_STEP = 1e-3

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.diagnosis.equations import Term
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.gains import acting
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.windows import best_window
 from bdnn_ros.effects.environment import POINT, ExternalWrench, Push, window
 from bdnn_ros.effects.motion import Motion

@@ -13,7 +13,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of, white_noise_of
-from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.leads import DELAY, moved
 from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, UNSURE, Moves
@@ -21,6 +21,7 @@ from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST, contains, doubt, related
 from bdnn_ros.diagnosis.pushes import leftover
 from bdnn_ros.diagnosis.settling import at_own_noise, refined
+from bdnn_ros.diagnosis.term import Term
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""

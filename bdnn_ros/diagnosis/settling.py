@@ -12,11 +12,12 @@ import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of
-from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.leads import undelayed
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import contains
+from bdnn_ros.diagnosis.term import Term
 
 NOISE_ROUNDS = 3
 LAST_ROUNDS = 2

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.diagnosis.attempt import Attempt
-from bdnn_ros.diagnosis.equations import Equations, Term
+from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
