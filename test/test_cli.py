@@ -396,3 +396,14 @@ def test_what_is_left_out_of_a_list_is_said():
     path = Path("out/report.html")
     assert options.shortened(["a", "b"], 2, path) == ["a", "b"]
     assert options.shortened(["a", "b", "c", "d"], 2, path) == ["a", "b", "2 more in out/report.html."]
+
+
+@pytest.mark.parametrize("verb", ["identify", "replay"])
+def test_a_file_that_is_no_model_is_not_written_over(verb, tmp_path, capsys):
+    precious = tmp_path / "robot.urdf"
+    precious.write_text("precious")
+    bag = tmp_path / "bag"
+    assert main(["simulate", "--robot", "arm2", "--duration", "3", "--out", str(bag)]) == 0
+    assert main([verb, str(bag), "--out", str(precious)]) == 2
+    assert "is a file that is no model" in capsys.readouterr().err
+    assert precious.read_text() == "precious"

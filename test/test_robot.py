@@ -401,3 +401,8 @@ def test_joints_that_are_left_out_stand_where_they_are_held() -> None:
     again = robot_from_state(*robot_state(robot))
     assert again.held == robot.held
     np.testing.assert_array_equal(again.gravity(q), robot.gravity(q))
+
+
+def test_a_description_without_a_joint_that_moves_is_refused_in_one_clean_sentence():
+    with pytest.raises(RobotError, match=r"^The URDF has no movable joint\."):
+        Robot.from_urdf('<robot name="box"><link name="box"/></robot>')

@@ -10,6 +10,8 @@ from typing import TextIO
 
 from bdnn_ros.errors import UsageError
 
+MODEL_SUFFIX = ".bdnn"
+
 
 def require_directory(path: Path) -> None:
     """Refuses a directory for results that is none and cannot be made.
@@ -28,8 +30,10 @@ def require_model_place(path: Path) -> None:
     """Refuses what `save_model` cannot write to: a file if it has a suffix, else a directory.
 
     Raises:
-        UsageError: as `require_directory`.
+        UsageError: as `require_directory`; or a file is there that is no model.
     """
+    if path.is_file() and path.suffix != MODEL_SUFFIX:
+        raise UsageError(f"{path} is a file that is no model.", "Name a directory, or a .bdnn file.")
     require_directory(path if path.is_dir() or not path.suffix else path.parent)
 
 

@@ -88,6 +88,8 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
         raise RobotError("The URDF has a joint of more than one degree of freedom.", "Use a fixed-base arm.")
     names = joints or movable
     missing = [name for name in names if name not in movable]
+    if not movable:
+        raise RobotError("The URDF has no movable joint.", "Use the URDF of this robot.")
     if missing or not names:
         raise RobotError(
             f"The URDF has no movable joint {listed(missing)}; it has {listed(movable, 20)}.",
