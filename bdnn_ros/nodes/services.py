@@ -21,6 +21,7 @@ from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session
 
 Result = TypeVar("Result")
+BEYOND = UsageError("The answer is not finite.", "Ask for values that a robot can have.")
 
 
 class Services:
@@ -89,7 +90,10 @@ class Services:
             index, motion = requested(served.model.joints, request.joint_names, fields)
         except BdnnError as error:
             return _refused(response, error)
-        told = served.parts(motion["position"], motion["velocity"], motion["acceleration"])
+        with np.errstate(all="ignore"):
+            told = served.parts(motion["position"], motion["velocity"], motion["acceleration"])
+        if not np.isfinite(told.effort).all():
+            return _refused(response, BEYOND)
         response.joint_names = [served.model.joints[k] for k in index]
         response.effort = numbers(told.effort[index])
         response.effort_std = numbers(told.std[index]) if len(told.std) else []
@@ -108,11 +112,14 @@ class Services:
             fields = {name: getattr(request, name) for name in ("position", "velocity", "effort")}
             index, motion = requested(served.model.joints, request.joint_names, fields)
             q, v, effort = (motion[name] for name in ("position", "velocity", "effort"))
-            acceleration = served.forward_dynamics(q, v, effort)
+            with np.errstate(all="ignore"):
+                acceleration = served.forward_dynamics(q, v, effort)
         except BdnnError as error:
             return _refused(response, error)
         except np.linalg.LinAlgError:
             return _refused(response, UsageError("The mass matrix is singular in this position."))
+        if not np.isfinite(acceleration).all():
+            return _refused(response, BEYOND)
         response.joint_names = [served.model.joints[k] for k in index]
         response.acceleration = numbers(acceleration[index])
         response.model_version = served.number
