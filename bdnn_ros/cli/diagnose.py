@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
         remarks = [str(remark) for remark in check_data(recordings, robot, args.cutoff)]
         lines = verdict_lines(examination, [note for recording in recordings for note in recording.notes])
-        examination = replace(examination, diagnosis=_completed(examination.diagnosis, args, remarks))
+        examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")
         args.out.mkdir(parents=True, exist_ok=True)
         save_model(args.out, extend(examination))
@@ -148,9 +148,12 @@ def _rivals(finding: Finding) -> str:
     return f"    {finding.effect} at {finding.where} could also be: {others}"
 
 
-def _completed(diagnosis: Diagnosis, args: argparse.Namespace, remarks: Sequence[str]) -> Diagnosis:
+def _completed(examination: Examination, args: argparse.Namespace, remarks: Sequence[str]) -> Diagnosis:
     """The diagnosis with what it was asked of, and what the data check found."""
-    simulation = str(args.model or args.urdf or args.robot or "/robot_description of the bag")
+    in_bag = examination.recordings[0].urdf is not None
+    described = "/robot_description of the bag" if in_bag else args.robot
+    simulation = str(args.model or args.urdf or described)
+    diagnosis = examination.diagnosis
     source = {**diagnosis.source, "urdf": simulation, "bags": [str(b) for b in args.bags]}
     return replace(diagnosis, source=source, notes=(*diagnosis.notes, *remarks))
 
