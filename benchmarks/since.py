@@ -1,6 +1,6 @@
 """What changed since? A worn robot is identified, something about it changes, and a new recording is diagnosed against the model.
 
-    python benchmarks/since.py    # 10 minutes
+    python benchmarks/since.py    # 15 minutes
 
 Links are 5 % off and every joint is worn: both are in the model, so only the change may be named. Every fourth robot is
 unchanged. Changes are 5 to 40 % of the effort of the joint that they show in most.

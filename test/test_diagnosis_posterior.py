@@ -97,7 +97,7 @@ def excess_of(one: Term, spec: str, seed: int) -> float:
         equations.target.shape
     )
     pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.02)), [one], LINK_ERROR)
-    return excesses(pool, pool.whole)[0]
+    return excesses(pool)[0]
 
 
 def test_an_unknown_shape_widens_its_coefficients():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from bdnn_ros.simulation.scenario import Scenario
 JOINT = "arm2_joint2"
 
 
+@cache
 def moved(seconds: float, *effects: str, seed: int = 0) -> Recording:
     """A recording of one worn robot with links 5 % off; another length is another motion."""
     robot = Robot.bundled("arm2")

@@ -110,7 +110,7 @@ def test_a_motion_settles_what_was_open(robot: Robot, tmp_path: Path) -> None:
     told: list[str] = []
     found = excite(robot, case, bounds=bounds, duration=20.0, seed=3, progress=told.append)
     assert len(found.separations) == 3 and all(one.settled for one in found.separations)
-    assert found.trajectory.keeps(bounds, robot, 2e-2)
+    assert bounds.kept_by(found.trajectory, robot, 2e-2)
     assert 12.0 < found.trajectory.time[-1] <= 20.5
     assert told
     again = excite(robot, case, bounds=bounds, duration=20.0, seed=3)

@@ -11,7 +11,6 @@ from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.excitation.choice import excite
 from bdnn_ros.excitation.rivals import read_case
 from bdnn_ros.robot import Robot
-from bdnn_ros.simulation.excitation import Trajectory
 from bdnn_ros.simulation.scenario import Scenario
 
 EFFECT = "asymmetric_friction@arm2_joint1:positive=0.9,negative=0.5"
@@ -40,9 +39,7 @@ def test_a_tie_is_settled_by_the_motion_it_asks_for(tmp_path: Path) -> None:
     case = read_case(tmp_path / "diagnosis.json", robot)
     found = excite(robot, case, duration=20.0, rate=200.0, seed=seed)
     assert found.separations and all(one.settled for one in found.separations)
-    path = found.trajectory
-    plan = Trajectory(path.time, path.position, path.velocity, path.acceleration)
-    rich = Scenario(robot, effects=[EFFECT], seed=seed, rate=200.0, wrong=0.03, plan=plan)
+    rich = Scenario(robot, effects=[EFFECT], seed=seed, rate=200.0, wrong=0.03, plan=found.trajectory)
     after = diagnose([rich.run()[0].recording], robot)
     first = after.findings[0]
     assert (first.effect, first.joint) == ("asymmetric_friction", "arm2_joint1")

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import UsageError
-from bdnn_ros.excitation.motions import Bounds, Trajectory, changed, drawn
+from bdnn_ros.excitation.motions import Bounds, changed, drawn
 from bdnn_ros.excitation.routes import joined
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import Trajectory
 
 
 @pytest.fixture(scope="module", params=["arm2", "arm7"])
@@ -42,7 +43,7 @@ def test_pieces_keep_all_limits_and_rest_at_their_ends(robot: Robot) -> None:
     moving = np.zeros(robot.width, bool)
     for piece in found:
         motion = piece.at(np.linspace(0.0, piece.duration, 2001))
-        assert motion.keeps(bounds, robot, 1e-2)
+        assert bounds.kept_by(motion, robot, 1e-2)
         consistent(motion)
         np.testing.assert_allclose(motion.velocity[[0, -1]], 0.0, atol=1e-9)
         np.testing.assert_allclose(motion.acceleration[[0, -1]], 0.0, atol=1e-6)
@@ -66,7 +67,7 @@ def test_joined_pieces_are_one_smooth_motion(robot: Robot) -> None:
     assert trajectory is not None
     np.testing.assert_allclose(np.diff(trajectory.time), 0.005, atol=1e-9)
     consistent(trajectory)
-    assert trajectory.keeps(bounds, robot, 2e-2)
+    assert bounds.kept_by(trajectory, robot, 2e-2)
     np.testing.assert_allclose(trajectory.velocity[[0, -1]], 0.0, atol=1e-6)
     assert np.abs(trajectory.velocity).max() <= 0.5 * robot.limits.velocity.max()
 

@@ -12,9 +12,9 @@ from bdnn_ros.cli.excite import csv_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import UsageError
-from bdnn_ros.excitation.motions import Trajectory
 from bdnn_ros.extension.effects_file import effects_text
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import Trajectory
 from bdnn_ros.simulation.trajectory_file import HOLD, read_trajectory
 
 ROBOT = Robot.bundled("arm2")

@@ -14,10 +14,11 @@ from tqdm import tqdm
 from bdnn_ros.cli import options, outputs
 from bdnn_ros.errors import UsageError
 from bdnn_ros.excitation.choice import DECISIVE, Excitation, Progress, excite
-from bdnn_ros.excitation.motions import Bounds, Trajectory
+from bdnn_ros.excitation.motions import Bounds
 from bdnn_ros.excitation.rivals import Case, joints_of, read_case
 from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import BUNDLED, Robot
+from bdnn_ros.simulation.excitation import Trajectory
 
 HELP = "make the motion that tells the rivals of a diagnosis apart"
 MOST_SAID = 1000.0

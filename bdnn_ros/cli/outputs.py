@@ -8,9 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
+from bdnn_ros.bdnn.modelfile import FILE_NAME
 from bdnn_ros.errors import UsageError
-
-MODEL_SUFFIX = ".bdnn"
 
 
 def require_directory(path: Path) -> None:
@@ -32,7 +31,7 @@ def require_model_place(path: Path) -> None:
     Raises:
         UsageError: as `require_directory`; or a file is there that is no model.
     """
-    if path.is_file() and path.suffix != MODEL_SUFFIX:
+    if path.is_file() and path.suffix != Path(FILE_NAME).suffix:
         raise UsageError(f"{path} is a file that is no model.", "Name a directory, or a .bdnn file.")
     require_directory(path if path.is_dir() or not path.suffix else path.parent)
 

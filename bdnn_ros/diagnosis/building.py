@@ -41,7 +41,7 @@ def build(
         robot: what the simulation believes.
         simulated: the effort the simulation predicts, (N, n) [N·m]; None takes the robot's rigid bodies, armature and
             friction.
-        covariance: of the links' inertial parameters and of `OF_JOINTS` where they were identified, (P, P), in the order of
+        covariance: of the links' inertial parameters and of `COMMON` where they were identified, (P, P), in the order of
             `physical.parameters.parameter_names`.
 
     Raises:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.pushes import best_push, between_rows, piece_of
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.term import COMMON, Term
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import ALL
 from bdnn_ros.robot import Robot
@@ -23,8 +23,6 @@ ANGLES = {"base_tilt", "position_offset"}
 """One angle, where a joint turns about the axis that the base tilts about."""
 LIKE_WEIGHT = {*ANGLES, "effort_scale"}
 """What does the same to a joint that moves alone as a body that it carries, without being one."""
-COMMON = ("coulomb_friction", "viscous_friction", "armature", "effort_offset")
-"""What almost every drive has; they stand in for the unknown cause while the noise is first estimated."""
 
 
 @dataclass(frozen=True)

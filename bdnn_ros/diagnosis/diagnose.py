@@ -121,8 +121,7 @@ def examine(
         raise _too_short(recordings)
     candidates = Candidates.of(robot, bodies=equations.alone is None)
     attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
-    every = _in_rows_that_count(equations, attempt.fitted)
-    beyond = excesses(every, every.whole)
+    beyond = excesses(_in_rows_that_count(equations, attempt.fitted))
     pool = _exact(candidates, equations, attempt.fitted)
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
     equations.count(pool.sure)
@@ -158,6 +157,7 @@ def _signals(recordings: Sequence[Recording], robot: Robot, cutoff: float | None
 
 
 def _in_rows_that_count(equations: Equations, fitted: Pool) -> Pool:
+    """The terms of a pool that was fitted to some of the rows, in all that count now."""
     return Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
 
 

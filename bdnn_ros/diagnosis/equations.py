@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.term import COMMON, Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots
@@ -30,8 +30,6 @@ HARDLY_SEEN = 1e-4
 """What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
 HARDLY_USABLE = 0.05
 """A joint hardly moves where a smaller share of its rows counts."""
-OF_JOINTS = ("armature", "viscous_friction", "coulomb_friction", "effort_offset")
-"""What an identified model knows of each joint, in the order of `physical.parameters.JOINT_NAMES`."""
 BLURS = slice(1, 3)
 """Which nuisances blur; before them comes a lead, after them each joint's sticking."""
 
@@ -55,8 +53,8 @@ class Equations:
         masses: which of them are of a described link's mass, (U,) bool.
         effort_scale: spread of each joint's effort, (n,) [N·m].
         lead: how far the recorded effort is known to be ahead of the motion [s].
-        jointwise: where an identified model takes the simulation's place, from the same errors to those of `OF_JOINTS` at
-            every joint, kind by kind, (len(OF_JOINTS) * n, U); else None.
+        jointwise: where an identified model takes the simulation's place, from the same errors to those of `COMMON` at
+            every joint, kind by kind, (len(COMMON) * n, U); else None.
     """
 
     motion: Motion
@@ -145,7 +143,7 @@ class Equations:
         columns = np.asarray(self._regressor @ self.relative)
         if self.jointwise is None:
             return columns
-        terms = (Term(get(name), joint) for name in OF_JOINTS for joint in range(self.width))
+        terms = (Term(get(name), joint) for name in COMMON for joint in range(self.width))
         return columns + np.concatenate([self.columns(term) for term in terms], axis=2) @ self.jointwise
 
     @cached_property

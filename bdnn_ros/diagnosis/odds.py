@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.diagnosis.candidates import COMMON
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.term import COMMON, Term
 
 COST = 8.0
 """Log prior odds against one effect at one place: about 150 candidates, and a false name is worse than none."""

@@ -160,11 +160,12 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     return result
 
 
-def excesses(pool: Pool, fit: Fit) -> list[float]:
-    """How many standard deviations each law of a fit lies from the one it settles into; infinite where there is none.
+def excesses(pool: Pool) -> list[float]:
+    """How many standard deviations each law of a pool lies from the one it settles into; infinite where there is none.
 
     By the noise model or by the scatter of blocks, whichever is less, shapes taken as they are: they mean nothing there.
     """
+    fit = pool.whole
     index = pool.columns_of(fit.terms)
     white = pool.white[:, :, index]
     tall = white.reshape(-1, white.shape[2])

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.errors import DataError, UsageError
-from bdnn_ros.excitation.motions import Bounds, Piece, Trajectory, changed, drawn
+from bdnn_ros.excitation.motions import Bounds, Piece, changed, drawn
 from bdnn_ros.excitation.rivals import Case, Suspect
 from bdnn_ros.excitation.routes import joined, way
 from bdnn_ros.excitation.separation import Design, left_out
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import Trajectory
 
 DRAWS = 160
 """Pieces drawn at first, and again near the best ones."""

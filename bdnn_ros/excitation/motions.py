@@ -9,6 +9,7 @@ import numpy as np
 
 from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import Trajectory
 
 OPEN_VELOCITY = 2.0
 """Velocity limit of a joint whose URDF names none [rad/s]."""
@@ -82,25 +83,15 @@ class Bounds:
             quick = np.full_like(speed, acceleration)
         return cls(low, high, speed, quick, effort * robot.limits.effort)
 
-
-@dataclass(frozen=True)
-class Trajectory:
-    """A motion: position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s²], at `time` (N,) [s]."""
-
-    time: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-
-    def keeps(self, bounds: Bounds, robot: Robot, slack: float = 1e-6) -> bool:
-        """Whether it stays inside the limits."""
-        inside = (self.position >= bounds.lower - slack) & (self.position <= bounds.upper + slack)
-        slow = np.abs(self.velocity) <= bounds.velocity * (1.0 + slack)
-        gentle = np.abs(self.acceleration) <= bounds.acceleration * (1.0 + slack)
+    def kept_by(self, motion: Trajectory, robot: Robot, slack: float = 1e-6) -> bool:
+        """Whether a motion stays inside."""
+        inside = (motion.position >= self.lower - slack) & (motion.position <= self.upper + slack)
+        slow = np.abs(motion.velocity) <= self.velocity * (1.0 + slack)
+        gentle = np.abs(motion.acceleration) <= self.acceleration * (1.0 + slack)
         if not (inside & slow & gentle).all():
             return False
-        effort = robot.inverse_dynamics(self.position, self.velocity, self.acceleration)
-        return bool((np.abs(effort) <= bounds.effort * (1.0 + slack)).all())
+        effort = robot.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        return bool((np.abs(effort) <= self.effort * (1.0 + slack)).all())
 
 
 @dataclass(frozen=True)
@@ -262,7 +253,7 @@ def fitted(robot: Robot, bounds: Bounds, piece: Piece, share: np.ndarray | float
     room = np.where(np.isfinite(room), room, 1.0) * RESERVE
     piece = piece.resized(np.where(np.asarray(share) > 0.0, share * room, np.minimum(room, 1.0)))
     for _ in range(ATTEMPTS):
-        if piece.coarse.keeps(bounds, robot, 1e-3):
+        if bounds.kept_by(piece.coarse, robot, 1e-3):
             return piece
         piece = piece.resized(0.8)
     return None

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.excitation.motions import ATTEMPTS, Bounds, Piece, Trajectory, smooth_step, step_curvature
+from bdnn_ros.excitation.motions import ATTEMPTS, Bounds, Piece, smooth_step, step_curvature
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import Trajectory
 
 
 def way(robot: Robot, bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool]:
@@ -20,7 +21,7 @@ def way(robot: Robot, bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tup
         0.3,
     )
     for _ in range(ATTEMPTS):
-        if _along(start, end, time, np.linspace(0.0, time, 25)).keeps(bounds, robot, 1e-3):
+        if bounds.kept_by(_along(start, end, time, np.linspace(0.0, time, 25)), robot, 1e-3):
             return time, True
         time *= 1.3
     return time, False

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.building import relative_inertials
+from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
@@ -34,7 +35,6 @@ STAMP_ERROR = 1e-3
 """How far the effort's stamps may be off [s]."""
 MOST_SHAPES = 4
 """A rival whose shape is not known is granted so many of them at once."""
-COMMON = ("viscous_friction", "coulomb_friction", "armature", "effort_offset")
 TIMED = frozenset({"external_wrench", "drift"})
 """What is there only for a time is told by repeating a motion, not by another one."""
 SMALL = 1e-3

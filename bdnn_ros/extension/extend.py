@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bdnn_ros.diagnosis.equations import OF_JOINTS
 from bdnn_ros.diagnosis.leads import parted
+from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of, tilt_of
@@ -51,8 +51,8 @@ def extend(examination: Examination) -> ExtendedModel:
     errors, covariance = fit.coefficients[:links], fit.covariance[:links, :links]
     corrected = corrected_links(robot, found, equations.relative, errors, covariance)
     if equations.jointwise is not None:
-        moved = (equations.jointwise @ errors).reshape(len(OF_JOINTS), -1)
-        earlier = _offsets_moved(earlier, moved[OF_JOINTS.index("effort_offset")])
+        moved = (equations.jointwise @ errors).reshape(len(COMMON), -1)
+        earlier = _offsets_moved(earlier, moved[COMMON.index("effort_offset")])
         corrected = _joints_moved(corrected, moved)
     rows = equations.usable & examination.test[:, None]
     error = np.where(rows, examination.extended, 0.0)
@@ -125,7 +125,7 @@ def corrected_links(
 
 
 def _joints_moved(robot: Robot, errors: np.ndarray) -> Robot:
-    """A robot with armature, viscous and Coulomb friction moved by their errors, in the order of `OF_JOINTS`; none below zero."""
+    """A robot with armature, viscous and Coulomb friction moved by their errors, in the order of `COMMON`; none below zero."""
     kinds = ("armature", "viscous", "coulomb")
     moved = {kind: np.maximum(getattr(robot, kind) + e, 0.0) for kind, e in zip(kinds, errors, strict=False)}
     return robot.with_joint_parameters(**moved)
