@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.building import build, nominal_effort, relative_inertial
 from bdnn_ros.diagnosis.equations import Equations, Noise
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
-from bdnn_ros.effects.registry import EFFECTS, get, parse_spec
+from bdnn_ros.effects.registry import EFFECTS, get, parse_spec, variants
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, flattened, prepare
@@ -99,9 +99,10 @@ def check_contract(report: Mapping[str, Any]) -> None:
 
 
 def _check_finding(finding: Mapping[str, Any]) -> None:
-    assert set(finding) == {
+    assert set(finding) - {"variant"} == {
         *("effect", "joint", "link", "parameters", "share", "probability", "rivals", "sentence")
     }
+    assert 0.0 <= finding["share"] <= 1.0
     assert finding["effect"] in EFFECTS and isinstance(finding["sentence"], str)
     assert 0.0 <= finding["probability"] <= 1.0
     names = {p.name for effect in EFFECTS.values() for p in effect.parameters} | {"torque"}
@@ -112,12 +113,13 @@ def _check_finding(finding: Mapping[str, Any]) -> None:
     for one in (finding, *finding["rivals"]):
         _check_place(one)
     for rival in finding["rivals"]:
-        assert set(rival) == {"effect", "joint", "link", "probability"}
+        assert set(rival) - {"variant"} == {"effect", "joint", "link", "probability"}
         assert 0.0 <= rival["probability"] <= 1.0
 
 
 def _check_place(one: Mapping[str, Any]) -> None:
     """A joint, a link, or neither for the base and for all joints."""
     on = {get(one["effect"]).on, *get(one["effect"]).also_on}
+    assert one.get("variant", "") in {effect.variant for effect in variants(one["effect"])}
     assert not (one["joint"] and one["link"])
     assert one["joint"] or one["link"] or on & {"base", "all"}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis import telling
-from bdnn_ros.diagnosis.gains import Removal, noticeable, removed
+from bdnn_ros.diagnosis.gains import Removal, gain_of, noticeable, removed
 from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get
@@ -102,12 +102,40 @@ def test_what_is_large_and_not_known_well_enough_for_a_name_is_no_all_clear(
     assert told == ([], doubtful)
 
 
-def findings_of(monkeypatch, estimate, held_out, judgement):
+@pytest.mark.parametrize("less, share", [(0.3, 0.3), (1.5, 1.0), (-0.1, 0.0)])
+def test_no_cause_removes_more_of_the_error_than_there_is(monkeypatch, less, share):
+    """Two that work against each other may each leave more than the simulation did where it goes alone."""
+    shares: list[float] = []
+    estimate = SimpleNamespace(term=Term(get("backlash"), 0), shown=True)
+    removal = Removal(np.array([less]), True, False, True)
+    told = Judgement(1.0, 0.0, ())
+    findings_of(monkeypatch, estimate, removal, told, lambda *finding: shares.append(finding[3]))
+    assert shares == [pytest.approx(share)]
+
+
+@pytest.mark.parametrize("blocks", [1, 3, 20])
+def test_the_gain_of_a_few_held_out_blocks_has_an_interval(blocks):
+    """One block drawn again and again is always the same; its pieces are not."""
+    draw = np.random.default_rng(1)
+    count = 1200
+    block = np.repeat(np.arange(blocks), count // blocks)
+    target, extended = draw.standard_normal((count, 2)), 0.5 * draw.standard_normal((count, 2))
+    held = np.ones((count, 2), bool)
+    held[::7, 1] = False
+    gain, (low, high) = gain_of(SimpleNamespace(block=block, target=target), extended, held)
+    left, before = (np.sqrt(np.sum(np.where(held, one, 0.0) ** 2)) for one in (extended, target))
+    assert gain == pytest.approx(1.0 - left / before)
+    assert 0.005 < high - gain < 0.1 and 0.005 < gain - low < 0.1
+
+
+def findings_of(
+    monkeypatch, estimate, held_out, judgement, tell=lambda robot, estimate, judgement, share: estimate
+):
     """What is told of one term by what it removes where it was held out; a little of all rows besides."""
     ever = Removal(np.array([0.1]), True, True, held_out.brief)
     monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
     monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
-    monkeypatch.setattr(telling, "_finding", lambda robot, estimate, judgement, share: estimate)
+    monkeypatch.setattr(telling, "_finding", tell)
     equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
     test = np.arange(9) < 2
     attempt = SimpleNamespace(test=test, judgements=[judgement], fitted=None, extended=None)

@@ -31,7 +31,7 @@ def test_a_finding_gives_way_to_a_rival_that_is_likelier():
         "cogging",
         "armature",
     }
-    assert told_of([one, other, third], (0, 2), Judgement(0.49, 0.0, ((other, 0.51),)), sure) is None
+    assert told_of([one, other, third], (0, 2), Judgement(0.51, 0.0, ((other, 0.49),)), sure) is None
     assert told_of([one, other, third], (0, 2), Judgement(0.01, 0.9, ()), sure) is None
     assert told_of([one, other, third], (0, 2), Judgement(0.02, 0.9, ((other, 0.08),)), sure) is None
 

@@ -111,7 +111,6 @@ def test_places_hold_where_the_specification_puts_it(spec):
         ("link_inertia@arm7_link4", "leaves out"),
         ("link_inertia@arm7_link4:mass=5,scale=1.2", "contradicts itself"),
         ("link_inertia@arm7_link4:mass=0.01", "scale=0.0027"),
-        ("drift@arm7_joint1:start_value=1,end_value=2", "of=coulomb, viscous, offset"),
         ("drift@arm7_joint1:of=mood,start_value=1,end_value=2", "no variant"),
         ("effort_delay@arm7_link1:delay=0.01", "acts on all or a joint"),
     ],
@@ -129,6 +128,21 @@ def test_a_joint_stands_for_the_link_it_moves():
 def test_a_scaled_link_knows_its_masses():
     one = parse_spec("link_inertia@arm7_link4:mass=7.17579", robot())
     assert one.values == pytest.approx({"mass": 7.17579, "nominal_mass": 3.587895, "scale": 2.0})
+
+
+@pytest.mark.parametrize(
+    ("spec", "variant", "link"),
+    [
+        ("drift@arm7_joint1:start_value=1,end_value=2", "coulomb", None),
+        ("drift@arm7_joint1:of=offset,start_value=-1,end_value=2", "offset", None),
+        ("external_wrench@arm7_joint4:start=1,end=2,torque=3", "joint", None),
+        ("external_wrench@arm7_joint4:start=1,end=2,torque_z=3", "link", "arm7_link4"),
+        ("external_wrench@arm7_link4:start=1,end=2,force_x=3", "link", "arm7_link4"),
+    ],
+)
+def test_of_several_variants_the_parameters_tell_which(spec, variant, link):
+    one = parse_spec(spec, robot())
+    assert (one.effect.variant, one.link) == (variant, link)
 
 
 def test_a_drift_ends_with_the_recording():

@@ -20,8 +20,6 @@ TEMPERATURE = 2.0
 LISTED = 0.02
 """Rivals less probable than this are not listed."""
 CLOSE = 12.0
-LIKELIER = 1.25
-"""A rival so many times as probable as a finding takes its place."""
 PLAINLY = 4.0
 """What contains a simpler law must be so many times as probable, or the simpler one is named."""
 TIE = 0.1
@@ -77,7 +75,7 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
         for rival, probability in judgement.rivals:
             richer = contains(rival, term)
             ahead = not (richer or term.effect.timed) and probability > judgement.nothing
-            ahead &= probability > LIKELIER * judgement.probability
+            ahead &= probability > judgement.probability
             simpler = contains(term, rival) or _settles_into(term, rival)
             simpler &= judgement.probability < PLAINLY * probability
             plainly = richer and probability > PLAINLY * judgement.probability

@@ -34,6 +34,7 @@ class Rival:
     joint: str | None
     link: str | None
     probability: float
+    variant: str = ""
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Finding:
     Attributes:
         share: part of the simulation's held-out squared error that the finding removes.
         probability: against its rivals and against nothing.
+        variant: which of the effects of this name, where there are several: what drifts, what is pushed.
     """
 
     effect: str
@@ -53,6 +55,7 @@ class Finding:
     probability: float
     rivals: tuple[Rival, ...]
     sentence: str
+    variant: str = ""
 
     @property
     def where(self) -> str:
@@ -113,21 +116,24 @@ class Diagnosis:
 
 def _finding_json(finding: Finding) -> dict[str, Any]:
     return {
-        "effect": finding.effect,
-        "joint": finding.joint,
-        "link": finding.link,
+        **_place_json(finding),
         "parameters": {
             name: {"value": _rounded(q.value), "std": _rounded(q.std), "unit": q.unit}
             for name, q in finding.parameters.items()
         },
         "share": _rounded(finding.share),
         "probability": _rounded(finding.probability),
-        "rivals": [
-            {"effect": r.effect, "joint": r.joint, "link": r.link, "probability": _rounded(r.probability)}
-            for r in finding.rivals
-        ],
+        "rivals": [{**_place_json(r), "probability": _rounded(r.probability)} for r in finding.rivals],
         "sentence": finding.sentence,
     }
+
+
+def _place_json(one: Finding | Rival) -> dict[str, Any]:
+    """What it is and where, as in truth.yaml: a variant only where the effect has some."""
+    named: dict[str, Any] = {"effect": one.effect}
+    if one.variant:
+        named["variant"] = one.variant
+    return named | {"joint": one.joint, "link": one.link}
 
 
 def _rounded(value: float) -> float:

@@ -105,7 +105,9 @@ def _findings(
             continue
         shown = estimate.shown or _alone(estimate, found)
         if shown and judgement.nothing <= DOUBTFUL:
-            findings.append(_finding(robot, estimate, judgement, float(np.sum(less)) / before))
+            # causes that work against each other may each remove more than there is
+            share = min(max(float(np.sum(less)) / before, 0.0), 1.0)
+            findings.append(_finding(robot, estimate, judgement, share))
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())
     return findings, doubtful
@@ -123,7 +125,7 @@ def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:
 def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
     joint, link = _place(robot, estimate.term)
     rivals = tuple(
-        Rival(rival.effect.name, *_place(robot, rival), probability)
+        Rival(rival.effect.name, *_place(robot, rival), probability, rival.effect.variant)
         for rival, probability in judgement.rivals
     )
     where = link or joint or _name(robot, estimate.term).replace("the base", "The base")
@@ -136,6 +138,7 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         probability=judgement.probability,
         rivals=rivals,
         sentence=estimate.term.effect.sentence(where, _told(estimate)),
+        variant=estimate.term.effect.variant,
     )
 
 

@@ -54,7 +54,9 @@ def _section(name: str) -> str:
 
 
 def _variant(effect: Effect) -> str:
-    return f"on a {effect.on}" if effect.name == "external_wrench" else f"`of={effect.variant}`"
+    if effect.name == "external_wrench":
+        return f"on a {effect.on}"
+    return f"`of={effect.variant}`" + ", the default" * (effect is EFFECTS[effect.name])
 
 
 def _row(parameter: Parameter) -> str:

@@ -8,7 +8,7 @@ the names.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from bdnn_ros.effects import actuation, backlash, environment, friction, rigid, sensing, transmission
@@ -131,6 +131,8 @@ class Installed:
 def parse_spec(spec: str, robot: Robot) -> Installed:
     """An effect from `effect[@joint or link][:key=value,...]`.
 
+    Of the variants of an effect the first that has all the parameters and can be there; `of=` takes another.
+
     Raises:
         UsageError: the effect, place or a parameter is unknown, missing or out of bounds.
     """
@@ -139,13 +141,7 @@ def parse_spec(spec: str, robot: Robot) -> Installed:
     choices = variants(name.strip())
     given = _pairs(spec, tail)
     variant = given.pop("of", "")
-    if variant:
-        choices = (get(name.strip(), variant),)
-    elif len(choices) > 1 and choices[0].on == choices[1].on:
-        raise UsageError(
-            f"{spec!r} does not say which {name.strip()}.",
-            f"Give of={listed((c.variant for c in choices), 8)}.",
-        )
+    choices = (get(name.strip(), variant),) if variant else _having(choices, given)
     effect, target, link = _placed(spec, choices, place.strip(), robot)
     given_values = _checked(spec, effect, given)
     values = completed(effect, given_values, robot, link)
@@ -165,6 +161,12 @@ def completed(effect: Effect, values: dict[str, float], robot: Robot, link: str 
         scale = values["scale"] if "scale" in values else values["mass"] / nominal
         return {"mass": scale * nominal, "nominal_mass": nominal, "scale": scale}
     return values
+
+
+def _having(choices: tuple[Effect, ...], given: Iterable[str]) -> tuple[Effect, ...]:
+    """The variants that have all these parameters; all where none has."""
+    having = [c for c in choices if set(given) <= {p.name for p in c.parameters}]
+    return tuple(having) or choices
 
 
 def _pairs(spec: str, tail: str) -> dict[str, str]:
