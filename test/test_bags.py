@@ -432,7 +432,7 @@ def test_the_directory_around_a_bag_will_do(tmp_path: Path) -> None:
     (tmp_path / "out" / "truth.yaml").write_text("effects: []")
     assert_equal(bags.read(tmp_path / "out"), recording)
     write_bag(tmp_path / "out" / "other", states(recording))
-    with pytest.raises(BagError, match="directory without a bag"):
+    with pytest.raises(UsageError, match=r"holds several bags \(bag, other\)"):
         bags.read(tmp_path / "out")
 
 
@@ -492,7 +492,7 @@ def test_topics_that_hold_no_joint_state(tmp_path: Path) -> None:
 def test_what_is_not_there_or_not_a_bag(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="There is no bag"):
         bags.read(tmp_path / "nothing.mcap")
-    with pytest.raises(BagError, match="directory without a bag"):
+    with pytest.raises(UsageError, match="directory without a bag"):
         bags.read(tmp_path)
     for name in ("a.mcap", "a.db3"):
         (tmp_path / name).write_bytes(b"")
@@ -502,7 +502,7 @@ def test_what_is_not_there_or_not_a_bag(tmp_path: Path) -> None:
         with pytest.raises(BagError, match="not a bag"):
             bags.read(tmp_path / name)
     (tmp_path / "a.txt").write_text("hello")
-    with pytest.raises(BagError, match="not a bag"):
+    with pytest.raises(UsageError, match="not a bag"):
         bags.read(tmp_path / "a.txt")
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 from rosbags.rosbag2 import Reader
 
-from bdnn_ros.errors import BagError, BdnnError, UsageError
+from bdnn_ros.errors import BagError, BdnnError, UsageError, listed
 
 SQLITE_HEADER = 100
 SUFFIXES = (".mcap", ".db3")
@@ -38,8 +38,8 @@ class Storage:
     """An open bag: an `.mcap` file, a `.db3` file, a rosbag2 directory of either, or a directory around one.
 
     Raises:
-        UsageError: there is nothing at the path.
-        BagError: what is there is not a bag, or damaged.
+        UsageError: there is nothing at the path, or nothing that is named like a bag.
+        BagError: what is named like one is damaged, or no bag.
     """
 
     def __init__(self, path: Path) -> None:
@@ -147,7 +147,9 @@ def _parts(path: Path) -> tuple[list[Path], bool]:
         raise UsageError(f"There is no bag {path}.", "Check the path.")
     if path.is_file():
         if path.suffix not in SUFFIXES:
-            raise BagError(f"{path} is not a bag.", "Pass an .mcap file, a .db3 file or a rosbag2 directory.")
+            raise UsageError(
+                f"{path} is not a bag.", "Pass an .mcap file, a .db3 file or a rosbag2 directory."
+            )
         return [path], True
     information = _information(path)
     if information.get("compression_mode") in ("file", "FILE", "message", "MESSAGE"):
@@ -163,7 +165,10 @@ def _parts(path: Path) -> tuple[list[Path], bool]:
         inner = [child for child in path.iterdir() if child.is_dir() and _holds_bag(child)]
         if len(inner) == 1:
             return _parts(inner[0])
-        raise BagError(f"{path} is a directory without a bag.", "Pass one that holds .mcap or .db3 files.")
+        if inner:
+            names = listed(sorted(child.name for child in inner))
+            raise UsageError(f"{path} holds several bags ({names}).", "Pass one of them.")
+        raise UsageError(f"{path} is a directory without a bag.", "Pass one that holds .mcap or .db3 files.")
     return named or found, bool(named)
 
 
