@@ -50,6 +50,16 @@ def not_a_bag(path: Path) -> list[str]:
     return [str(path / "a.db3")]
 
 
+def other_file(path: Path) -> list[str]:
+    (path / "a.csv").write_text("position,velocity\n1,2\n")
+    return [str(path / "a.csv")]
+
+
+def folder_without_a_bag(path: Path) -> list[str]:
+    (path / "folder").mkdir()
+    return [str(path / "folder")]
+
+
 def no_joint_state(path: Path) -> list[str]:
     return [str(write_bag(path / "bag", [("/chatter", STRING, EPOCH, text("hello"))]))]
 
@@ -60,6 +70,18 @@ def other_topic(path: Path) -> list[str]:
 
 def no_effort(path: Path) -> list[str]:
     return [str(bag_of(path / "bag", replace(motion(urdf=PENDULUM), effort=None)))]
+
+
+def no_joint_named(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--joints", ""]
+
+
+def nameless_joint(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--joints", "pivot,,elbow"]
+
+
+def nameless_robot(path: Path) -> list[str]:
+    return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--robot", ""]
 
 
 def unknown_joint(path: Path) -> list[str]:
@@ -123,6 +145,8 @@ CASES: list[tuple[Case, int, str]] = [
     (no_messages, 1, "without messages"),
     (truncated, 1, "truncated or damaged"),
     (not_a_bag, 1, "not a bag"),
+    (other_file, 2, "not a bag"),
+    (folder_without_a_bag, 2, "a directory without a bag"),
     (no_joint_state, 1, "holds no sensor_msgs/JointState; its topics are /chatter"),
     (other_topic, 1, "on /arm/joint_states. Choose it with --joint-states /arm/joint_states"),
     (no_effort, 1, "carry no effort"),
@@ -137,6 +161,9 @@ CASES: list[tuple[Case, int, str]] = [
     (bad_rename, 2, "matches none of pivot"),
     (bad_cutoff, 2, "cut-off of 9000 Hz does not fit"),
     (no_such_robot, 2, "No bundled robot 'nobody'"),
+    (no_joint_named, 2, "--joints names no joint. Name at least one, or leave the option out"),
+    (nameless_joint, 2, "--joints pivot,,elbow has a name that is empty"),
+    (nameless_robot, 2, "No bundled robot ''"),
     (no_commands, 2, "the bag has no effort commands (std_msgs/Float64MultiArray). Use --effort measured"),
 ]
 IDS = [case.__name__ for case, _, _ in CASES]

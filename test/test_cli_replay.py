@@ -69,6 +69,7 @@ def test_a_robot_that_weighs_nothing_is_said_to(bag, tmp_path, capsys):
     assert "none of the moving links a mass" in capsys.readouterr().err
 
 
-def test_a_bad_rate_is_refused(bag, capsys):
-    assert main(["replay", str(bag), "--rate", "-1"]) == 2
-    assert "--rate -1" in capsys.readouterr().err
+@pytest.mark.parametrize("rate", ["-1", "0", "nan", "inf"])
+def test_a_bad_rate_is_refused(bag, capsys, rate):
+    assert main(["replay", str(bag), "--rate", rate]) == 2
+    assert f"--rate {rate} is not a speed above 0." in capsys.readouterr().err

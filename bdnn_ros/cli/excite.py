@@ -133,7 +133,7 @@ def yaml_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:
 
 def _robot(args: argparse.Namespace) -> Robot:
     """The robot of MODEL, --urdf or --robot, else the one the diagnosis names."""
-    given = [name for name in ("model", "urdf", "robot") if getattr(args, name)]
+    given = [name for name in ("model", "urdf", "robot") if getattr(args, name) is not None]
     if len(given) > 1:
         raise UsageError("More than one robot is given.", "Give MODEL, --urdf or --robot.")
     joints, source = joints_of(args.case) if args.case else ((), "")
@@ -144,8 +144,8 @@ def _robot(args: argparse.Namespace) -> Robot:
                 f"{args.model} is a black box: it does not know the robot's limits.", "Give --urdf instead."
             )
         return robot
-    if args.robot or (not given and source in BUNDLED):
-        return Robot.bundled(args.robot or source, joints)
+    if args.robot is not None or (not given and source in BUNDLED):
+        return Robot.bundled(source if args.robot is None else args.robot, joints)
     if args.urdf or (not given and source and Path(source).is_file() and Path(source).suffix == ".urdf"):
         return Robot.from_file(args.urdf or source, joints)
     raise UsageError(

@@ -113,7 +113,7 @@ def load(
     """
     required = tuple(joints) or args.joints
     given = Robot.from_file(args.urdf) if args.urdf else None
-    bundled = Robot.bundled(args.robot) if args.robot else None
+    bundled = Robot.bundled(args.robot) if args.robot is not None else None
     recordings = [
         _read(path, args, args.joints or required, given.joints if given else ()) for path in args.bags
     ]
@@ -302,4 +302,11 @@ def _common_joints(recordings: Sequence[Recording], robot: Robot | None) -> tupl
 
 
 def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    names = tuple(name.strip() for name in text.split(","))
+    if not any(names):
+        raise UsageError(
+            "--joints names no joint.", "Name at least one, or leave the option out to take all of them."
+        )
+    if not all(names):
+        raise UsageError(f"--joints {text} has a name that is empty.", "Write for example joint1,joint2.")
+    return names

@@ -28,7 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn replay`."""
     options.add_recording_arguments(parser, bags="one")
     parser.add_argument(
-        "--rate", type=float, default=0.0, help="speed as a multiple of the bag's own (default: as it goes)"
+        "--rate",
+        metavar="X",
+        type=float,
+        help="speed as a multiple of the bag's own, above 0 (default: as fast as it goes)",
     )
     parser.add_argument("--out", type=Path, help="directory for the model at the end")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -36,8 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, print the error of each second by the model of the time, save the last one."""
-    if not 0.0 <= args.rate < float("inf"):
-        raise UsageError(f"--rate {args.rate:g} is not a speed.", "Use for example 1.0.")
+    if args.rate is not None and not 0.0 < args.rate < float("inf"):
+        raise UsageError(
+            f"--rate {args.rate:g} is not a speed above 0.",
+            "Use for example 1.0, or leave it out for as fast as it goes.",
+        )
     if args.out:
         outputs.require_model_place(args.out)
     recordings, robot = options.load(args)
@@ -52,13 +58,13 @@ def run(args: argparse.Namespace) -> int:
     errors = []
     for error in replayed(learning, recording, args.rate):
         errors.append(error)
-        if not args.json and args.rate > 0:
+        if not args.json and args.rate is not None:
             print(_row(error), flush=True)
     took = time.perf_counter() - began
     if args.json:
         print(json.dumps(_as_json(recording, learning, errors, took)))
     else:
-        _print(learning, errors, recording, took, table=args.rate == 0)
+        _print(learning, errors, recording, took, table=args.rate is None)
     if args.out:
         if learning.served is None:
             raise UsageError("No model passed its checks; nothing is saved.", "Replay a longer motion.")
@@ -67,18 +73,18 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def replayed(learning: Learning, recording: Recording, rate: float = 0.0) -> Iterator[Error]:
+def replayed(learning: Learning, recording: Recording, rate: float | None = None) -> Iterator[Error]:
     """Feed a recording to the identifier as a stream would; yields each chunk's error before it is learned.
 
     Args:
-        rate: speed as a multiple of the recording's own, 0 for as fast as it goes.
+        rate: speed as a multiple of the recording's own, above 0; None for as fast as it goes.
     """
     effort = recording.require_effort()
     batch = np.floor((recording.time - recording.time[0]) / BATCH_SECONDS)
     edges = np.flatnonzero(np.diff(batch)) + 1
     began = time.perf_counter()
     for low, high in zip([0, *edges], [*edges, len(recording)], strict=True):
-        if rate > 0:
+        if rate is not None:
             due = began + (recording.time[high - 1] - recording.time[0]) / rate
             time.sleep(max(due - time.perf_counter(), 0.0))
         rows = slice(int(low), int(high))

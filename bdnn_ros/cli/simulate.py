@@ -120,11 +120,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _robot(args: argparse.Namespace) -> Robot:
-    if args.urdf and args.robot:
+    if args.urdf and args.robot is not None:
         raise UsageError("Both --urdf and --robot are given.", "Give one of them.")
     if args.urdf:
         return Robot.from_file(args.urdf)
-    if args.robot:
+    if args.robot is not None:
         return Robot.bundled(args.robot)
     raise UsageError(
         "There is no robot to simulate.", f"Give --urdf FILE, or --robot with one of {', '.join(BUNDLED)}."
