@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.intake import BLOCK, PAUSE, Clock, CommandIntake, Intake
+from bdnn_ros.online.gaps import BLOCK
+from bdnn_ros.online.intake import PAUSE, Clock, CommandIntake, Intake
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
@@ -203,6 +204,64 @@ def test_a_pause_is_no_loss():
     advance(clock, START + MS * np.arange(500))
     advance(clock, START + 7 * PAUSE + MS * np.arange(500))
     assert clock.lost == 0 and clock.pauses == 1
+
+
+@pytest.mark.parametrize("block", [0, 3])
+def test_what_is_missing_is_told_before_a_block_is_full(block):
+    clock = Clock()
+    advance(clock, START + MS * np.delete(np.arange(block * BLOCK + 40), [block * BLOCK + 30]))
+    assert clock.lost == 1
+    clock.advance(START + MS * (block * BLOCK + 42))  # two late, or lost: the next ones will tell
+    assert clock.lost == 1
+    clock.advance(START + MS * (block * BLOCK + 43))
+    assert clock.lost == 3
+
+
+@pytest.mark.parametrize("row", [20, BLOCK, 3 * BLOCK, 3 * BLOCK + 7])
+def test_what_comes_too_late_is_refused_but_not_lost(row):
+    """At every place of a block, its end and the next one's beginning too."""
+    clock = Clock()
+    order = np.arange(5 * BLOCK)
+    order[[row, row + 1]] = row + 1, row
+    for k in order.tolist():
+        if clock.advance(START + k * MS) < 0:
+            clock.refuse(START + k * MS)
+    assert clock.lost == 0
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"position": (1.0, float("nan"))},
+        {"effort": (1.0, 2.0, 3.0)},
+        {"names": ("a", "c")},
+        {"names": ("a", "a")},
+        {"names": ()},
+    ],
+    ids=["not finite", "too long", "a joint missing", "a name twice", "no names"],
+)
+@pytest.mark.parametrize("count", [1, 30])
+def test_what_was_refused_is_not_lost(intake, fields, count):
+    for k in range(4 * BLOCK):
+        if k == 150:
+            continue
+        send(intake, k, **(fields if 100 <= k < 100 + count else {}))
+    assert sum(intake.rejected.values()) == count
+    assert intake.received == 4 * BLOCK - 1 and intake.clock.lost == 1
+
+
+def test_a_stamp_of_another_time_is_refused_in_its_place(intake):
+    for k in range(4 * BLOCK):
+        send(intake, k - 25 if k in (100, 101) else k)
+    assert intake.rejected == {"stamp_backwards": 2} and intake.clock.lost == 0
+
+
+def test_of_two_parts_the_one_that_never_came_is_lost(intake):
+    for k in range(4 * BLOCK):
+        part(intake, "a", k * MS)
+        if k not in (100, 110, 111):
+            part(intake, "b", k * MS)
+    assert intake.rejected == {"joints_missing": 3} and intake.clock.lost == 3
 
 
 def test_a_stamp_that_repeats_or_goes_back_a_little_is_refused():

@@ -133,15 +133,13 @@ def test_a_stream_with_faults(tmp_path):
         recording = motion(REAL, 4.0, 250.0)
         ros.stream(recording, change=spoil)
         wait_until(lambda: told("samples_received") == 1000 - 5 - 1)
-        wait_until(lambda: told("samples_lost") > 0)
         assert told("rejected_not_finite") == 2
         assert told("rejected_wrong_length") == 1
         assert told("rejected_joints_missing") == 1
         assert told("rejected_stamp_backwards") == 1
         assert told("rejected_effort_missing") == 100
         assert told("samples_rejected") == 105
-        # five never came, and five more left gaps as they were rejected
-        assert 5 <= told("samples_lost") <= 11
+        assert told("samples_lost") == 5 + 1  # what was rejected is none of these: it came
         # the publisher dies and returns; the clock jumps back, then forward; learning goes on
         version = told("model_version")
         ros.stream(recording, start=900 * SECOND)

@@ -21,15 +21,17 @@ class Group:
         messages: how many came.
         period: usual step between their stamps [ns]; 0 before there is one.
         latest: names and efforts of the last message.
+        paired: messages of theirs have made samples together with others.
     """
 
-    __slots__ = ("_stamp", "latest", "members", "messages", "period")
+    __slots__ = ("_stamp", "latest", "members", "messages", "paired", "period")
 
     def __init__(self, members: int) -> None:
         self.members = members
         self.messages = 0
         self.period = 0.0
         self.latest: tuple[Sequence[str], Any] = ((), ())
+        self.paired = False
         self._stamp = 0
 
     def came(self, names: Sequence[str], effort: Any, stamp: int) -> None:
@@ -117,22 +119,23 @@ class Assembly:
         self._all = (1 << width) - 1
         self._waiting: dict[Group, int] = {}
 
-    def add(self, group: Group, stamp: int) -> int:
+    def add(self, group: Group, stamp: int) -> dict[Group, int]:
         """Have a message of this group wait for the others.
 
         Returns:
-            How many that waited are given up: newer values of theirs have come, or their stamps are too far away.
+            Those that waited and are given up, with their stamps [ns]: newer values of theirs have come, or their
+            stamps are too far away.
         """
         waiting = self._waiting
-        gone = [
-            other
+        gone = {
+            other: since
             for other, since in waiting.items()
             if other is group or abs(stamp - since) > 0.5 * max(group.period, other.period)
-        ]
+        }
         for other in gone:
             del waiting[other]
         waiting[group] = stamp
-        return len(gone)
+        return gone
 
     def take(self) -> bool:
         """Whether every joint has come; if so, nothing waits any more."""
@@ -142,11 +145,12 @@ class Assembly:
         if covered != self._all:
             return False
         self.stamp = max(self._waiting.values())
+        for group in self._waiting:
+            group.paired = True
         self._waiting.clear()
         return True
 
-    def give_up(self) -> int:
-        """Let nothing wait any more, and return how many messages did."""
-        count = len(self._waiting)
-        self._waiting.clear()
-        return count
+    def give_up(self) -> dict[Group, int]:
+        """Let nothing wait any more, and return what did, with the stamps [ns]."""
+        waited, self._waiting = self._waiting, {}
+        return waited

@@ -7,20 +7,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from bdnn_ros.online.assembly import Assembly, Kind, Kinds
+from bdnn_ros.online.assembly import Assembly, Group, Kind, Kinds
 from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.gaps import Gaps
 
 PAUSE = 1_000_000_000
 """A step of the stamps longer than this [ns], either way, is a pause or a new clock, not a loss."""
 BACKWARDS_LIMIT = 20
 """So many samples in a row that go back by less than a `PAUSE` are a new clock too."""
-BLOCK = 64
-"""Steps between stamps that are looked at together for gaps."""
 
 BACKWARDS = "stamp_backwards"
 JOINTS = "joints_missing"
@@ -33,63 +32,55 @@ class Clock:
     """Strictly increasing stream time from stamps that may jump, and the samples their gaps show as lost.
 
     Attributes:
-        lost: samples that the steps between stamps show missing.
         pauses: steps longer than `PAUSE`.
         restarts: times the clock jumped back.
-        period: median step [ns] of the last block; 0 before there is one.
     """
 
     def __init__(self) -> None:
-        self.lost = 0
         self.pauses = 0
         self.restarts = 0
-        self.period = 0.0
+        self._gaps = Gaps()
         self._stamp = 0
         self._time = 0
         self._backwards = 0
-        self._steps = np.zeros(BLOCK, np.int64)
-        self._filled = 0
+
+    @property
+    def lost(self) -> int:
+        """Samples that the steps between stamps show missing, and that were not refused."""
+        return self._gaps.missing
+
+    @property
+    def period(self) -> float:
+        """Usual step between stamps [ns]; 0 before it is known."""
+        return self._gaps.period
 
     def advance(self, stamp: int) -> int:
         """Stream time of a sample with this stamp [ns], or -1 where the stamp repeats or goes back a bit."""
         step = stamp - self._stamp
         if self._stamp == 0:
+            self._gaps.pause()
             self._stamp = self._time = stamp
             return stamp
         if 0 < step <= PAUSE:
-            self._steps[self._filled] = step
-            self._filled += 1
-            if self._filled == BLOCK:
-                self._count_gaps()
+            self._gaps.add(step)
         elif step > PAUSE:
             self.pauses += 1
+            self._gaps.pause()
         else:
             self._backwards += 1
             if step > -PAUSE and self._backwards < BACKWARDS_LIMIT:
                 return -1
             self.restarts += 1
+            self._gaps.pause()
             step = 2 * PAUSE  # what follows a new clock is never joined to what was before
         self._backwards = 0
         self._stamp = stamp
         self._time += step
         return self._time
 
-    def _count_gaps(self) -> None:
-        steps = self._steps
-        self._filled = 0
-        self.period = period = float(np.median(steps))
-        if steps.max() <= 1.5 * period:
-            return
-        owed = 0
-        for step in steps.tolist():
-            if step > 1.5 * period:
-                owed = round(step / period) - 1
-                self.lost += owed
-            elif step < 0.5 * period and owed:  # late, not lost: the next ones catch up
-                owed -= 1
-                self.lost -= 1
-            else:
-                owed = 0
+    def refuse(self, stamp: int) -> None:
+        """A sample with this stamp [ns] came but is left out: it is not lost."""
+        self._gaps.refuse(self._stamp - stamp)
 
 
 class Intake:
@@ -138,15 +129,17 @@ class Intake:
         if kind.foreign:
             return False
         if kind.unusable:
-            return self._reject(JOINTS)
+            return self._reject(JOINTS, stamp)
         count = len(names)
         if len(position) != count or len(velocity) not in (0, count) or len(effort) not in (0, count):
-            return self._reject(LENGTH)
+            return self._reject(LENGTH, stamp)
         if not kind.whole:
             return self._take_part(kind, position, velocity, effort, stamp, sent)
         self._leave_out(self._assembly.give_up())
         row = self.ring.slot().reshape(3, -1)
-        return self._fill(row, kind, position, velocity, effort) and self._commit(row, stamp, sent)
+        if not self._fill(row, kind, position, velocity, effort):
+            return self._reject(NOT_FINITE, stamp)
+        return self._commit(row, stamp, sent)
 
     def _take_part(
         self, kind: Kind, position: Any, velocity: Any, effort: Any, stamp: int, sent: int
@@ -154,7 +147,7 @@ class Intake:
         """Let a message wait for the others, or make a sample of it and those that do."""
         part = np.empty((3, len(kind.index)))
         if not self._fill(part, kind, position, velocity, effort):
-            return False
+            return self._reject(NOT_FINITE, stamp)
         assembly = self._assembly
         self._leave_out(assembly.add(kind.group, stamp))
         assembly.row[:, kind.joints] = part
@@ -171,28 +164,31 @@ class Intake:
         row[0] = np.asarray(position)[index]
         row[1] = np.asarray(velocity)[index] if len(velocity) else math.nan
         row[2] = np.asarray(effort)[index] if len(effort) else math.nan
-        return bool(np.isfinite(row).all()) or _acceptable(row) or self._reject(NOT_FINITE)
+        return bool(np.isfinite(row).all()) or _acceptable(row)
 
     def _commit(self, row: np.ndarray, stamp: int, sent: int) -> bool:
         stream_time = self.clock.advance(stamp)
         if stream_time < 0:
-            return self._reject(BACKWARDS)
+            return self._reject(BACKWARDS, stamp)
         self.received += 1
         if self.needs_effort and math.isnan(row[2, 0]):
             self.rejected[NO_EFFORT] += 1
         self.ring.commit(stamp, sent, stream_time)
         return True
 
-    def _reject(self, reason: str) -> bool:
+    def _reject(self, reason: str, stamp: int) -> bool:
         self.received += 1
         self.rejected[reason] += 1
+        self.clock.refuse(stamp)
         return False
 
-    def _leave_out(self, count: int) -> None:
-        """Count messages that waited for others in vain."""
-        if count:
-            self.received += count
-            self.rejected[JOINTS] += count
+    def _leave_out(self, waited: Mapping[Group, int]) -> None:
+        """Count messages that waited for others in vain, with their stamps [ns]."""
+        for group, stamp in waited.items():
+            self.received += 1
+            self.rejected[JOINTS] += 1
+            if not group.paired:  # else one that should have come with it is missing
+                self.clock.refuse(stamp)
 
 
 def _acceptable(row: np.ndarray) -> bool:
