@@ -304,9 +304,15 @@ def test_commands_are_checked_alike():
     ring = Ring.create(64, 2)
     intake = CommandIntake(("a", "b"), ring)
     assert intake.take(array.array("d", (1.0, 2.0)), START)
-    assert not intake.take((1.0,), START + MS)
-    assert not intake.take((1.0, float("nan")), START + MS)
-    assert not intake.take((1.0, 2.0), START)
-    assert intake.rejected == {"wrong_length": 1, "not_finite": 1, "stamp_backwards": 1}
+    for values, sent, complaint in (
+        ((1.0,), START + MS, "has 1 numbers, not 2. Send 2, in the order of the parameter joints: a, b."),
+        ((), START + MS, "has 0 numbers"),
+        ((1.0, float("nan")), START + MS, "command of b is not finite. Send a finite number"),
+        ((float("-inf"), 1.0), START + MS, "command of a is not finite"),
+        ((1.0, 2.0), START, "was sent before the last one. Let one controller"),
+    ):
+        assert not intake.take(values, sent) and complaint in intake.complaint
+    assert intake.received == 6
+    assert intake.rejected == {"wrong_length": 2, "not_finite": 2, "stamp_backwards": 1}
     assert ring.read(0).values.tolist() == [[1.0, 2.0]]
     ring.close()

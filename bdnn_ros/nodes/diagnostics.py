@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from bdnn_ros.online.intake import CommandIntake
 from bdnn_ros.online.session import Session
 
 NAME = "bdnn: identification"
@@ -15,6 +17,10 @@ SILENCE = 2.0
 """Without a joint state for so long [s], the stream counts as broken."""
 MEMORY = 3.0
 """Time constant of the error now [s]."""
+PERSISTENCE = 5.0
+"""An effort command that was refused is told of for so long [s]."""
+THROTTLE = 10.0
+"""Warnings about the same go to the log so often at most [s]."""
 SPREAD_MEMORY = 120.0
 """Time constant of the spread it is compared with [s]: a robot at rest has none."""
 
@@ -49,11 +55,56 @@ class ErrorNow:
         return np.asarray(np.sqrt(self._squared / variance))
 
 
-class Reporter:
-    """Turns the session's counts into a status."""
+class Warnings:
+    """What also goes to the log, each subject once in a while.
 
-    def __init__(self, session: Session) -> None:
+    Args:
+        log: writes one warning.
+    """
+
+    def __init__(self, log: Callable[[str], object]) -> None:
+        self._log = log
+        self._said: dict[str, tuple[str, float]] = {}
+
+    def say(self, subject: str, sentence: str, again: bool = False) -> None:
+        """Log it, unless that was done; `again`, unless that was done just now. Empty says nothing."""
+        before, since = self._said.get(subject, ("", -math.inf))
+        now = time.monotonic()
+        if sentence and now - since >= THROTTLE and (again or sentence != before):
+            self._said[subject] = sentence, now
+            self._log(sentence)
+
+
+class Refusals:
+    """Effort commands that were refused of late."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._since = -math.inf
+
+    def look(self, commands: CommandIntake | None) -> tuple[str, bool]:
+        """What is wrong with them, empty if nothing is; and whether more were refused since the last look."""
+        count = sum(dict(commands.rejected).values()) if commands else 0
+        more, self._count = count > self._count, count
+        now = time.monotonic()
+        if more:
+            self._since = now
+        recent = commands is not None and count and now - self._since < PERSISTENCE
+        return commands.complaint if commands and recent else "", more
+
+
+class Reporter:
+    """Turns the session's counts into a status.
+
+    Args:
+        session: that counts.
+        log: writes a warning.
+    """
+
+    def __init__(self, session: Session, log: Callable[[str], object]) -> None:
         self._session = session
+        self._warnings = Warnings(log)
+        self._refusals = Refusals()
         self._received = 0
         self._progress = time.monotonic()
         self._looked = time.monotonic()
@@ -73,6 +124,11 @@ class Reporter:
             self._progress = now
         self._received, self._looked = received, now
         rejected = dict(intake.rejected) if intake else {}
+        commands = session.commands
+        if commands is not None:
+            rejected |= {f"command_{reason}": count for reason, count in dict(commands.rejected).items()}
+        refused, more = self._refusals.look(commands)
+        self._warnings.say("commands", f"effort_commands: {refused}" if more else "", again=True)
         nrmse = error.nrmse
         values: dict[str, object] = {
             "samples_received": received,
@@ -91,6 +147,7 @@ class Reporter:
             "stream_pauses": intake.clock.pauses if intake else 0,
             "stream_clock_restarts": intake.clock.restarts if intake else 0,
             "stream_messages_lost": message_lost,
+            **({"commands_received": commands.received} if commands else {}),
             "samples_buffered": intake.ring.written - intake.ring.consumed if intake else 0,
             "samples_unlearned": session.counts.overrun,
             "model_age": f"{now - served.since:.1f}" if served else math.nan,
@@ -100,11 +157,11 @@ class Reporter:
             "training": session.training,
             "trainer_restarts": session.supervisor.restarts,
         }
-        level, message = self._verdict(active, trouble, now)
+        level, message = self._verdict(active, trouble, now, refused)
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=NAME, message=message, values=pairs)
 
-    def _verdict(self, active: bool, trouble: str, now: float) -> tuple[bytes, str]:
+    def _verdict(self, active: bool, trouble: str, now: float, refused: str) -> tuple[bytes, str]:
         session = self._session
         if trouble:
             return DiagnosticStatus.ERROR, trouble
@@ -121,8 +178,8 @@ class Reporter:
             return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
         if now - self._progress > SILENCE:
             return DiagnosticStatus.WARN, f"no joint state for {now - self._progress:.0f} s"
-        if session.counts.unlike or session.watch.complaint:
-            told = (session.counts.unlike, session.watch.complaint)
+        told = (session.counts.unlike, refused, session.watch.complaint)
+        if any(told):
             return DiagnosticStatus.WARN, " ".join(filter(None, told))
         if session.counts.updates_rejected and session.counts.reason:
             return DiagnosticStatus.OK, f"an update was refused: {session.counts.reason}"

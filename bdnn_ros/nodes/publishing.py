@@ -33,7 +33,7 @@ class Publishing:
         self._node = node
         self._session = session
         self._error = ErrorNow()
-        self._reporter = Reporter(session)
+        self._reporter = Reporter(session, node.get_logger().warning)
         self._last_stamp = 0
         self._estimates = self._publisher(DynamicsEstimate, "~/estimate", 10)
         self._efforts = self._publisher(JointState, "~/effort_estimate", 10)

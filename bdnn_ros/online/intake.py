@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bdnn_ros.errors import listed
 from bdnn_ros.online.assembly import Assembly, Group, Kind, Kinds
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.gaps import Gaps
@@ -200,27 +201,45 @@ def _acceptable(row: np.ndarray) -> bool:
 
 class CommandIntake:
     """Effort commands into a ring of their own (n numbers), to be aligned with the joint states by when
-    both were sent: the message has no stamp of its own."""
+    both were sent: the message has no stamp of its own.
+
+    Attributes:
+        joints: n names, the order of the numbers.
+        received: commands that came.
+        rejected: commands left out, by reason.
+        complaint: what was wrong with the last of these, and what to do.
+    """
 
     def __init__(self, joints: Sequence[str], ring: Ring) -> None:
         self.joints = tuple(joints)
         self.ring = ring
         self.clock = Clock()
+        self.received = 0
         self.rejected: Counter[str] = Counter()
+        self.complaint = ""
 
     def take(self, values: Any, sent: int) -> bool:
         """Copy one command [N·m], in the order of `joints`, sent at [ns], into the ring; False if not."""
-        if len(values) != len(self.joints):
-            self.rejected[LENGTH] += 1
-            return False
+        self.received += 1
+        count = len(self.joints)
+        if len(values) != count:
+            remedy = f"Send {count}, in the order of the parameter joints: {listed(self.joints, 20)}."
+            return self._reject(LENGTH, f"An effort command has {len(values)} numbers, not {count}. {remedy}")
         row = self.ring.slot()
         row[:] = values
-        if not np.isfinite(row).all():
-            self.rejected[NOT_FINITE] += 1
-            return False
+        finite = np.isfinite(row)
+        if not finite.all():
+            culprit = self.joints[int(np.argmin(finite))]
+            remedy = "Send a finite number for every joint; 0 commands no effort."
+            return self._reject(NOT_FINITE, f"An effort command of {culprit} is not finite. {remedy}")
         stream_time = self.clock.advance(sent)
         if stream_time < 0:
-            self.rejected[BACKWARDS] += 1
-            return False
+            remedy = "Let one controller command these joints."
+            return self._reject(BACKWARDS, f"An effort command was sent before the last one. {remedy}")
         self.ring.commit(sent, sent, stream_time)
         return True
+
+    def _reject(self, reason: str, complaint: str) -> bool:
+        self.complaint = complaint
+        self.rejected[reason] += 1
+        return False
