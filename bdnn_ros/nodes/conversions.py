@@ -114,6 +114,17 @@ def findings_message(diagnosis: dict[str, Any], now: Time) -> Findings:
     return message
 
 
+def nothing_yet_message(now: Time) -> Findings:
+    """What is found before any diagnosis: nothing, as nothing was looked at."""
+    message = Findings()
+    message.header.stamp = now
+    message.verdict = "cannot_tell"
+    message.advice = [
+        "Nothing was diagnosed since the model was forgotten. Move the robot, or call ~/diagnose."
+    ]
+    return message
+
+
 def _finding(entry: dict[str, Any]) -> Finding:
     message = Finding()
     message.effect = entry["effect"]

@@ -94,7 +94,12 @@ class IdentificationNode(LifecycleNode):
         self._lane = Lane(self.context)
         self._publishing = Publishing(self, session)
         self._services_of_ours = Services(
-            self, self._lane, session, lambda: self.settings["model_directory"], self._training_was_set
+            self,
+            self._lane,
+            session,
+            lambda: self.settings["model_directory"],
+            self._training_was_set,
+            self._publishing.forget,
         )
         self._timers_of_ours = [self._every(HOUSEKEEPING, self._keep_house)]
         self._description = None

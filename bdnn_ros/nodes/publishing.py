@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
@@ -12,7 +13,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
-from bdnn_ros.nodes.conversions import effort_message, estimate_message, findings_message
+from bdnn_ros.nodes.conversions import (
+    effort_message,
+    estimate_message,
+    findings_message,
+    nothing_yet_message,
+)
 from bdnn_ros.nodes.diagnostics import ErrorNow, Reporter
 from bdnn_ros.online.session import Session
 
@@ -35,6 +41,7 @@ class Publishing:
         self._error = ErrorNow()
         self._reporter = Reporter(session, node.get_logger().warning)
         self._last_stamp = 0
+        self._forgotten = session.forgotten
         self._estimates = self._publisher(DynamicsEstimate, "~/estimate", 10)
         self._efforts = self._publisher(JointState, "~/effort_estimate", 10)
         self._findings = self._publisher(Findings, "~/findings", LATCHED)
@@ -47,16 +54,25 @@ class Publishing:
 
     def estimate(self) -> None:
         """Publish the newest instant, unless that was done."""
+        error = self._error  # before what is served: of a model that is forgotten meanwhile, it keeps nothing
         served, instant = self._session.served, self._session.instant()
         if served is None or instant is None or instant.stamp == self._last_stamp:
             return
         self._last_stamp = instant.stamp
         told = served.parts(instant.position, instant.velocity, instant.acceleration)
         if np.isfinite(instant.effort).all():
-            self._error.add(instant.stamp, instant.effort, told.effort)
+            error.add(instant.stamp, instant.effort, told.effort)
         joints = served.model.joints
         self._estimates.publish(estimate_message(joints, instant, told, served.number))
         self._efforts.publish(effort_message(joints, instant, told))
+
+    def forget(self) -> None:
+        """Take back what was said of a model and of findings, where these were forgotten since."""
+        if self._forgotten == self._session.forgotten:
+            return
+        self._forgotten = self._session.forgotten
+        self._error = ErrorNow()
+        self._findings.publish(nothing_yet_message(self._now()))
 
     def tell(self, active: bool, trouble: str, message_lost: int) -> None:
         """Publish the state of things, and what diagnoses have said since.
@@ -64,7 +80,8 @@ class Publishing:
         Args:
             active, trouble, message_lost: as `Reporter.status`.
         """
-        now = self._node.get_clock().now().to_msg()
+        self.forget()
+        now = self._now()
         array = DiagnosticArray()
         array.header.stamp = now
         array.status = [self._reporter.status(self._error, active, trouble, message_lost)]
@@ -77,6 +94,9 @@ class Publishing:
                 self._node.get_logger().warning(info["error"])
             else:
                 self._node.get_logger().info(f"no diagnosis: {info['error']}")
+
+    def _now(self) -> Time:
+        return self._node.get_clock().now().to_msg()
 
     def _publisher(self, kind: Any, topic: str, profile: QoSProfile | int) -> Any:
         """A publisher without event handlers: the executor asks each of them between any two joint states."""

@@ -33,6 +33,7 @@ class Services:
         session: what they are about.
         directory: gives the model directory.
         training_set: called after training was switched on or off.
+        forgotten: called after what was learned was forgotten.
     """
 
     def __init__(
@@ -42,12 +43,14 @@ class Services:
         session: Session,
         directory: Callable[[], str],
         training_set: Callable[[bool], None],
+        forgotten: Callable[[], None],
     ) -> None:
         self._node = node
         self._lane = lane
         self._session = session
         self._directory = directory
         self._training_set = training_set
+        self._forgotten = forgotten
         # these wait for the disk or the trainer; others go on meanwhile
         beside = ReentrantCallbackGroup()
         self._services = [
@@ -132,6 +135,7 @@ class Services:
             self._session.reset()
         except BdnnError as error:
             return _refused(response, error)
+        self._forgotten()
         return _done(response, "What was learned is forgotten; the robot description serves.")
 
     def _set_training(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

@@ -30,6 +30,7 @@ class _Job:
     window: float
     request: int
     cutoff: float | None
+    epoch: int
 
 
 class Analyst:
@@ -48,6 +49,7 @@ class Analyst:
         self._robot: Robot | None = None
         self._feed: Feed | None = None
         self._cutoff: float | None = None
+        self._epoch = 0
         self._period = 0.0
         self._window = 0.0
         self._due = FIRST
@@ -59,6 +61,7 @@ class Analyst:
     def begin(self, robot: Robot, feed: Feed, info: dict[str, Any]) -> None:
         """Look at this stream from now on."""
         self._robot, self._feed, self._cutoff = robot, feed, info.get("cutoff")
+        self._epoch = int(info["epoch"])
         self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
         self._due = feed.latest_time() + FIRST
         self._last, self.since, self.unlike = {}, 0.0, False
@@ -87,9 +90,8 @@ class Analyst:
             self._refuse(request, "No joint state has come yet. Check the topic joint_states.")
             return
         try:
-            self._jobs.put_nowait(
-                _Job(self._robot, self._feed, self._reach(window, request), request, self._cutoff)
-            )
+            reach = self._reach(window, request)
+            self._jobs.put_nowait(_Job(self._robot, self._feed, reach, request, self._cutoff, self._epoch))
         except queue.Full:
             self._refuse(request, f"{MOST_WAITING} diagnoses are waiting already. Ask again later.")
 
@@ -102,7 +104,7 @@ class Analyst:
         return min(window, unchanged) if window > 0.0 else unchanged
 
     def _refuse(self, request: int, reason: str) -> None:
-        self._say(Message("findings", {"request": request, "error": reason}))
+        self._say(Message("findings", {"request": request, "epoch": self._epoch, "error": reason}))
 
     def end(self) -> None:
         """Break off a diagnosis that is being made: no process is left."""
@@ -121,8 +123,10 @@ class Analyst:
                 told = {"error": str(error)}
             finally:
                 self._busy.clear()
-            self._last, self.unlike = told.get("diagnosis", self._last), told.get("unlike", self.unlike)
-            self._say(Message("findings", {"request": job.request, **told}))
+            if job.epoch == self._epoch:  # else it is of a stream that was given up meanwhile
+                self._last = told.get("diagnosis", self._last)
+                self.unlike = told.get("unlike", self.unlike)
+            self._say(Message("findings", {"request": job.request, "epoch": job.epoch, **told}))
 
     def _answer(self, asked: Message) -> dict[str, Any]:
         """The diagnosis, or why there is none, from a process that is gone afterwards."""

@@ -10,24 +10,21 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import DataError, ModelFileError, UsageError, listed
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
+from bdnn_ros.online.course import Course
 from bdnn_ros.online.estimate import Instant, Smoother
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.models import Model, build_model, load_model, save_model
+from bdnn_ros.online.requests import Requests
 from bdnn_ros.online.serving import COMMANDED, Counts, Served, Settings, nominal
 from bdnn_ros.online.supervisor import Supervisor
 from bdnn_ros.online.watch import Watch
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
-
-MOST_DEATHS = 3
-"""Trainers that may end over the same samples before these are left out."""
 
 
 class Session:
@@ -42,6 +39,7 @@ class Session:
         intake: counts of the stream; None until the first joint state of the robot.
         findings: what diagnoses said, for the node to take from the left.
         watch: which joints come in which messages.
+        forgotten: how often what was learned was forgotten; what was said before that holds no longer.
     """
 
     def __init__(self, settings: Settings, training: bool = True) -> None:
@@ -56,19 +54,14 @@ class Session:
         self.findings: deque[Message] = deque(maxlen=16)
         self.supervisor = Supervisor(self._hear, self._introduce, niceness=settings.niceness)
         self.watch = Watch()
+        self.forgotten = 0
         self._feed: Feed | None = None
         self._given_up: list[Ring] = []
         self._turn = threading.RLock()  # what is served and what the trainer works on change together
         self._smoother = Smoother(settings.cutoff)
-        self._start = 0
-        self._resumed: PhysicalModel | None = None
-        self._requests: dict[int, Future[Message]] = {}
-        self._request = 0
+        self._requests = Requests()
         self._files = ThreadPoolExecutor(1, thread_name_prefix="files")
-        self._trained = 0
-        self._epoch = 0
-        self._number = 0
-        self._deaths = 0
+        self._course = Course()
 
     # -- life ------------------------------------------------------------------------------------
 
@@ -98,7 +91,8 @@ class Session:
             self.served = Served(nominal(robot), 0, time.monotonic())
             if self._feed is not None:
                 self._feed.convention = self.settings.convention(robot)
-                self._begin_again()
+                self._forget()
+                self._begin_again(self._course.start, self._course.resumed)
 
     def begin(self, joints: Sequence[str]) -> None:
         """Lay out the rings for a stream of these joints and set the trainer to it; an earlier stream ends.
@@ -117,17 +111,18 @@ class Session:
         commands = Ring.create(capacity, len(joints)) if commanded else None
         feed = Feed(robot.joints, states, commands, convention=self.settings.convention(robot))
         with self._turn:
+            if self.intake is not None:
+                self._forget()
             self._given_up += self._rings
             if self.served is None or self.served.model.joints != robot.joints:
                 self.served = Served(nominal(robot), 0, time.monotonic())
-                self._resumed = None
+                self._course.resumed = None
             self.robot, self._feed = robot, feed
             self.intake = Intake(joints, states, needs_effort=not commanded)
             self.commands = CommandIntake(joints, commands) if commands else None
             self.counts, self.watch = Counts(), Watch()
-            self._start = self._deaths = 0
             self.supervisor.ring = states
-            self._begin_again()
+            self._begin_again(0, self._course.resumed)
 
     def wider(self) -> tuple[str, ...]:
         """Joints to begin anew with, where messages hold more of the robot's than are in use; else none."""
@@ -143,16 +138,29 @@ class Session:
         """
         self.supervisor.stop(patience)
         self._files.shutdown()
-        for future in self._requests.values():
-            future.cancel()
+        self._requests.cancel()
         self._feed = None
         for ring in (*self._rings, *self._given_up):
             ring.close()
         return self.served is not None and self.served.number > 0
 
     @property
+    def _written(self) -> int:
+        return self.intake.ring.written if self.intake is not None else 0
+
+    @property
     def _rings(self) -> list[Ring]:
         return [intake.ring for intake in (self.intake, self.commands) if intake is not None]
+
+    def known(self) -> Robot:
+        """The robot with the joints in use.
+
+        Raises:
+            UsageError: it is not known yet.
+        """
+        if self.robot is None:
+            raise UsageError("The robot is not known yet.", "Publish robot_description, or set urdf_file.")
+        return self.robot
 
     # -- what the model says -----------------------------------------------------------------------
 
@@ -176,15 +184,17 @@ class Session:
         self.supervisor.send(Message("training", {"on": on}))
 
     def reset(self) -> None:
-        """Forget what was learned: the robot description serves, and learning starts with the next sample."""
-        assert self.robot is not None
+        """Forget what was learned: the robot description serves, and learning starts with the next sample.
+
+        Raises:
+            UsageError: the robot is not known yet.
+        """
+        robot = self.known()
         with self._turn:
-            self.served = Served(nominal(self.robot), 0, time.monotonic())
-            self._resumed = None
+            self.served = Served(nominal(robot), 0, time.monotonic())
             self.counts = Counts()
-            if self.intake is not None:
-                self._start = self.intake.ring.written
-                self._begin_again()
+            self._forget()
+            self._begin_again(self._written)
 
     def diagnose(self, window: float) -> Future[Message]:
         """Ask what the robot description gets wrong over the last `window` [s], 0 for all that is kept.
@@ -196,8 +206,7 @@ class Session:
 
     def save(self, path: Path) -> Future[Path]:
         """Write the model that serves; the future raises ModelFileError."""
-        if self.served is None:
-            raise UsageError("There is no model yet.", "Publish robot_description, or set urdf_file.")
+        self.known()
         return self._files.submit(self.save_now, path)
 
     def save_now(self, path: Path) -> Path:
@@ -212,40 +221,35 @@ class Session:
     def load_now(self, path: Path) -> Model:
         """As `load`, waiting for the disk."""
         model = load_model(path)
-        if self.robot is None:
-            raise ModelFileError(
-                "The robot is not known yet.", "Publish robot_description, or set urdf_file."
-            )
         with self._turn:
-            joints = self.robot.joints
+            joints = self.known().joints
             if tuple(model.joints) != joints:
                 raise ModelFileError(
                     f"{path.name} is a model of {listed(model.joints, 20)}, the robot has {listed(joints, 20)}.",
                     "Load a model of this robot.",
                 )
             number = 1 + (self.served.number if self.served else 0)
-            self._resumed = model if isinstance(model, PhysicalModel) else None
-            self.training = self.training and self._resumed is not None
+            resumed = model if isinstance(model, PhysicalModel) else None
+            self.training = self.training and resumed is not None
             self.served = Served(model, number, time.monotonic(), origin=str(path))
-            self._start = self.intake.ring.written if self.intake is not None else 0
-            self._begin_again()
+            self._begin_again(self._written, resumed)
         return model
 
     def _ask(self, kind: str, info: dict[str, Any]) -> Future[Message]:
         if not self.supervisor.alive:
             raise DataError("The trainer is just being started.", "Ask again in a moment.")
-        self._request += 1
-        future: Future[Message] = Future()
-        self._requests[self._request] = future
-        self.supervisor.send(Message(kind, {**info, "request": self._request}))
+        number, future = self._requests.new()
+        self.supervisor.send(Message(kind, {**info, "request": number}))
         return future
 
     # -- the trainer -------------------------------------------------------------------------------
 
-    def _begin_again(self) -> None:
-        self._epoch += 1
-        self._trained = self._start
-        self._number = self.served.number if self.served is not None else 0
+    def _forget(self) -> None:
+        self.findings.clear()
+        self.forgotten += 1
+
+    def _begin_again(self, start: int, resumed: PhysicalModel | None = None) -> None:
+        self._course.begin(start, self.served.number if self.served is not None else 0, resumed)
         for message in self._introduce():
             self.supervisor.send(message)
 
@@ -254,26 +258,14 @@ class Session:
         with self._turn:
             if self.robot is None or self.intake is None:
                 return ()
-            ring, served = self.intake.ring, self.served
-            if self._deaths >= MOST_DEATHS:  # whatever it is in these samples: leave them behind
-                self._start = self._trained = ring.written
-            resumed, start = self._resumed, self._start
-            if start < ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
-                # what came before is no longer in the ring: go on from what is known of it
-                resumed, start = served.model, max(self._trained, ring.oldest)
-                self._number = served.number
+            course, arrays = self._course.introduction(self.intake.ring, self.served)
             info = {
                 "urdf": self.robot.urdf,
                 "joints": list(self.robot.joints),
                 "training": self.training,
-                "start": start,
-                "number": self._number,
-                "epoch": self._epoch,
+                **course,
                 **self.settings.for_trainer(),
             }
-            arrays: dict[str, np.ndarray] = {}
-            if resumed is not None:
-                arrays, info["resume"] = resumed.to_state()
             return (Message("begin", info, arrays, tuple(ring.descriptor for ring in self._rings)),)
 
     def _hear(self, message: Message) -> None:
@@ -284,7 +276,7 @@ class Session:
                 self._take_over(message)
         elif message.kind == "begun":
             with self._turn:
-                while self._given_up and info["epoch"] == self._epoch:  # nobody reads them any more
+                while self._given_up and info["epoch"] == self._course.epoch:  # nobody reads them any more
                     self._given_up.pop().close()
         elif message.kind == "rejected":
             self.counts.updates_rejected += 1
@@ -292,26 +284,26 @@ class Session:
         elif message.kind == "trouble":
             self.counts.trouble = str(info["reason"])
         elif message.kind == "findings":
-            self.findings.append(message)
-            if "unlike" in info:  # nothing is known of it where a diagnosis failed otherwise
-                self.counts.unlike = str(info["error"]) if info["unlike"] else ""
+            with self._turn:
+                if info["epoch"] == self._course.epoch:  # else it is of what was given up since
+                    self._take_note(message)
         elif message.kind == "lost":
-            self._deaths += 1
-            for future in list(self._requests.values()):
-                future.set_exception(DataError("The trainer ended while it was asked.", "Ask again."))
-            self._requests.clear()
-        request = int(info.get("request") or 0)
-        if request in self._requests:
-            self._requests.pop(request).set_result(message)
+            self._course.died()
+            self._requests.fail(DataError("The trainer ended while it was asked.", "Ask again."))
+        self._requests.answer(message)
+
+    def _take_note(self, message: Message) -> None:
+        self.findings.append(message)
+        info = message.info
+        if "unlike" in info:  # nothing is known of it where a diagnosis failed otherwise
+            self.counts.unlike = str(info["error"]) if info["unlike"] else ""
 
     def _take_over(self, message: Message) -> None:
         """Serve a version of this stream, and of it only."""
         info = message.info
-        self._deaths = 0
         self.counts.overrun = int(info["missed"])
-        if info["epoch"] != self._epoch or info["end"] <= self._trained:
-            return  # of before a reset, or of a new trainer that catches up
-        self._trained = int(info["end"])
+        if not self._course.advance(info):
+            return
         model = build_model(info["kind"], message.arrays, info["model"])
         self.served = Served(
             model, int(info["number"]), time.monotonic(), int(info["samples"]), "this stream"

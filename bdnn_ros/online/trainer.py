@@ -134,7 +134,8 @@ class Trainer:
             if change.explanation.kind != "push":
                 self.analyst.since = change.explanation.start
             finding = with_stamps(change.finding, self.feed.states)
-            self.say(Message("findings", {"request": 0, "diagnosis": self.analyst.with_change(finding)}))
+            told = {"diagnosis": self.analyst.with_change(finding)}
+            self.say(Message("findings", {"request": 0, "epoch": self.epoch, **told}))
         self.learning.changes.clear()
 
     def _finish(self) -> None:

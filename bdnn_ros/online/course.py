@@ -1,0 +1,66 @@
+"""Where in a stream learning began, and how far it has come: what a new trainer is told to go on from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.serving import Served
+from bdnn_ros.physical.model import PhysicalModel
+
+MOST_DEATHS = 3
+"""Trainers that may end over the same samples before these are left out."""
+
+
+class Course:
+    """The course that learning takes; a new one is begun where what was learned is given up.
+
+    Attributes:
+        epoch: counts the courses; what a trainer says of another one is out of date.
+        start: number of the first sample that counts.
+        resumed: the model that learning began with; None where that is the robot description.
+    """
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self.start = 0
+        self.resumed: PhysicalModel | None = None
+        self._number = 0
+        self._trained = 0
+        self._deaths = 0
+
+    def begin(self, start: int, number: int, resumed: PhysicalModel | None = None) -> None:
+        """Begin anew with the sample `start`, after the version `number`."""
+        self.epoch += 1
+        self.start = self._trained = start
+        self._number, self.resumed = number, resumed
+        self._deaths = 0
+
+    def died(self) -> None:
+        """A trainer ended."""
+        self._deaths += 1
+
+    def advance(self, info: dict[str, Any]) -> bool:
+        """Whether a version is one of this course, and new: not of a trainer that only catches up."""
+        self._deaths = 0
+        if info["epoch"] != self.epoch or info["end"] <= self._trained:
+            return False
+        self._trained = int(info["end"])
+        return True
+
+    def introduction(self, ring: Ring, served: Served | None) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """What a new trainer must know of it, as JSON-able information and arrays."""
+        if self._deaths >= MOST_DEATHS:  # whatever it is in these samples: leave them behind
+            self.start = self._trained = ring.written
+        resumed, start = self.resumed, self.start
+        if start < ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
+            # what came before is no longer in the ring: go on from what is known of it
+            resumed, start = served.model, max(self._trained, ring.oldest)
+            self._number = served.number
+        info: dict[str, Any] = {"start": start, "number": self._number, "epoch": self.epoch}
+        arrays: dict[str, np.ndarray] = {}
+        if resumed is not None:
+            arrays, info["resume"] = resumed.to_state()
+        return info, arrays
