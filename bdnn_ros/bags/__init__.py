@@ -1,7 +1,8 @@
 """Bags and recordings: MCAP, rosbag2 directories and sqlite3 files in, MCAP and rosbag2 directories out."""
 
+from bdnn_ros.bags.every import EveryState, read_every
 from bdnn_ros.bags.reading import Progress, read, topics
 from bdnn_ros.bags.storage import Topic
 from bdnn_ros.bags.writing import write
 
-__all__ = ["Progress", "Topic", "read", "topics", "write"]
+__all__ = ["EveryState", "Progress", "Topic", "read", "read_every", "topics", "write"]

@@ -11,15 +11,20 @@ from bdnn_ros.bags.cdr import NANOSECONDS
 from bdnn_ros.bags.joint_states import Samples
 
 
-def stamped(name: str, parts: Sequence[Samples]) -> tuple[list[Samples], list[str]]:
+def stamped(name: str, parts: Sequence[Samples], every: bool = False) -> tuple[list[Samples], list[str]]:
     """Joint states with stamps: the recorder's where the headers have none, none of zero among others.
 
     A clock that starts at zero, as a simulation's, may show it.
+
+    Args:
+        every: leave out none of the first part.
     """
     if any(len(part) > 1 and not part.stamp.any() for part in parts):
         recorded = [replace(part, stamp=part.log) for part in parts]
         return recorded, [f"{name}: all header stamps are zero; the recorder's are taken."]
-    kept = [part.part(_told(part.stamp)) for part in parts]
+    kept = [part.part(told(part.stamp)) for part in parts]
+    if every:
+        kept[0] = parts[0]
     count, left = sum(map(len, parts)), sum(map(len, kept))
     if left == count:
         return list(parts), []
@@ -28,9 +33,9 @@ def stamped(name: str, parts: Sequence[Samples]) -> tuple[list[Samples], list[st
     ]
 
 
-def _told(stamps: np.ndarray) -> np.ndarray:
-    """Which stamps (N,) [ns] are a time, (N,) bool."""
-    told = stamps != 0
-    if told.all() or not told.any() or stamps[told].min() < NANOSECONDS:
+def told(stamps: np.ndarray) -> np.ndarray:
+    """Which stamps (N,) [ns] are a time, (N,) bool: zero is none among others long after it."""
+    set_ = stamps != 0
+    if set_.all() or not set_.any() or stamps[set_].min() < NANOSECONDS:
         return np.ones(len(stamps), bool)
-    return told
+    return np.asarray(set_)

@@ -42,11 +42,14 @@ class Commands:
         """Whether each command has a value for so many joints."""
         return self._widths == {joints}
 
-    def aligned(self, samples: Samples, orders: Sequence[tuple[str, ...]]) -> tuple[Samples, list[str]]:
+    def aligned(
+        self, samples: Samples, orders: Sequence[tuple[str, ...]], every: bool = False
+    ) -> tuple[Samples, list[str]]:
         """The samples with the command last recorded before each as effort, without those before the first.
 
         Args:
             orders: joint names the commands may stand for, the likeliest first.
+            every: leave out no sample; the effort before the first command is NaN.
         """
         fitting = [names for names in orders if self.stand_for(len(names)) and {*samples.joints} <= {*names}]
         if not fitting:
@@ -63,9 +66,12 @@ class Commands:
         notes = [f"{self.name}: effort is commanded on {self.topic}, in the order {listed(fitting[0], 20)}."]
         if not rows.all():
             notes.append(
-                f"{self.name}: {np.count_nonzero(~rows)} samples before the first command are left out."
+                f"{self.name}: {np.count_nonzero(~rows)} samples before the first command "
+                f"{'have no effort' if every else 'are left out'}."
             )
         values = np.array(self._values)[order][:, columns]
+        if every:
+            return replace(samples, effort=np.where(rows[:, None], values[latest], np.nan)), notes
         return replace(samples.part(rows), effort=values[latest[rows]]), notes
 
 

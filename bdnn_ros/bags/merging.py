@@ -37,17 +37,24 @@ class _Places:
     known: np.ndarray
 
     def of(self, values: np.ndarray | None) -> np.ndarray | None:
-        """The other stream's values (M, k) at these stamps, linear between its own, (N, k)."""
+        """The other stream's values (M, k) at these stamps, linear between its own, (N, k); NaN where it is not there."""
         if values is None:
             return None
         share = self.share[:, None]
         before, after = values[self.before], values[self.after]
         between = before + share * (after - before)
-        return np.where(share == 0.0, before, np.where(share == 1.0, after, between))
+        values = np.where(share == 0.0, before, np.where(share == 1.0, after, between))
+        return np.where(self.known[:, None], values, np.nan)
 
 
 def together(
-    name: str, parts: Sequence[Samples], joints: Sequence[str], *, needed: bool, measured: bool
+    name: str,
+    parts: Sequence[Samples],
+    joints: Sequence[str],
+    *,
+    needed: bool,
+    measured: bool,
+    every: bool = False,
 ) -> tuple[Samples, list[str]]:
     """The samples of the first part with those of the others put to them.
 
@@ -59,6 +66,7 @@ def together(
         joints: their order in the result.
         needed: all joints must be there; otherwise parts that do not fit are left out with a note.
         measured: parts without effort do not fit to a first part with effort.
+        every: leave out no sample of the first part; the others' values are NaN where they are not there.
 
     Raises:
         BagError: joints that are needed cannot be put together.
@@ -84,9 +92,10 @@ def together(
     if not known.all():
         notes.append(
             f"{name}: {np.count_nonzero(~known)} of {len(known)} joint states of {listed(first.joints)} "
-            "have no others beside them; left out."
+            f"have no others beside them{'' if every else '; left out'}."
         )
-    return _merged(first, found, joints).part(known), notes
+    merged = _merged(first, found, joints)
+    return merged if every else merged.part(known), notes
 
 
 def _merged(first: Samples, others: Sequence[tuple[Samples, _Places]], joints: Sequence[str]) -> Samples:

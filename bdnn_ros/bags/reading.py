@@ -75,6 +75,41 @@ def read(
         BagError: not a bag, damaged, or without the messages needed.
         RecordingError: as `recording.cleaned`.
     """
+    samples, urdf, notes = samples_of(
+        path,
+        joint_states,
+        effort_commands,
+        effort,
+        progress,
+        rename=rename,
+        joints=joints,
+        robot_joints=robot_joints,
+    )
+    return _recording(str(path), samples, urdf, drop_invalid, notes)
+
+
+def samples_of(
+    path: str | Path,
+    joint_states: str,
+    effort_commands: str | None,
+    effort: str,
+    progress: Progress | None,
+    *,
+    rename: Sequence[str],
+    joints: Sequence[str],
+    robot_joints: Sequence[str],
+    every: bool = False,
+) -> tuple[Samples, str | None, list[str]]:
+    """The joint states of a bag as they are in it, its robot description, and what there is to say.
+
+    Args:
+        every: leave out no message that holds the joints (or most of them, where none holds all); what is unknown
+            then is NaN.
+        others: as of `read`.
+
+    Raises:
+        UsageError, BagError: as `read`.
+    """
     name = str(path)
     if effort not in ("measured", "command"):
         raise UsageError(f"The effort is measured or command, not {effort!r}.", "Choose one of these.")
@@ -93,11 +128,13 @@ def read(
         name, states.groups, dict(zip(old, new, strict=True)), joints, robot_joints or movable_joints(urdf)
     )
     main = tuple(new[old.index(joint)] for joint in states.groups[0])
-    samples, notes = _samples(name, states, dict(zip(new, old, strict=True)), wanted, bool(joints), commands)
+    samples, notes = _samples(
+        name, states, dict(zip(new, old, strict=True)), wanted, bool(joints), commands, every
+    )
     if commands is not None:
-        samples, more = commands.aligned(samples, [tuple(joints), tuple(robot_joints), main])
+        samples, more = commands.aligned(samples, [tuple(joints), tuple(robot_joints), main], every)
         notes += more
-    return _recording(name, samples, urdf, drop_invalid, notes)
+    return samples, urdf, notes
 
 
 def _collect(
@@ -180,6 +217,7 @@ def _samples(
     wanted: Sequence[str],
     needed: bool,
     commands: Commands | None,
+    every: bool,
 ) -> tuple[Samples, list[str]]:
     """The joint states of the joints that are wanted, or needed, by their new names, and what there is to say."""
     new = {theirs: ours for ours, theirs in old.items()}
@@ -189,8 +227,8 @@ def _samples(
     found = [
         replace(part, joints=tuple(new[joint] for joint in part.joints)) for part in states.samples(parts)
     ]
-    clocked, notes = stamped(name, found)
-    samples, more = together(name, clocked, wanted, needed=needed, measured=commands is None)
+    clocked, notes = stamped(name, found, every)
+    samples, more = together(name, clocked, wanted, needed=needed, measured=commands is None, every=every)
     unused = [joint for joint in old if not any(joint in part.joints for part in found)]
     return samples, [*_notes(name, states, sum(map(len, found)), unused), *notes, *more]
 
@@ -201,7 +239,8 @@ def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> 
         notes.append(f"{name}: joints {listed(unused)} of the bag are left out.")
     if held < states.usable:
         notes.append(
-            f"{name}: {states.usable - held} of {states.count} joint states hold other joints; left out."
+            f"{name}: {states.usable - held} of {states.count} joint states hold other joints or come from another "
+            "publisher; left out."
         )
     if states.nameless:
         notes.append(
@@ -215,30 +254,43 @@ def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> 
     return notes
 
 
+def reported_velocity(name: str, samples: Samples) -> tuple[np.ndarray | None, list[str]]:
+    """The velocity, (N, n), or None where the messages do not report it, or not that of a joint that moves; which."""
+    velocity = samples.velocity
+    if velocity is None:
+        return None, []
+    unknown = ~(np.isfinite(velocity) & (velocity != 0.0)).any(axis=0)
+    moves = np.ptp(samples.position, axis=0) > MOVES if len(samples) else unknown
+    partly = np.isnan(velocity).all(axis=1)
+    silent = (unknown & moves) | np.isnan(velocity).all(axis=0)
+    if not silent.any() and (not partly.any() or partly.all()):
+        return velocity, []
+    which = listed(np.array(samples.joints)[silent]) if silent.any() else f"{partly.sum()} samples"
+    return None, [f"{name}: no velocity is reported for {which}; it is derived from the position."]
+
+
+def reported_effort(name: str, samples: Samples) -> tuple[np.ndarray | None, list[str]]:
+    """The effort, (N, n), or None where the messages do not report it: a driver without one may say zero."""
+    if samples.effort is None or np.nan_to_num(samples.effort).any():
+        return samples.effort, []
+    return None, [f"{name}: every effort is zero or NaN; taken as not measured."]
+
+
 def _recording(
     name: str, samples: Samples, urdf: str | None, drop_invalid: bool, notes: list[str]
 ) -> Recording:
     """The recording of samples: fields that nobody measured recognised."""
     stamps = samples.stamp
-    velocity, effort = samples.velocity, samples.effort
-    if velocity is not None:
-        unknown = ~(np.isfinite(velocity) & (velocity != 0.0)).any(axis=0)
-        moves = np.ptp(samples.position, axis=0) > MOVES if len(stamps) else unknown
-        partly = np.isnan(velocity).all(axis=1)
-        silent = (unknown & moves) | np.isnan(velocity).all(axis=0)
-        if silent.any() or (partly.any() and not partly.all()):
-            which = listed(np.array(samples.joints)[silent]) if silent.any() else f"{partly.sum()} samples"
-            notes.append(f"{name}: no velocity is reported for {which}; it is derived from the position.")
-            velocity = None
+    velocity, more = reported_velocity(name, samples)
+    effort, also = samples.effort, []
     if effort is not None:
         absent = np.isnan(effort).all(axis=0)
         if absent.any() and not absent.all():
             which = listed(np.array(samples.joints)[absent])
-            notes.append(f"{name}: no effort is reported for {which} (NaN throughout); it counts as zero.")
-            effort = np.where(absent, 0.0, effort)
-        if not np.nan_to_num(effort).any():
-            notes.append(f"{name}: every effort is zero or NaN; taken as not measured.")
-            effort = None
+            also.append(f"{name}: no effort is reported for {which} (NaN throughout); it counts as zero.")
+            samples = replace(samples, effort=np.where(absent, 0.0, effort))
+        effort, silent = reported_effort(name, samples)
+        also += silent
     epoch = int(stamps[0]) if len(stamps) else 0
     recording = cleaned(
         (stamps - epoch) * 1e-9,
@@ -250,4 +302,4 @@ def _recording(
         urdf=urdf,
         drop_invalid=drop_invalid,
     )
-    return replace(recording, epoch=epoch, notes=(*notes, *recording.notes))
+    return replace(recording, epoch=epoch, notes=(*notes, *more, *also, *recording.notes))

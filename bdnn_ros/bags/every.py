@@ -1,0 +1,150 @@
+"""Every joint state of a bag, with the motion that those show which hold a position and a stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bdnn_ros import stamps
+from bdnn_ros.bags.clock import told
+from bdnn_ros.bags.reading import Progress, reported_effort, reported_velocity, samples_of
+from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.recording import Recording
+
+
+@dataclass(frozen=True)
+class EveryState:
+    """Joint states in the order of their stamps, none left out.
+
+    Attributes:
+        stamp: (N,) int64 [ns]; stamps may repeat.
+        position, effort: (N, n) [rad] ([m]), [N·m] ([N]), NaN where a message does not hold them.
+        motion: what they show, each stamp once; with the joints' order and the notes of reading.
+        row: the sample of the motion that is of each state's moment, (N,) int, -1 where there is none: the state holds
+            a position that is not finite, or no stamp.
+    """
+
+    stamp: np.ndarray
+    position: np.ndarray
+    effort: np.ndarray
+    motion: Recording
+    row: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+    def select(self, joints: Sequence[str]) -> EveryState:
+        """The same states with these joints, in this order; a position is needed of all joints all the same.
+
+        Raises:
+            UsageError: as `Recording.select`.
+        """
+        motion = self.motion.select(joints)
+        columns = [self.motion.joints.index(joint) for joint in joints]
+        return replace(
+            self, position=self.position[:, columns], effort=self.effort[:, columns], motion=motion
+        )
+
+
+def read_every(
+    path: str | Path,
+    joint_states: str = "/joint_states",
+    effort_commands: str | None = None,
+    effort: str = "measured",
+    drop_invalid: bool = False,
+    progress: Progress | None = None,
+    *,
+    rename: Sequence[str] = (),
+    joints: Sequence[str] = (),
+    robot_joints: Sequence[str] = (),
+) -> EveryState:
+    """Every message that holds the joints, as it is, where `read` leaves out or refuses what makes no recording.
+
+    Late messages are put where their stamps belong. Only what cannot be decoded, or names no joint or position, is
+    left out, with a note.
+
+    Args:
+        drop_invalid: move what follows a clock that was set back behind what came before, instead of refusing the bag.
+        others: as of `read`.
+
+    Raises:
+        UsageError, BagError: as `read`.
+        RecordingError: the clock was set back, or no position is finite.
+    """
+    samples, urdf, notes = samples_of(
+        path,
+        joint_states,
+        effort_commands,
+        effort,
+        progress,
+        rename=rename,
+        joints=joints,
+        robot_joints=robot_joints,
+        every=True,
+    )
+    name, count = str(path), len(samples)
+    if len(set(samples.joints)) < len(samples.joints):
+        raise UsageError(f"{name}: a joint is named twice.", "Name each joint once.")
+    shows = told(samples.stamp) & np.isfinite(samples.position).all(axis=1)
+    if not shows.any():
+        raise RecordingError(f"{name}: no joint state holds a finite position.", "Fix the driver.")
+    if not shows.all():
+        notes.append(
+            f"{name}: {count - np.count_nonzero(shows)} of {count} joint states show no motion: "
+            "their position is not finite, or they have no stamp."
+        )
+    stamp = samples.stamp.copy()
+    stamp[shows] = _one_clock(name, stamp[shows], drop_invalid)
+    order = np.argsort(stamp, kind="stable")
+    samples, stamp, shows = samples.part(order), stamp[order], shows[order]
+    moments, first, which = np.unique(stamp[shows], return_index=True, return_inverse=True)
+    row = np.full(count, -1)
+    row[shows] = which
+    shown = samples.part(np.flatnonzero(shows)[first])
+    velocity, more = reported_velocity(name, shown)
+    acting, also = reported_effort(name, samples)
+    motion = Recording(
+        (moments - moments[0]) * 1e-9,
+        samples.joints,
+        shown.position,
+        _finite(velocity),
+        None if acting is None else _finite(shown.effort),
+        name=name,
+        urdf=urdf,
+        notes=(*notes, *more, *also),
+        epoch=int(moments[0]),
+    )
+    nothing = np.full(samples.position.shape, np.nan)
+    return EveryState(stamp, samples.position, nothing if acting is None else acting, motion, row)
+
+
+def _finite(values: np.ndarray | None) -> np.ndarray | None:
+    return values if values is not None and np.isfinite(values).all() else None
+
+
+def _one_clock(name: str, stamp: np.ndarray, join: bool) -> np.ndarray:
+    """Stamps (N,) [ns] in the order of arrival by one clock: what follows one that starts anew is moved behind.
+
+    Raises:
+        RecordingError: the clock starts anew, and it is not asked to join the parts.
+    """
+    fresh = np.flatnonzero(np.append(True, np.diff(stamp) != 0))
+    kept, starts = stamps.runs(stamp[fresh])
+    if len(starts) == 1:
+        return stamp
+    if not join:
+        raise RecordingError(
+            f"{name}: time stamps do not increase: the clock is set back (sample {fresh[starts[1]]} of {len(stamp)}).",
+            "Check the publisher's clock, or pass --drop-invalid to join the parts.",
+        )
+    seconds = (stamp[fresh] - stamp[0]) * 1e-9
+    joined = stamps.joined(seconds, kept, starts)
+    moved = stamp.copy()
+    edges = [*fresh[starts].tolist(), len(stamp)]
+    places = np.searchsorted(np.flatnonzero(kept), starts)
+    for first, place, start, stop in zip(starts, places, edges[:-1], edges[1:], strict=True):
+        moved[start:stop] += round((joined[place] - seconds[first]) * 1e9)
+    return moved
