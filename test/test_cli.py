@@ -1,8 +1,7 @@
-"""The command: quick help, honest exit statuses, and what info, predict and evaluate print."""
+"""The command: quick help, honest exit statuses, and what info and evaluate print."""
 
 from __future__ import annotations
 
-import csv
 import errno
 import json
 import os
@@ -15,32 +14,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_cases import EPOCH, PENDULUM, bag_of, motion
+from bag_cases import PENDULUM, bag_of, motion
+from cli_cases import Pendulum, swing
 
 from bdnn_ros import bags, cli
-from bdnn_ros.cli import info, options, outputs
+from bdnn_ros.cli import info, loading, options, outputs
 from bdnn_ros.cli.main import VERBS, main
-from bdnn_ros.cli.predict import effort_along
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score
-from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.signals import prepare
 
 MODULES = sorted(
     p.stem
     for p in Path(cli.__file__).parent.glob("*.py")
-    if p.stem not in ("__init__", "main", "options", "outputs")
+    if p.stem not in ("__init__", "main", "describing", "loading", "options", "outputs")
 )
-
-
-class Pendulum(Robot):
-    """A model that knows the truth."""
-
-    kind = "pendulum"
-
-    def predict(self, signals: Signals) -> np.ndarray:
-        """Effort along a motion, (N, 1) [N·m]."""
-        return self.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
 
 
 @pytest.fixture
@@ -50,21 +39,6 @@ def pendulum(monkeypatch: pytest.MonkeyPatch) -> Robot:
     for verb in ("evaluate", "predict"):
         monkeypatch.setattr(f"bdnn_ros.cli.{verb}.load_model", lambda path: model)
     return model
-
-
-def swing(model: Robot, duration: float = 8.0, rate: float = 200.0) -> Recording:
-    """The pendulum along a sinusoid."""
-    time = np.round(np.arange(0.0, duration, 1.0 / rate), 9)
-    q, v = 0.8 * np.sin(2.0 * time)[:, None], 1.6 * np.cos(2.0 * time)[:, None]
-    effort = model.inverse_dynamics(q, v, -4.0 * q)
-    return Recording(time, model.joints, q, v, effort, name="swing", urdf=PENDULUM, epoch=EPOCH)
-
-
-def rows_of(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a CSV file."""
-    with path.open(newline="") as file:
-        header, *rows = csv.reader(file)
-    return header, rows
 
 
 def test_help_is_quick_and_lists_every_verb() -> None:
@@ -193,57 +167,6 @@ def test_info_says_why_not_and_still_what_is_there(
     assert captured.err == f"bdnn: error: {told['problem']}\n"
 
 
-def test_predict_writes_a_row_for_every_joint_state(tmp_path: Path, pendulum: Robot) -> None:
-    recording = swing(pendulum)
-    path = bag_of(tmp_path / "bag", recording)
-    assert main(["predict", "model", str(path), "--out", str(tmp_path / "out" / "effort.csv")]) == 0
-    header, rows = rows_of(tmp_path / "out" / "effort.csv")
-    assert header == ["time", "pivot.effort", "pivot.measured"]
-    assert len(rows) == len(recording)
-    stamps = [int(seconds) * 10**9 + int(rest) for seconds, rest in (row[0].split(".") for row in rows)]
-    np.testing.assert_array_equal(stamps, EPOCH + np.round(recording.time * 1e9).astype(np.int64))
-    values = np.array([row[1:] for row in rows], float)
-    np.testing.assert_allclose(values[:, 1], recording.require_effort()[:, 0], rtol=1e-8)
-    np.testing.assert_allclose(values[20:-20, 0], values[20:-20, 1], atol=0.02)
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["effort.csv"]
-
-
-def test_predict_prints_without_a_file(
-    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording = replace(swing(pendulum), effort=None)
-    assert main(["predict", "model", str(bag_of(tmp_path / "bag", recording))]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == len(recording) + 1
-    assert lines[1].startswith("1700000000.000000123,")
-    assert lines[1].endswith(",")
-
-
-def test_effort_along_reaches_every_sample(pendulum: Pendulum) -> None:
-    whole = swing(pendulum, 10.0)
-    truth = whole.require_effort()
-    along = effort_along(pendulum, whole)
-    np.testing.assert_allclose(along[30:-30], truth[30:-30], atol=0.02)
-    assert np.abs(along - truth).max() < 0.05 * np.ptp(truth)
-
-
-def test_effort_along_pieces_of_any_length(pendulum: Pendulum) -> None:
-    whole = swing(pendulum, 10.0)
-    truth = whole.require_effort()
-    keep = np.ones(len(whole), bool)
-    for start, stop in ((300, 340), (341, 400), (402, 450), (500, 600), (640, 700)):
-        keep[start:stop] = False
-    pieces = whole.part(keep)
-    assert min(rows.stop - rows.start for rows in pieces.segments()) < 3
-    told: list[tuple[int, int]] = []
-    along = effort_along(pendulum, pieces, progress=lambda done, total: told.append((done, total)))
-    assert np.isfinite(along).all()
-    inside = np.concatenate([np.arange(30, 270), np.arange(1000, 1500)])
-    np.testing.assert_allclose(along[inside], truth[keep][inside], atol=0.02)
-    assert np.abs(along - truth[keep]).max() < 0.35 * np.ptp(truth)
-    assert told[-1] == (len(pieces), len(pieces))
-
-
 def test_evaluate_prints_and_counts(
     tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -317,7 +240,7 @@ def _load(words: list[str]) -> tuple[list[Recording], Robot | None]:
 
     parser = ArgumentParser()
     options.add_recording_arguments(parser, bags="many")
-    return options.load(parser.parse_args(words))
+    return loading.load(parser.parse_args(words))
 
 
 def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:

@@ -219,7 +219,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path / "model"
 
 
-PREDICTED_ALL_THE_SAME = {"no_effort", "two_samples", "constant_position"}
+PREDICTED_ALL_THE_SAME = {"no_effort", "nan_samples", "two_samples", "constant_position"}
 
 
 @pytest.mark.parametrize(("case", "status", "sentence"), CASES, ids=IDS)

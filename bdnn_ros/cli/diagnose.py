@@ -12,7 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bdnn_ros.checks.data import check_data
-from bdnn_ros.cli import options, outputs
+from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
 from bdnn_ros.diagnosis.search import Progress
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.require_directory(args.out)
     earlier = load_model(args.model) if args.model else None
     joints = earlier.joints if earlier else ()
-    recordings, robot = options.load(args, joints=joints, undisturbed=True)
+    recordings, robot = loading.load(args, joints=joints, needs_robot=earlier is None, undisturbed=True)
     if earlier is not None:
         robot = getattr(earlier, "robot", None)
         if not isinstance(robot, Robot):
@@ -150,7 +150,8 @@ def _rivals(finding: Finding) -> str:
 
 def _completed(examination: Examination, args: argparse.Namespace, remarks: Sequence[str]) -> Diagnosis:
     """The diagnosis with what it was asked of, and what the data check found."""
-    in_bag = examination.recordings[0].urdf is not None
+    robot = examination.robot
+    in_bag = any(recording.urdf == robot.urdf for recording in examination.recordings)
     described = "/robot_description of the bag" if in_bag else args.robot
     simulation = str(args.model or args.urdf or described)
     diagnosis = examination.diagnosis

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bdnn_ros.cli import options
+from bdnn_ros.cli import loading, options
 from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import RolloutError, Scores, rollout_error, score, score_model
@@ -42,7 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Score the model, and the URDF where there is one, on the same samples."""
     model = load_model(args.model)
-    (recording,), robot = options.load(args, joints=model.joints, needs_robot=False)
+    (recording,), robot = loading.load(args, joints=model.joints, needs_robot=False)
+    if robot is None:
+        loading.say_unusable([recording])
     if args.holdout is not None:
         recording = recording.split(args.holdout)[1]
     recording.require_effort()

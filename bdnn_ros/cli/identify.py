@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bdnn_ros.cli import options, outputs
+from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.recording import Recording
@@ -73,14 +73,16 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             "--spread is about the URDF, which --prior none leaves out.", "Leave one of them out."
         )
-    recordings, robot = options.load(args)
-    options.require_length(recordings)
+    recordings, robot = loading.load(args, needs_robot=args.prior == "urdf")
+    if robot is None:
+        loading.say_unusable(recordings)
+    loading.require_length(recordings)
     parts = [recording.split(args.holdout) for recording in recordings]
     for recording, (first, _) in zip(recordings, parts, strict=True):
-        if first.recorded < options.LEAST_SECONDS <= recording.recorded:
+        if first.recorded < loading.LEAST_SECONDS <= recording.recorded:
             raise UsageError(
                 f"--holdout {args.holdout:g} leaves {first.recorded:.2g} s of {recording.name} to learn from.",
-                f"Give a smaller share: {options.LEAST_SECONDS:g} s are the least.",
+                f"Give a smaller share: {loading.LEAST_SECONDS:g} s are the least.",
             )
     training, held_out = [first for first, _ in parts], [last for _, last in parts]
     tested = [prepare(recording, args.cutoff) for recording in held_out]

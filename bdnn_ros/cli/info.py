@@ -14,9 +14,11 @@ from bdnn_ros import bags
 from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.data import unread
 from bdnn_ros.checks.description import doubts
-from bdnn_ros.cli import options
+from bdnn_ros.cli import loading, options
+from bdnn_ros.cli.describing import unusable
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
+from bdnn_ros.robot import Robot
 from bdnn_ros.robot.urdf import Limits
 from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, prepare
@@ -75,28 +77,36 @@ def run(args: argparse.Namespace) -> int:
     """Tell what is there, then whether it will do; the reason why not is the error."""
     topics = bags.topics(args.bags[0])
     report: dict[str, Any] = {"bag": str(args.bags[0]), "topics": [vars(topic) for topic in topics]}
-    problem = None
+    problem, robot = None, None
     try:
-        (recording,), robot = options.load(args, moves=False, needs_robot=args.urdf is not None)
+        (recording,), robot = loading.load(args, moves=False, needs_robot=args.urdf is not None)
         report |= timing(recording)
         signals = prepare(recording, args.cutoff)
         limits = robot.limits if robot else None
         joints = excitation(recording, signals, limits)
         report["excitation"] = [joint.as_json() for joint in joints]
-        options.require_length([recording])
+        loading.require_length([recording])
         report["concerns"] = [
             *concerns(recording, joints),
-            *map(str, (*doubts(robot), *breaches(signals, robot)) if robot else ()),
+            *_of_the_description(recording, signals, robot),
         ]
-        options.require_motion(recording)
+        loading.require_motion(recording)
         recording.require_effort()
     except BdnnError as error:
         problem = error
     report |= {"usable": problem is None, "problem": str(problem) if problem else None}
-    print(json.dumps(report, indent=1, allow_nan=False) if args.json else _text(report))
+    print(json.dumps(report, indent=1, allow_nan=False) if args.json else _text(report, robot is not None))
     if problem is not None:
         raise problem
     return 0
+
+
+def _of_the_description(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:
+    """What is doubtful about the robot's description, or why the bag's cannot be used."""
+    if robot is None:
+        problem = unusable([recording])
+        return [problem] if problem else []
+    return [str(remark) for remark in (*doubts(robot), *breaches(signals, robot))]
 
 
 def timing(recording: Recording) -> dict[str, Any]:
@@ -183,7 +193,7 @@ def _reversals(velocity: np.ndarray) -> int:
     return int(np.count_nonzero(np.diff(np.sign(velocity)) != 0))
 
 
-def _text(report: dict[str, Any]) -> str:
+def _text(report: dict[str, Any], described: bool) -> str:
     lines = [report["bag"], *(f"  {t['name']}  {t['type']}  {t['count']} messages" for t in report["topics"])]
     if "samples" in report:
         gaps = report["gaps"]
@@ -198,7 +208,11 @@ def _text(report: dict[str, Any]) -> str:
     if "excitation" in report:
         lines += ["", *_table(report["excitation"]), *(f"- {text}" for text in report.get("concerns", ()))]
     if report["usable"]:
-        lines.append("Fit for identification.")
+        lines.append(
+            "Fit for identification."
+            if described
+            else "Fit for identification, with a robot description from --urdf FILE or --robot NAME."
+        )
     return "\n".join(lines)
 
 

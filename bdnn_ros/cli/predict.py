@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
@@ -13,8 +14,8 @@ from typing import TextIO
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from bdnn_ros.bags import Progress
-from bdnn_ros.cli import options, outputs
+from bdnn_ros.bags import EveryState, Progress
+from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.recording import Recording
@@ -45,20 +46,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Predict and write one row a joint state."""
+    """Predict and write one row a joint state, whether or not something can be predicted there."""
     if args.out:
         outputs.require_file(args.out)
     model = load_model(args.model)
-    (recording,), _ = options.load(args, joints=model.joints, moves=False, needs_robot=False)
+    every = loading.load_every(args, model.joints)
     with options.progress("predicting") as show:
-        effort = effort_along(model, recording, args.cutoff, show)
+        along = effort_along(model, every.motion, args.cutoff, show)
+    effort = np.where((every.row >= 0)[:, None], along[every.row], np.nan)
     target: AbstractContextManager[TextIO] = (
         outputs.written_whole(args.out) if args.out else nullcontext(sys.stdout)
     )
     with target as file, options.progress("writing") as show:
-        for row, lines in enumerate(_lines(recording, effort)):
+        for row, lines in enumerate(_lines(every, effort)):
             file.write(lines)
-            show(min(row * ROWS_AT_ONCE, len(recording)), len(recording))
+            show(min(row * ROWS_AT_ONCE, len(every)), len(every))
     return 0
 
 
@@ -78,6 +80,8 @@ def effort_along(
     Raises:
         UsageError: the cut-off does not fit the rate.
     """
+    if len(recording) < 2:
+        return _unaccelerated(model, recording)
     cutoff = suitable_cutoff(recording.rate, cutoff)
     result = np.empty_like(recording.position)
     for rows in recording.segments():
@@ -91,10 +95,14 @@ def _piece(model: Model, piece: Recording, cutoff: float) -> np.ndarray:
     try:
         signals = prepare(_continued(piece, cutoff), cutoff)
     except BdnnError:
-        rest = np.zeros_like(piece.position)
-        velocity = rest if piece.velocity is None else piece.velocity
-        return model.inverse_dynamics(piece.position, velocity, rest)
+        return _unaccelerated(model, piece)
     return np.asarray(PchipInterpolator(signals.time, model.predict(signals))(piece.time))
+
+
+def _unaccelerated(model: Model, piece: Recording) -> np.ndarray:
+    rest = np.zeros_like(piece.position)
+    velocity = rest if piece.velocity is None else piece.velocity
+    return model.inverse_dynamics(piece.position, velocity, rest)
 
 
 def _continued(piece: Recording, cutoff: float) -> Recording:
@@ -132,22 +140,17 @@ def _acceleration_at(piece: Recording, end: int, window: float) -> np.ndarray:
     return np.asarray(2.0 * np.polyfit(since[near], piece.position[near], 2)[0])
 
 
-def _lines(recording: Recording, effort: np.ndarray) -> Iterator[str]:
-    """The CSV in blocks; stamps are the bag's, to the nanosecond."""
-    yield (
-        ",".join(
-            ["time", *(f"{joint}.{kind}" for joint in recording.joints for kind in ("effort", "measured"))]
-        )
-        + "\n"
-    )
-    stamps = recording.epoch + np.round(recording.time * 1e9).astype(np.int64)
-    for start in range(0, len(recording), ROWS_AT_ONCE):
+def _lines(every: EveryState, effort: np.ndarray) -> Iterator[str]:
+    """The CSV in blocks: stamps are the bag's, to the nanosecond; a cell is empty where nothing is known."""
+    kinds = ("effort", "measured")
+    yield ",".join(["time", *(f"{joint}.{kind}" for joint in every.motion.joints for kind in kinds)]) + "\n"
+    for start in range(0, len(every), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
-        cells = [[f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in stamps[rows].tolist()]]
-        for joint in range(recording.width):
-            cells.append([f"{value:.9g}" for value in effort[rows, joint].tolist()])
-            if recording.effort is None:
-                cells.append([""] * len(cells[0]))
-            else:
-                cells.append([f"{value:.9g}" for value in recording.effort[rows, joint].tolist()])
+        cells = [[f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in every.stamp[rows].tolist()]]
+        for predicted, measured in zip(effort[rows].T, every.effort[rows].T, strict=True):
+            cells += [_cells(predicted), _cells(measured)]
         yield "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
+
+
+def _cells(values: np.ndarray) -> list[str]:
+    return [f"{value:.9g}" if math.isfinite(value) else "" for value in values.tolist()]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bdnn_ros.checks.description import doubts
-from bdnn_ros.cli import options, outputs
+from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
@@ -46,12 +46,12 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.out:
         outputs.require_model_place(args.out)
-    recordings, robot = options.load(args)
+    recordings, robot = loading.load(args)
     if robot is None:
         raise UsageError("There is no URDF to start from.", "Give --urdf FILE or --robot NAME.")
     for remark in doubts(robot):
         options.say(str(remark))
-    options.require_length(recordings)
+    loading.require_length(recordings)
     recording = recordings[0]
     learning = Learning(robot, args.cutoff)
     began = time.perf_counter()

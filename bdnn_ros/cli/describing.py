@@ -1,0 +1,90 @@
+"""The robot of some recordings: whose description counts, and which of its joints are looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bdnn_ros.cli.options import say
+from bdnn_ros.errors import RobotError, UsageError, listed
+from bdnn_ros.left_out import disturbing, standing
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+
+def described_robot(recordings: Sequence[Recording], name: str | None, needed: bool) -> Robot | None:
+    """The robot that the bags describe, else the bundled one of that name; None without either.
+
+    The first description that can be used counts. One that cannot counts as none, which is said; without another
+    it is an error where a robot is needed.
+
+    Raises:
+        RobotError: a robot is needed, and none of the descriptions can be used.
+        UsageError: there is no bundled robot of that name.
+    """
+    bundled = Robot.bundled(name) if name is not None else None
+    described = [recording for recording in recordings if recording.urdf]
+    left_out: list[tuple[str, RobotError]] = []
+    for recording in described:
+        try:
+            robot = Robot.from_urdf(recording.urdf or "")
+        except RobotError as reason:
+            left_out.append((recording.name, reason))
+            continue
+        _say_left_out(left_out, f"that of {recording.name}")
+        if bundled:
+            say(f"--robot {name} is not needed: {recording.name} holds a robot description.")
+        if len({recording.urdf for recording in described}) > 1:
+            say(f"The bags hold different robot descriptions; that of {recording.name} is taken.")
+        return robot
+    if bundled:
+        _say_left_out(left_out, f"--robot {name}")
+    elif left_out and needed:
+        where, error = left_out[0]
+        raise RobotError(f"{where}: {error.problem}", "Give another with --urdf FILE or --robot NAME.")
+    return bundled
+
+
+def unusable(recordings: Sequence[Recording]) -> str | None:
+    """What is wrong with the first description in the bags, and what to do; None without one, or where it can be used."""
+    for recording in recordings:
+        if recording.urdf:
+            try:
+                Robot.from_urdf(recording.urdf, recording.joints)
+            except RobotError as error:
+                return f"{recording.name}: {error.problem} Give another with --urdf FILE or --robot NAME."
+            return None
+    return None
+
+
+def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool) -> Robot:
+    """The robot with the chosen joints, others where the whole recordings have them stand; what is left out is said.
+
+    Args:
+        undisturbed: refuse recordings in which joints that are left out move so that the others feel it.
+
+    Raises:
+        RobotError: the robot lacks a joint.
+        UsageError: a recording is disturbed.
+    """
+    out = [joint for joint in robot.joints if joint not in chosen]
+    held = standing(whole, out)
+    looked_at = Robot.from_urdf(robot.urdf, chosen, held)
+    unknown = [joint for joint in out if joint not in held]
+    if unknown:
+        say(f"No message that is used holds {listed(unknown)} of the URDF; held at zero.")
+    for recording in whole if held else ():
+        felt = disturbing(recording, robot, looked_at)
+        if felt and undisturbed:
+            raise UsageError(
+                f"{recording.name}: {listed(felt)} moves and is left out: what the others feel of it would pass for causes.",
+                "Take it in (--joints), or record the others while it stands still.",
+            )
+        if felt:
+            say(f"{recording.name}: {listed(felt)} moves and is left out; the model takes it to stand still.")
+    return looked_at
+
+
+def _say_left_out(left_out: Sequence[tuple[str, RobotError]], taken: str) -> None:
+    for where, error in left_out:
+        problem = error.problem[:1].lower() + error.problem[1:]
+        say(f"The description in {where} is left out and {taken} taken: {problem}")

@@ -1,0 +1,224 @@
+"""The recordings and the robot that the arguments of a verb ask for."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from bdnn_ros import bags
+from bdnn_ros.cli.describing import described_robot, unusable, with_joints
+from bdnn_ros.cli.options import progress, say
+from bdnn_ros.efforts import EffortConvention
+from bdnn_ros.errors import BdnnError, RecordingError, RobotError, UsageError, listed
+from bdnn_ros.recording import Recording, moving
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import MINIMUM_SAMPLES, mended
+
+LEAST_SECONDS = 1.0
+"""Motion that a model is identified from, at least [s]."""
+Read = TypeVar("Read")
+
+
+def load(
+    args: argparse.Namespace,
+    *,
+    joints: Sequence[str] = (),
+    moves: bool = True,
+    needs_robot: bool = True,
+    undisturbed: bool = False,
+) -> tuple[list[Recording], Robot | None]:
+    """The recordings that the arguments ask for, all with the same joints, and their robot.
+
+    The robot is that of --urdf, else of the (first) bag's description, else of --robot; None without any.
+    Its joints and the recordings' are `joints`, else --joints, else those of the robot that every bag has.
+    What is left out or repaired is said on stderr.
+
+    Args:
+        joints: joints that must be there, in this order (a model's).
+        moves: refuse recordings in which no joint moves.
+        needs_robot: a description in a bag that does not fit is an error; otherwise it counts as none.
+        undisturbed: refuse recordings in which joints that are left out move so that the others feel it.
+
+    Raises:
+        BdnnError: as `bags.read` and `Robot.from_urdf`; or the robot and the bag share no joint.
+    """
+    required = tuple(joints) or args.joints
+    needs_robot |= args.add_gravity
+    given = _given(args)
+    recordings = [
+        _read(path, args, args.joints or required, given.joints if given else ()) for path in args.bags
+    ]
+    robot = given or described_robot(recordings, args.robot, needs_robot)
+    chosen = required or _common_joints(recordings, robot)
+    whole = recordings
+    recordings = [_with_notes(recording.select(chosen)) for recording in recordings]
+    for recording in recordings:
+        for note in recording.notes:
+            say(note)
+        if moves:
+            require_motion(recording)
+    if robot is not None:
+        if required and set(required) < set(robot.joints):
+            whole = _of_all_joints(args, robot)
+        robot = _fitted(robot, chosen, whole, undisturbed, given is not None or needs_robot)
+    convention = _convention(args, recordings, robot)
+    return [convention.applied(recording) if convention else recording for recording in recordings], robot
+
+
+def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EveryState:
+    """Every joint state of the bag that the arguments ask for, with these joints; what is left out is said on stderr.
+
+    Raises:
+        BdnnError: as `bags.read_every` and `Robot.from_urdf`.
+    """
+    given = _given(args)
+    every = _read_with(bags.read_every, args.bags[0], args, args.joints or joints, ()).select(joints)
+    robot = given or described_robot([every.motion], args.robot, needed=args.add_gravity)
+    for note in _with_notes(every.motion).notes:
+        say(note)
+    if robot is not None:
+        whole = _of_all_joints(args, robot) if set(joints) < set(robot.joints) else [every.motion]
+        robot = _fitted(robot, joints, whole, False, given is not None or args.add_gravity)
+    convention = _convention(args, [every.motion], robot)
+    if convention is None:
+        return every
+    return replace(every, effort=convention.acting(every.position, every.effort))
+
+
+def _given(args: argparse.Namespace) -> Robot | None:
+    """The robot of --urdf. A --robot that is no bundled one is refused before any bag is read."""
+    if args.robot is not None:
+        Robot.bundled(args.robot)
+    return Robot.from_file(args.urdf) if args.urdf else None
+
+
+def _fitted(
+    robot: Robot, joints: Sequence[str], whole: Sequence[Recording], undisturbed: bool, needed: bool
+) -> Robot | None:
+    """The robot with these joints; None where it lacks one and is not needed."""
+    try:
+        return with_joints(robot, joints, whole, undisturbed)
+    except RobotError:
+        if needed:
+            raise
+        return None
+
+
+def _of_all_joints(args: argparse.Namespace, robot: Robot) -> list[Recording]:
+    """What the bags hold of all the robot's joints, but for those where they cannot be read: a gripper may say NaN."""
+    found = []
+    for path in args.bags:
+        with suppress(BdnnError):
+            found.append(_read(path, args, (), robot.joints))
+    return found
+
+
+def _convention(
+    args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot | None
+) -> EffortConvention | None:
+    """How the recorded efforts become those that drive the joints; None where they are."""
+    if not args.effort_factor and not args.add_gravity:
+        return None
+    if args.add_gravity and robot is None:
+        raise UsageError("--add-gravity needs a robot description.", "Give --urdf FILE or --robot NAME.")
+    return EffortConvention.of(args.effort_factor, recordings[0].joints, robot if args.add_gravity else None)
+
+
+def _with_notes(recording: Recording) -> Recording:
+    """The recording as it was read, with notes on what every use of it will mend."""
+    return replace(recording, notes=mended(recording).notes)
+
+
+def require_motion(recording: Recording) -> None:
+    """Says which joints do not move.
+
+    Raises:
+        RecordingError: there are too few samples to tell, or no joint moves.
+    """
+    if len(recording) < MINIMUM_SAMPLES:
+        raise RecordingError(
+            f"{recording.name}: {len(recording)} samples are too few to tell a motion.",
+            "Record at least some seconds of motion.",
+        )
+    moves = moving(recording)
+    if not moves.any():
+        raise RecordingError(f"{recording.name}: no joint moves.", "Record the robot in motion.")
+    still = [joint for joint, moved in zip(recording.joints, moves, strict=True) if not moved]
+    if still:
+        say(f"{recording.name}: {listed(still)} does not move: nothing can be learned about it.")
+
+
+def require_length(recordings: Sequence[Recording]) -> None:
+    """Says how little there is to learn from.
+
+    Raises:
+        RecordingError: the recordings last less than `LEAST_SECONDS` together.
+    """
+    together = sum(recording.recorded for recording in recordings)
+    if together < LEAST_SECONDS:
+        raise RecordingError(
+            f"{recordings[0].name}: {together:.2g} s of motion are too short to learn from.",
+            "Record at least 10 s, better 30 s.",
+        )
+
+
+def say_unusable(recordings: Sequence[Recording]) -> None:
+    """Says why there is nothing to compare with although a bag holds a description."""
+    problem = unusable(recordings)
+    if problem:
+        say(problem)
+
+
+def _read(
+    path: Path, args: argparse.Namespace, joints: Sequence[str], robot_joints: Sequence[str]
+) -> Recording:
+    return _read_with(bags.read, path, args, joints, robot_joints)
+
+
+def _read_with(
+    reader: Callable[..., Read],
+    path: Path,
+    args: argparse.Namespace,
+    joints: Sequence[str],
+    robot_joints: Sequence[str],
+) -> Read:
+    with progress(f"reading {path.name}") as show:
+        return reader(
+            path,
+            args.joint_states,
+            args.effort_commands,
+            args.effort,
+            args.drop_invalid,
+            show,
+            rename=args.rename,
+            joints=joints,
+            robot_joints=robot_joints,
+        )
+
+
+def _common_joints(recordings: Sequence[Recording], robot: Robot | None) -> tuple[str, ...]:
+    """Joints of the robot, else of the first recording, that every recording has."""
+    candidates = robot.joints if robot else recordings[0].joints
+    chosen = tuple(joint for joint in candidates if all(joint in r.joints for r in recordings))
+    if chosen:
+        return chosen
+    theirs = listed(dict.fromkeys(joint for r in recordings for joint in r.joints), 20)
+    if robot is None:
+        raise UsageError(
+            f"The bags share no joint; they have {theirs}.", "Map the names with --rename old=new."
+        )
+    if all(set(r.joints) & set(candidates) for r in recordings):
+        raise UsageError(
+            f"No joint of the robot is in all bags; they have {theirs}.", "Give bags of the same joints."
+        )
+    strange = next(r for r in recordings if not set(r.joints) & set(candidates))
+    theirs = listed(strange.joints, 20)
+    whose = f"{strange.name}: its" if len(recordings) > 1 else "The bag's"
+    raise UsageError(
+        f"{whose} joints ({theirs}) are none of the URDF's ({listed(robot.joints, 20)}).",
+        "Map the names with --rename old=new or --rename s/pattern/replacement/, or pass the robot's --urdf.",
+    )

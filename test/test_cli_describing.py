@@ -1,0 +1,106 @@
+"""Whose description of the robot counts: --urdf, else the bag's where it can be used, else --robot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from bag_cases import PENDULUM, bag_of, motion
+
+from bdnn_ros import bags
+from bdnn_ros.cli import describing
+from bdnn_ros.cli.main import main
+from bdnn_ros.errors import RobotError
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+ARM2 = Robot.bundled("arm2")
+PROBLEM = "The robot description is not a usable URDF (syntax error: line 1, column 0)."
+
+
+def recording(name: str = "bag", urdf: str | None = "no description", samples: int = 1500) -> Recording:
+    """A motion of the bundled two-axis arm's joints."""
+    return replace(motion(samples=samples, joints=ARM2.joints, urdf=urdf), name=name)
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Iterator[str]:
+    """A bag whose description is no URDF."""
+    yield str(bag_of(tmp_path / "bag", recording()))
+
+
+def test_info_says_that_a_description_cannot_be_used(bag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    remark = f"{bag}: {PROBLEM} Give another with --urdf FILE or --robot NAME."
+    assert main(["info", bag, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["usable"] is True and remark in told["concerns"]
+    assert main(["info", bag]) == 0
+    printed = capsys.readouterr().out
+    assert f"- {remark}" in printed
+    assert printed.endswith("with a robot description from --urdf FILE or --robot NAME.\n")
+    assert main(["info", bag, "--robot", "arm2"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out.endswith("Fit for identification.\n") and PROBLEM not in captured.out
+    assert "is left out and --robot arm2 taken: the robot description is not a usable URDF" in captured.err
+
+
+def test_info_says_that_a_joint_is_not_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bag_of(tmp_path / "bag", motion(samples=1500, joints=("pivot", "wheel"), urdf=PENDULUM))
+    assert main(["info", str(path), "--joints", "wheel"]) == 0
+    assert "- " + str(path) + ": The URDF has no movable joint wheel" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose", "replay"])
+def test_what_needs_a_description_names_the_bag_and_the_remedy(
+    bag: str, tmp_path: Path, verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([verb, bag, "--out", str(tmp_path / "out")]) == 2
+    error = f"bdnn: error: {bag}: {PROBLEM} Give another with --urdf FILE or --robot NAME.\n"
+    assert capsys.readouterr().err.endswith(error)
+
+
+def test_a_bundled_robot_stands_in(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "model"
+    assert main(["identify", bag, "--robot", "arm2", "--out", str(out)]) == 0
+    assert "simulation" in json.loads((out / "metrics.json").read_text())
+    assert "--robot arm2 taken" in capsys.readouterr().err
+
+
+def test_what_needs_none_goes_on_and_says_so(
+    bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "model"
+    assert main(["identify", bag, "--prior", "none", "--budget", "0.5", "--out", str(out)]) == 0
+    assert sorted(json.loads((out / "metrics.json").read_text())) == ["held_out", "training"]
+    assert PROBLEM in capsys.readouterr().err
+    assert main(["evaluate", str(out), bag]) == 0
+    assert PROBLEM in capsys.readouterr().err
+    assert main(["evaluate", str(out), bag, "--add-gravity"]) == 2
+    assert f"{bag}: {PROBLEM}" in capsys.readouterr().err
+
+
+def test_the_first_description_that_can_be_used_counts(capsys: pytest.CaptureFixture[str]) -> None:
+    broken, whole = recording("broken"), recording("whole", ARM2.urdf)
+    robot = describing.described_robot([broken, whole], None, needed=True)
+    assert robot is not None and robot.urdf == ARM2.urdf
+    assert "The description in broken is left out and that of whole taken" in capsys.readouterr().err
+    assert describing.described_robot([recording(urdf=None)], None, needed=True) is None
+    assert describing.described_robot([broken], None, needed=False) is None
+    with pytest.raises(RobotError, match=r"^broken: "):
+        describing.described_robot([broken], None, needed=True)
+
+
+def test_a_diagnosis_names_the_description_that_was_used(tmp_path: Path) -> None:
+    assert main(["simulate", "--robot", "arm2", "--duration", "12", "--out", str(tmp_path)]) == 0
+    spoilt = replace(bags.read(tmp_path / "bag"), urdf="no description")
+    path = bag_of(tmp_path / "spoilt", spoilt)
+    for name, bag, words in (("own", tmp_path / "bag", []), ("bundled", path, ["--robot", "arm2"])):
+        assert main(["diagnose", str(bag), *words, "--out", str(tmp_path / name)]) == 0
+    used = [
+        json.loads((tmp_path / name / "diagnosis.json").read_text())["source"]["urdf"]
+        for name in ("own", "bundled")
+    ]
+    assert used == ["/robot_description of the bag", "arm2"]
