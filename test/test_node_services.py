@@ -20,7 +20,7 @@ from live_support import (
 )
 from std_srvs.srv import SetBool, Trigger
 
-from bdnn_interfaces.msg import Findings
+from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_interfaces.srv import Diagnose, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.online.serving import nominal
@@ -95,6 +95,40 @@ def test_the_life_of_a_model(tmp_path):
     )
     with node_process(tmp_path, 112, joints=f"[{', '.join(ARM.joints)}]", **parameters), Robotics(112) as ros:
         np.testing.assert_allclose(asked_effort(ros), learned)  # before it saw the robot move
+
+
+def test_a_model_in_another_order_of_joints_serves_in_ours(tmp_path):
+    """It answers in the node's order, and learning goes on from it."""
+    real = real_robot(ARM)
+    save_model(tmp_path / "models" / "kept", nominal(real))
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path / "models"}
+    turned = ARM.joints[::-1]
+    asked = {"position": [0.1, -0.4], "velocity": [0.5, 0.2], "acceleration": [1.0, -2.0]}
+    expected = real.inverse_dynamics(*(np.array(numbers[::-1]) for numbers in asked.values()))[::-1]
+    with (
+        node_process(tmp_path, 164, joints=f"[{', '.join(turned)}]", diagnosis_period=0.0, **parameters),
+        Robotics(164) as ros,
+    ):
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        estimates = ros.keep(DynamicsEstimate, f"{NODE}/estimate")
+        answer = ros.call(LoadModel, f"{NODE}/load_model", name="kept")
+        assert answer.success and "training goes on from it" in answer.message, answer.message
+        answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **asked)
+        assert answer.joint_names == list(turned) and answer.model_version == 1
+        np.testing.assert_allclose(answer.effort, expected)
+        ros.stream(motion(real, 6.0, 250.0, noise=0.002))
+        wait_until(lambda: int(status(diagnostics)["model_version"]) >= 3)
+        first = [message for message in estimates if message.model_version == 1]
+        assert first and first[0].joint_names == list(turned)
+        measured, told = (
+            np.array([getattr(message, f"effort_{name}") for message in first])
+            for name in ("measured", "estimate")
+        )
+        assert np.all((measured - told).std(axis=0) < 0.1 * measured.std(axis=0))
+        answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **asked)
+        np.testing.assert_allclose(answer.effort, expected, rtol=0.03, atol=0.03)
+        assert ros.call(SaveModel, f"{NODE}/save_model", name="learned").success
+    assert load_model(tmp_path / "models" / "learned").joints == turned
 
 
 def test_pausing_and_diagnosing(tmp_path):

@@ -62,7 +62,7 @@ class Publishing:
         told = served.parts(instant.position, instant.velocity, instant.acceleration)
         if np.isfinite(instant.effort).all():
             error.add(instant.stamp, instant.effort, told.effort)
-        joints = served.model.joints
+        joints = served.joints
         self._estimates.publish(estimate_message(joints, instant, told, served.number))
         self._efforts.publish(effort_message(joints, instant, told))
 

@@ -90,14 +90,14 @@ class Services:
         try:
             served = self._served()
             fields = {name: getattr(request, name) for name in ("position", "velocity", "acceleration")}
-            index, motion = requested(served.model.joints, request.joint_names, fields)
+            index, motion = requested(served.joints, request.joint_names, fields)
         except BdnnError as error:
             return _refused(response, error)
         with np.errstate(all="ignore"):
             told = served.parts(motion["position"], motion["velocity"], motion["acceleration"])
         if not np.isfinite(told.effort).all():
             return _refused(response, BEYOND)
-        response.joint_names = [served.model.joints[k] for k in index]
+        response.joint_names = [served.joints[k] for k in index]
         response.effort = numbers(told.effort[index])
         response.effort_std = numbers(told.std[index]) if len(told.std) else []
         response.mass_matrix = numbers(told.mass_matrix[index][:, index])
@@ -113,7 +113,7 @@ class Services:
         try:
             served = self._served()
             fields = {name: getattr(request, name) for name in ("position", "velocity", "effort")}
-            index, motion = requested(served.model.joints, request.joint_names, fields)
+            index, motion = requested(served.joints, request.joint_names, fields)
             q, v, effort = (motion[name] for name in ("position", "velocity", "effort"))
             with np.errstate(all="ignore"):
                 acceleration = served.forward_dynamics(q, v, effort)
@@ -123,7 +123,7 @@ class Services:
             return _refused(response, UsageError("The mass matrix is singular in this position."))
         if not np.isfinite(acceleration).all():
             return _refused(response, BEYOND)
-        response.joint_names = [served.model.joints[k] for k in index]
+        response.joint_names = [served.joints[k] for k in index]
         response.acceleration = numbers(acceleration[index])
         response.model_version = served.number
         return _done(response)

@@ -38,6 +38,19 @@ class Parts:
     learned: np.ndarray
     mass_matrix: np.ndarray
 
+    def arranged(self, order: np.ndarray) -> Parts:
+        """The same with the joints in another order, places in this one."""
+        return Parts(
+            effort=self.effort[order],
+            std=self.std[order] if len(self.std) else self.std,
+            inertial=self.inertial[order],
+            coriolis=self.coriolis[order],
+            gravity=self.gravity[order],
+            friction=self.friction[order],
+            learned=self.learned[order],
+            mass_matrix=self.mass_matrix[np.ix_(order, order)],
+        )
+
 
 @dataclass(frozen=True)
 class Instant:

@@ -11,8 +11,8 @@ from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError, UpdateRejected
 from bdnn_ros.online.changes import Change, Monitor
 from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.online.order import belief, predicted
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import Prior, prior
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
@@ -79,7 +79,7 @@ class Learning:
     Args:
         robot: the robot description, known before any motion.
         cutoff: of the low-pass [Hz], None chooses by the rate.
-        resume: a model of the robot to go on from, instead of the robot description.
+        resume: a model of the robot to go on from, instead of the robot description; its joints in any order.
         number: of the version before the first.
 
     Attributes:
@@ -98,11 +98,8 @@ class Learning:
     ) -> None:
         self._before: Dynamics = robot if resume is None else resume
         self._number = number
-        belief = None
-        if resume is not None:
-            mean, scale = resume.parameters.vector(), prior(robot).effort_scale
-            belief = Prior(mean, resume.covariance, scale)
-        self.identifier = Identifier(robot, cutoff, belief=belief, settle_at=SETTLE_AT)
+        known = None if resume is None else belief(resume, robot)
+        self.identifier = Identifier(robot, cutoff, belief=known, settle_at=SETTLE_AT)
         self.served: Version | None = None
         self.errors: list[Error] = []
         self.rejected: list[str] = []
@@ -226,10 +223,10 @@ def squared_error(model: Dynamics, signals: Signals, rows: np.ndarray, measured:
     if isinstance(model, Robot):
         rigid = model.rigid_effort(signals.position, signals.velocity, signals.acceleration)
         own = model.viscous * signals.velocity + model.coulomb * signals.sign
-        predicted = rigid + model.armature * signals.acceleration + own
+        effort = rigid + model.armature * signals.acceleration + own
     else:
-        predicted = model.predict(signals)  # type: ignore[attr-defined]
-    return np.asarray(np.mean((signals.smooth(predicted)[rows] - measured) ** 2, axis=0))
+        effort = predicted(model, signals)
+    return np.asarray(np.mean((signals.smooth(effort)[rows] - measured) ** 2, axis=0))
 
 
 class _Spread:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.online.estimate import Parts, parts
 from bdnn_ros.online.models import Model
+from bdnn_ros.online.order import places
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import prior
 from bdnn_ros.robot import Robot
@@ -69,11 +71,12 @@ class Served:
     """The model that answers, to one thread at a time: what a model computes with is its own.
 
     Attributes:
-        model: any model of the robot.
+        model: any model of the robot, in the order of joints in which it was identified.
         number: its version; 0 is the robot description.
         since: when it took over, `time.monotonic()` [s].
         samples: samples it has learned from.
         origin: where it is from, for messages.
+        joints: the order of what is asked and answered; the model's own where nothing is said.
     """
 
     model: Model
@@ -81,17 +84,34 @@ class Served:
     since: float
     samples: int = 0
     origin: str = "robot description"
+    joints: tuple[str, ...] = ()
     _turn: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not self.joints:
+            object.__setattr__(self, "joints", tuple(self.model.joints))
+
+    @cached_property
+    def _there(self) -> np.ndarray:
+        return places(self.model.joints, self.joints)
+
+    @cached_property
+    def _back(self) -> np.ndarray:
+        return places(self.joints, self.model.joints)
 
     def parts(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Parts:
         """As `estimate.parts`."""
+        there = self._there
         with self._turn:
-            return parts(self.model, position, velocity, acceleration)
+            told = parts(self.model, position[there], velocity[there], acceleration[there])
+        return told if self.joints == self.model.joints else told.arranged(self._back)
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Acceleration, (n,) [rad/s²]."""
+        there = self._there
         with self._turn:
-            return self.model.forward_dynamics(position, velocity, effort)
+            told = self.model.forward_dynamics(position[there], velocity[there], effort[there])
+        return np.asarray(told[self._back])
 
 
 @dataclass

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bdnn_ros.efforts import EffortConvention
-from bdnn_ros.errors import DataError, ModelFileError, UsageError, listed
+from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.course import Course
@@ -19,6 +19,7 @@ from bdnn_ros.online.estimate import Instant, Smoother
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.models import Model, build_model, load_model, save_model
+from bdnn_ros.online.order import require_joints
 from bdnn_ros.online.requests import Requests
 from bdnn_ros.online.serving import COMMANDED, Counts, Served, Settings, nominal
 from bdnn_ros.online.supervisor import Supervisor
@@ -114,7 +115,7 @@ class Session:
             if self.intake is not None:
                 self._forget()
             self._given_up += self._rings
-            if self.served is None or self.served.model.joints != robot.joints:
+            if self.served is None or self.served.joints != robot.joints:
                 self.served = Served(nominal(robot), 0, time.monotonic())
                 self._course.resumed = None
             self.robot, self._feed = robot, feed
@@ -205,7 +206,7 @@ class Session:
         return self._ask("diagnose", {"window": window})
 
     def save(self, path: Path) -> Future[Path]:
-        """Write the model that serves; the future raises ModelFileError."""
+        """Write the model that serves, in its own order of joints; the future raises ModelFileError."""
         self.known()
         return self._files.submit(self.save_now, path)
 
@@ -215,7 +216,7 @@ class Session:
         return save_model(path, self.served.model)
 
     def load(self, path: Path) -> Future[Model]:
-        """Read a model of this robot and serve it; the future raises ModelFileError."""
+        """Read a model of this robot, whatever its order of joints, and serve it; the future raises ModelFileError."""
         return self._files.submit(self.load_now, path)
 
     def load_now(self, path: Path) -> Model:
@@ -223,15 +224,11 @@ class Session:
         model = load_model(path)
         with self._turn:
             joints = self.known().joints
-            if tuple(model.joints) != joints:
-                raise ModelFileError(
-                    f"{path.name} is a model of {listed(model.joints, 20)}, the robot has {listed(joints, 20)}.",
-                    "Load a model of this robot.",
-                )
+            require_joints(model, joints, self.description.joints if self.description else (), path.name)
             number = 1 + (self.served.number if self.served else 0)
             resumed = model if isinstance(model, PhysicalModel) else None
             self.training = self.training and resumed is not None
-            self.served = Served(model, number, time.monotonic(), origin=str(path))
+            self.served = Served(model, number, time.monotonic(), origin=str(path), joints=joints)
             self._begin_again(self._written, resumed)
         return model
 
