@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from bdnn_ros.diagnosis.pushes import (
     together,
 )
 from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import POINT
 from bdnn_ros.effects.motion import Motion
@@ -258,3 +260,15 @@ def test_a_push_that_no_part_of_is_known_is_told_all_the_same():
     assert all(
         abs(q.value) < 2.0 * q.std for name, q in push.parameters.items() if name[:5] in ("force", "torqu")
     )
+
+
+@pytest.mark.parametrize("start, better", [(5.0, False), (3.05, True)])
+def test_a_push_keeps_its_window_where_another_explains_less_beside_all_else(start, better):
+    """Sought where the others stand alone, and bend to do without it, a push may be found in quite another place."""
+    spec = "external_wrench@arm6_link6:start={},end=8,force_x=8"
+    pool = pool_of(spec.format(3), [spec.format(3.3), "effort_scale@arm6_joint2:scale=0.9"])
+    sought = term(spec.format(start), ARM)[0]
+    candidates = SimpleNamespace(refined=lambda *pool_of_a_fit: sought)
+    moved = refined(candidates, pool.equations, pool, (0, 1), [0])
+    assert (moved.terms[0] == sought) is better
+    assert (moved is pool) is not better

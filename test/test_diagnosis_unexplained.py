@@ -27,7 +27,7 @@ def rows(equations: Equations, values: np.ndarray) -> np.ndarray:
 def test_noise_depends_on_nothing(equations, seed):
     noise, _ = white(equations, STD, seed)
     remainder = describe(equations, noise)
-    assert remainder.depends_on == () and remainder.joints == ()
+    assert remainder.depends_on == remainder.joints == remainder.bursts == ()
     assert not remainder.predicted.any()
     np.testing.assert_allclose(remainder.floor, STD, rtol=0.1)
 
@@ -64,6 +64,17 @@ def test_the_floor_is_never_above_what_is_left(equations):
     remainder = describe(equations, residual)
     for j in range(2):
         assert remainder.floor[j] <= np.sqrt(np.mean(residual[equations.usable[:, j], j] ** 2)) + 1e-12
+
+
+def test_what_comes_in_bursts_is_no_noise(equations):
+    """A push whose times or place are wrong, a gap that is crossed: nothing predicts it, and between them it is calm."""
+    noise, _ = white(equations, STD, 7)
+    residual = noise.copy()
+    residual[len(noise) // 4 : len(noise) // 3, 1] += 10.0 * STD
+    remainder = describe(equations, residual)
+    assert remainder.bursts == (J2,)
+    np.testing.assert_allclose(remainder.floor, STD, rtol=0.25)
+    assert remainder.floor[0] == pytest.approx(STD, rel=0.1)
 
 
 def test_nothing_left_at_all(equations):

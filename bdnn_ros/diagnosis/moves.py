@@ -11,6 +11,7 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near, unbelievable
 from bdnn_ros.diagnosis.pushes import distance, leftover, nearest, reshaped, together, toss
+from bdnn_ros.diagnosis.settling import refined
 
 ABSURD = 1e9
 """Log odds against an effect that cannot be."""
@@ -92,15 +93,11 @@ class Moves:
                 return pool, chosen
             candidate = open_[best]
             grown = [c for c in chosen if not contains(pool.terms[candidate], pool.terms[c])] + [candidate]
-            trial = self._refined_one(pool, grown, candidate)
+            trial = refined(self.candidates, self.equations, pool, grown, [candidate])
             if self.pays(trial, grown, candidate):
                 pool, chosen = trial, grown
             else:
                 refused.add(candidate)
-
-    def _refined_one(self, pool: Pool, chosen: Sequence[int], one: int) -> Pool:
-        term = self.candidates.refined(self.equations, pool, pool.fit(chosen), one)
-        return pool if term == pool.terms[one] else pool.replacing(one, term)
 
     def _replace(self, pool: Pool, chosen: list[int], late: bool = False) -> list[int]:
         """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better.

@@ -30,11 +30,17 @@ def refined(
     chosen: Sequence[int],
     moved: Sequence[int] | None = None,
 ) -> Pool:
-    """The pool with the shapes of its chosen terms, or of some of them, moved to where they fit best, one after another."""
+    """The pool with the shapes of its chosen terms, or of some of them, moved to where they fit best, one after another.
+
+    A push is sought where the others without it leave something, and may lose there what it explained with them.
+    """
     for one in chosen if moved is None else moved:
         term = candidates.refined(equations, pool, pool.fit(chosen), one)
-        if term != pool.terms[one]:
-            pool = pool.replacing(one, term)
+        if term == pool.terms[one]:
+            continue
+        other = pool.replacing(one, term)
+        if not term.effect.timed or other.fit(chosen).evidence > pool.fit(chosen).evidence:
+            pool = other
     return pool
 
 
@@ -88,8 +94,5 @@ def windows_anew(candidates: Candidates, equations: Equations, pool: Pool) -> Po
 
     What begins in a stretch that was left out can be timed only there.
     """
-    terms = [
-        candidates.refined(equations, pool, pool.whole, one) if term.effect.timed else term
-        for one, term in enumerate(pool.terms)
-    ]
-    return pool if terms == pool.terms else Pool(equations, pool.noise, terms, pool.link_error)
+    pushes = [one for one, term in enumerate(pool.terms) if term.effect.timed]
+    return refined(candidates, equations, pool, range(len(pool.terms)), pushes)

@@ -17,6 +17,7 @@ from bdnn_ros.diagnosis.pushes import leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
@@ -179,13 +180,12 @@ def _verdict(findings: Sequence[Finding], doubtful: bool, near: bool) -> Verdict
 
 
 def _unexplained_sentence(share: float, remainder: Remainder) -> str:
-    if not remainder.depends_on:
-        return "What is left looks like noise: no position, velocity, load or time predicts it."
-    return (
-        f"{100.0 * share:.1f} % of the simulation's squared error is left above the noise; it depends on "
-        + ", ".join(remainder.depends_on[:3])
-        + "."
-    )
+    left = f"{100.0 * share:.1f} % of the simulation's squared error is left above the noise"
+    if remainder.depends_on:
+        return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."
+    if remainder.bursts:
+        return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, load or time predicts it."
+    return "What is left looks like noise: no position, velocity, load or time predicts it."
 
 
 def _source(recordings: Sequence[Recording], equations: Equations) -> dict[str, object]:

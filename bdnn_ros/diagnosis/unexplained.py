@@ -12,6 +12,10 @@ HARMONICS = 6
 RIDGE = 1e-3
 WORTH = 0.1
 """A group of inputs is named when it predicts at least this share of what is left, on blocks it was not fitted to."""
+GAUSSIAN = 1.4826
+"""Standard deviation of normal noise per median of its size."""
+UNEVEN = 1.5
+"""Noise is much the same throughout: what is so many times as large as its median tells was not noise at its loudest."""
 
 
 @dataclass(frozen=True)
@@ -19,16 +23,19 @@ class Remainder:
     """What is left after the extended model.
 
     Attributes:
-        floor: per joint, RMS of what no input predicts on held-out blocks, (n,) [N·m].
+        floor: per joint, RMS of what no input predicts on held-out blocks, where that comes in bursts what is left
+            between them, (n,) [N·m].
         depends_on: "joint.input" that predict the rest, strongest first.
         joints: joints where the rest is larger than the floor.
         predicted: per joint, what the inputs predict of the residual on held-out blocks, rows (R, n) [N·m].
+        bursts: joints where what no input predicts comes in bursts.
     """
 
     floor: np.ndarray
     depends_on: tuple[str, ...]
     joints: tuple[str, ...]
     predicted: np.ndarray
+    bursts: tuple[str, ...] = ()
 
 
 def describe(equations: Equations, residual: np.ndarray) -> Remainder:
@@ -55,11 +62,17 @@ def describe(equations: Equations, residual: np.ndarray) -> Remainder:
             gain = 1.0 - float(np.mean((residual[rows, j] - alone[rows]) ** 2)) / before
             if gain > WORTH:
                 scores.append((gain * before / equations.effort_scale[j] ** 2, key))
-    floor = np.array(
-        [_rms((residual - predicted)[equations.usable[:, j], j]) for j in range(equations.width)]
-    )
+    rest = [(residual - predicted)[equations.usable[:, j], j] for j in range(equations.width)]
+    floor, calm = np.array([_rms(left) for left in rest]), np.array([_between_bursts(left) for left in rest])
+    uneven = floor > UNEVEN * calm
     order = [key for _, key in sorted(scores, key=lambda pair: -pair[0])]
-    return Remainder(floor, tuple(dict.fromkeys(order)), tuple(dependent), predicted)
+    return Remainder(
+        np.where(uneven, calm, floor),
+        tuple(dict.fromkeys(order)),
+        tuple(dependent),
+        predicted,
+        tuple(name for name, one in zip(names, uneven, strict=True) if one),
+    )
 
 
 def _inputs(equations: Equations) -> dict[str, np.ndarray]:
@@ -94,6 +107,11 @@ def _cross_predicted(x: np.ndarray, y: np.ndarray, rows: np.ndarray, block: np.n
         a = z[fit].T @ z[fit] + RIDGE * fit.sum() * np.eye(z.shape[1])
         predicted[out] = z[out] @ np.linalg.solve(a, z[fit].T @ y[fit])
     return predicted
+
+
+def _between_bursts(values: np.ndarray) -> float:
+    """Standard deviation of most of some values, whatever the rest do."""
+    return GAUSSIAN * float(np.median(np.abs(values))) if len(values) else 0.0
 
 
 def _rms(values: np.ndarray) -> float:
