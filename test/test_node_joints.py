@@ -76,6 +76,30 @@ def test_a_gripper_that_comes_first_does_not_win(tmp_path):
     assert load_model(tmp_path / "kept").joints == ARM.joints
 
 
+def test_a_gripper_that_nobody_publishes_is_told_of(tmp_path):
+    """In /diagnostics and, once, in the log, with what to set; that set, there is nothing to tell."""
+    arm = Robot.from_urdf(ARM.urdf.replace("</robot>", GRIPPER))
+    parameters = {"urdf_file": urdf_file(tmp_path, arm), "diagnosis_period": 0.0}
+    joints = f"[{', '.join(ARM.joints)}]"
+    with node_process(tmp_path, 165, **parameters) as node, Robotics(165) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        ros.stream(motion(REAL, 7.0, 250.0))
+        told = [message.status[0] for message in diagnostics]
+        warned = [
+            t for t in told if t.message.startswith("No message holds gripper of the robot description")
+        ]
+        assert warned and warned[-1].level == b"\1" and f"parameter joints to {joints}" in warned[-1].message
+        assert status(diagnostics)["joints_left_out"] == "gripper"
+        assert node.output.count("No message holds gripper") == 1
+        wait_until(lambda: int(status(diagnostics)["model_version"]) >= 3)
+        assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
+    with node_process(tmp_path, 166, joints=joints, **parameters) as node, Robotics(166) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        ros.stream(motion(REAL, 5.0, 250.0))
+        assert status(diagnostics)["message"] == "training" and status(diagnostics)["joints_left_out"] == ""
+        assert "gripper" not in node.output
+
+
 def test_an_arm_in_two_messages_is_one_robot(tmp_path):
     """Two controllers publish a joint each; their messages are put together, and one that stops is told of."""
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}

@@ -99,6 +99,32 @@ def test_what_is_left_out_is_named(stream):
 
 
 @pytest.mark.parametrize("stream", ["abcd"], indirect=True)
+def test_joints_that_never_come_are_named_after_a_while(stream):
+    """And one that comes seldom; where they are none of those that may be used, there is nothing to tell."""
+
+    def second() -> None:
+        for k in range(100):
+            stream.now += 2 * MS
+            stream.send("abcd")
+            if k == 50:
+                stream.send("h")
+        stream.look()
+
+    for _ in range(2):
+        second()
+        assert stream.watch.absent == ""
+    second()
+    assert stream.watch.complaint == ""
+    told = stream.watch.absent
+    assert told.startswith("No message holds g of the robot description: left out. h came only now and then")
+    assert "zero" in told and "set the parameter joints to [a, b, c, d]" in told
+    for _ in range(6):
+        stream.now += 2 * MS
+        stream.send("abcd")
+    assert stream.watch.look(stream.intake, ARM) == () and stream.watch.absent == ""
+
+
+@pytest.mark.parametrize("stream", ["abcd"], indirect=True)
 def test_what_does_not_come_any_more_is_named(stream):
     for _ in range(100):
         stream.now += 2 * MS

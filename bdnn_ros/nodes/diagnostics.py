@@ -128,6 +128,8 @@ class Reporter:
         if commands is not None:
             rejected |= {f"command_{reason}": count for reason, count in dict(commands.rejected).items()}
         refused, more = self._refusals.look(commands)
+        self._warnings.say("joints", session.watch.complaint)
+        self._warnings.say("absent", session.watch.absent)
         self._warnings.say("commands", f"effort_commands: {refused}" if more else "", again=True)
         nrmse = error.nrmse
         values: dict[str, object] = {
@@ -143,6 +145,7 @@ class Reporter:
                 if intake and len(nrmse) == len(intake.joints)
                 else {}
             ),
+            "joints_left_out": ", ".join(session.left_out),
             "stream_rate": f"{rate:.1f}",
             "stream_pauses": intake.clock.pauses if intake else 0,
             "stream_clock_restarts": intake.clock.restarts if intake else 0,
@@ -178,7 +181,7 @@ class Reporter:
             return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
         if now - self._progress > SILENCE:
             return DiagnosticStatus.WARN, f"no joint state for {now - self._progress:.0f} s"
-        told = (session.counts.unlike, refused, session.watch.complaint)
+        told = (session.counts.unlike, refused, session.watch.complaint, session.watch.absent)
         if any(told):
             return DiagnosticStatus.WARN, " ".join(filter(None, told))
         if session.counts.updates_rejected and session.counts.reason:

@@ -131,6 +131,13 @@ class Session:
             return ()
         return self.watch.look(self.intake, self.description.joints)
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Joints of the robot that are not in use."""
+        if self.intake is None or self.description is None:
+            return ()
+        return tuple(joint for joint in self.description.joints if joint not in self.intake.joints)
+
     def stop(self, patience: float = 5.0) -> bool:
         """End the trainer, which first learns and hands over what came; give the memory back.
 

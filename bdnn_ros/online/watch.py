@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ LEAST = 5
 """Joints come where so many messages held them since the last look."""
 SLOWER = 0.45
 """Messages are put together with others whose rate is at least this part of their own."""
+PATIENCE = 3
+"""Looks at a stream before a joint counts as one that does not come: other drivers may start later."""
 MANY = 2
 """So many times the joints in use are worth it at any rate."""
 VAIN = 2.0
@@ -42,10 +44,13 @@ class Watch:
 
     Attributes:
         complaint: what is wrong with the messages, and what to do; empty if nothing is.
+        absent: which of the robot's joints do not come, and what to do; empty if all do.
     """
 
     def __init__(self) -> None:
-        self.complaint = ""
+        self.complaint = self.absent = ""
+        self._looks = 0
+        self._seen: set[str] = set()
         self._counts: dict[Group, int] = {}
         self._samples = 0
         self._vain = 0
@@ -63,6 +68,10 @@ class Watch:
         if groups and not more:
             misfit = vain - self._vain > VAIN * (samples - self._samples)
             self.complaint = complaint(groups, intake.joints, misfit)
+            self._looks += 1
+            if self._looks >= PATIENCE:
+                here = frozenset().union(*(group.joints for group in groups))
+                self.absent = absent(here, self._seen, intake.joints, joints)
         self._samples, self._vain = samples, vain
         return tuple(joint for joint in joints if joint in more)
 
@@ -70,6 +79,8 @@ class Watch:
         counts = {group: group.messages for group in intake.kinds.groups}
         fresh = [group for group, count in counts.items() if count - self._counts.get(group, 0) >= LEAST]
         self._counts = counts
+        for group in counts:
+            self._seen.update(group.latest[0])
         return [coming for group in fresh if (coming := _coming(group, joints)).joints]
 
 
@@ -125,3 +136,27 @@ def complaint(groups: Sequence[Coming], used: Sequence[str], misfit: bool) -> st
     if others:
         return f"Other messages hold {listed(others)}, at another rate or without effort: left out. {REMEDY}"
     return ""
+
+
+def absent(here: Collection[str], seen: Collection[str], used: Sequence[str], joints: Sequence[str]) -> str:
+    """Which joints of a robot do not come, one sentence each why, and what to do; empty if all do.
+
+    Args:
+        here: those that come.
+        seen: those that some message has held.
+        used: those in use.
+        joints: all of the robot's that may be used.
+    """
+    away = [joint for joint in joints if joint not in used and joint not in here]
+    never, seldom = [joint for joint in away if joint not in seen], [joint for joint in away if joint in seen]
+    told = []
+    if never:
+        told.append(f"No message holds {listed(never)} of the robot description: left out.")
+    if seldom:
+        told.append(f"{listed(seldom)} came only now and then, or no longer: left out.")
+    if told:
+        told.append(
+            "The model takes what is left out to stand still at zero. Publish it with the rest, or set the "
+            f"parameter joints to [{', '.join(used)}] if that is right."
+        )
+    return " ".join(told)
