@@ -292,6 +292,7 @@ def test_a_full_disk_names_the_file(tmp_path: Path) -> None:
         ["diagnose", "BAG", "--out", "FILE/deep/er"],
         ["identify", "BAG", "--out", "FILE"],
         ["replay", "BAG", "--out", "FILE"],
+        ["export", "model", "--out", "FILE"],
         ["excite", "--robot", "arm2", "--out", "FILE"],
         ["simulate", "--robot", "arm2", "--out", "FILE"],
         ["predict", "model", "BAG", "--out", "FILE/effort.csv"],

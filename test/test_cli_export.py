@@ -114,7 +114,11 @@ def test_a_format_that_cannot_be_is_status_one(tmp_path: Path, capsys) -> None:
 
 @pytest.mark.parametrize(
     ("words", "says"),
-    [(["nowhere", "--out", "x"], "no model"), (["m", "--out", "x", "--formats", "pdf"], "pdf")],
+    [
+        (["nowhere", "--out", "x"], "no model"),
+        (["m", "--out", "x", "--formats", "pdf"], "pdf"),
+        (["m", "--out", "x", "--formats", ",,"], "no format. There are urdf"),
+    ],
 )
 def test_wrong_usage(words: list[str], says: str, capsys) -> None:
     assert main(["export", *words]) == 2

@@ -127,6 +127,7 @@ def test_good_data_is_not_remarked_on(bag, tmp_path, capsys):
         ("first", ["--holdout", "1.5"], 2, "between 0 and 1"),
         ("first", ["--holdout", "0.99"], 2, "Give a smaller share"),
         ("first", ["--budget", "0"], 2, "not a time"),
+        ("first", ["--prior", "none", "--seed", "-1"], 2, "--seed -1 is negative"),
         ("first", ["--cutoff", "500"], 2, "does not fit"),
         ("first", ["--spread", "mass=0.1"], 2, "--spread mass=0.1 is no spread"),
         ("first", ["--spread", "inertial"], 2, "--spread inertial is no spread"),
@@ -152,3 +153,13 @@ def test_a_bag_of_another_robot_among_several_is_named(bag, tmp_path, capsys):
     assert main(["identify", bag["first"], strange, "--out", str(tmp_path / "model")]) == 2
     message = capsys.readouterr().err
     assert f"{Path(strange).name}: its joints ({robot.joints[0]}, {robot.joints[1]}) are none" in message
+
+
+def test_parameters_are_written_where_there_is_a_prior(bag, tmp_path):
+    """As its help says."""
+    for prior, further in (("urdf", ["parameters.json"]), ("none", [])):
+        out = tmp_path / prior
+        assert main(["identify", bag["first"], "--prior", prior, "--budget", "0.5", "--out", str(out)]) == 0
+        assert sorted(path.name for path in out.iterdir()) == sorted(
+            ["model.bdnn", "metrics.json", "effort.png", *further]
+        )

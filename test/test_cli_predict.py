@@ -214,3 +214,11 @@ def test_efforts_of_other_units_are_turned_in_every_row(tmp_path: Path, pendulum
     _, _, measured = table(tmp_path, messages, "--effort-factor", "2")
     assert measured[300] == 14.0
     np.testing.assert_allclose(measured[301:], 2.0 * recording.require_effort()[301:, 0], rtol=1e-8)
+
+
+def test_joints_that_the_model_needs_are_named(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_of(tmp_path / "bag", swing(pendulum))
+    assert main(["predict", "model", str(bag), "--joints", "wheel"]) == 2
+    assert "The model needs joint pivot, which --joints leaves out." in capsys.readouterr().err

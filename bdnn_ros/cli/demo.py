@@ -21,7 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn demo`."""
     parser.add_argument("--out", type=Path, default=Path("demo_output"), help="default: %(default)s")
     parser.add_argument("--robot", default="arm7", help="a bundled robot (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=3, help="of everything, the hidden effect included")
+    parser.add_argument(
+        "--seed", type=int, default=3, help="of everything, the hidden effect included (default: %(default)s)"
+    )
     parser.add_argument(
         "--duration", type=float, default=40.0, help="seconds of motion (default: %(default)s)"
     )

@@ -44,7 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn diagnose`."""
     options.add_recording_arguments(parser, bags="many")
     parser.add_argument(
-        "--out", type=Path, required=True, help="directory for the diagnosis, report and model"
+        "--out",
+        metavar="DIR",
+        type=Path,
+        required=True,
+        help="directory for diagnosis.json, report.html, model.bdnn, extended.urdf, extended.mjcf.xml, "
+        "effects.yaml and effort.png",
     )
     parser.add_argument(
         "--model", type=Path, help="compare with this model, identified earlier: what changed since?"

@@ -12,7 +12,7 @@ import yaml
 
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.dynamics import BDNN
-from bdnn_ros.cli import options
+from bdnn_ros.cli import options, outputs
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError, UsageError, listed
 from bdnn_ros.extension.effects_file import entry
@@ -44,8 +44,11 @@ def run(args: argparse.Namespace) -> int:
     """Write what the model's kind can be written as, and say what cannot."""
     formats = {name.strip() for name in args.formats.split(",") if name.strip()}
     unknown = sorted(formats - set(FORMATS))
-    if unknown or not formats:
+    if not formats:
+        raise UsageError("--formats names no format.", f"There are {listed(FORMATS)}.")
+    if unknown:
         raise UsageError(f"There is no format {listed(unknown)}.", f"There are {listed(FORMATS)}.")
+    outputs.require_directory(args.out)
     model = load_model(args.model)
     args.out.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []

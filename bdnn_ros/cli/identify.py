@@ -37,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         required=True,
-        help="directory for model.bdnn, metrics.json, parameters.json and effort.png",
+        metavar="DIR",
+        help="directory for model.bdnn, metrics.json, effort.png and, with the URDF as prior, parameters.json; "
+        "or a .bdnn file, with the others beside it",
     )
     parser.add_argument(
         "--prior",
@@ -53,20 +55,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="how far the real robot may be from the URDF, repeatable: inertial=0.3, load=0.1, armature=1, "
         "friction=1, offset=0.1 (these are the defaults; docs/identification.md says of what)",
     )
-    parser.add_argument("--budget", type=float, default=60.0, help="seconds of training with --prior none")
+    parser.add_argument(
+        "--budget",
+        metavar="SECONDS",
+        type=float,
+        default=60.0,
+        help="seconds of training with --prior none (default: %(default)s)",
+    )
     parser.add_argument(
         "--holdout",
+        metavar="SHARE",
         type=float,
         default=0.2,
         help="last share of each bag's time, without pauses, that is kept out of training and scored (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the training with --prior none")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="seed of the training with --prior none (default: %(default)s)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Identify, score on what was held out, write the model."""
     if not 0.0 < args.budget < float("inf"):
         raise UsageError(f"--budget {args.budget:g} is not a time.", "Give seconds above zero.")
+    if args.seed < 0:
+        raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
     outputs.require_model_place(args.out)
     spread = _spread(args.spread)
     if spread is not None and args.prior == "none":

@@ -47,6 +47,7 @@ def load(
         BdnnError: as `bags.read` and `Robot.from_urdf`; or the robot and the bag share no joint.
     """
     required = tuple(joints) or args.joints
+    _require_models_joints(args, joints)
     needs_robot |= args.add_gravity
     given = _given(args)
     recordings = [
@@ -75,11 +76,14 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     Raises:
         BdnnError: as `bags.read_every` and `Robot.from_urdf`.
     """
+    _require_models_joints(args, joints)
     given = _given(args)
     every = _read_with(bags.read_every, args.bags[0], args, args.joints or joints, ()).select(joints)
     robot = given or described_robot([every.motion], args.robot, needed=args.add_gravity)
-    for note in _with_notes(every.motion).notes:
+    for note in every.motion.notes:
         say(note)
+    for note in _with_notes(every.motion).notes[len(every.motion.notes) :]:
+        say(f"For the motion alone, {note}")
     if robot is not None:
         whole = _of_all_joints(args, robot) if set(joints) < set(robot.joints) else [every.motion]
         robot = _fitted(robot, joints, whole, False, given is not None or args.add_gravity)
@@ -87,6 +91,15 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     if convention is None:
         return every
     return replace(every, effort=convention.acting(every.position, every.effort))
+
+
+def _require_models_joints(args: argparse.Namespace, joints: Sequence[str]) -> None:
+    missing = [joint for joint in joints if joint not in args.joints]
+    if args.joints and missing:
+        raise UsageError(
+            f"The model needs joint {listed(missing)}, which --joints leaves out.",
+            "Name all of the model's joints, or leave the option out.",
+        )
 
 
 def _given(args: argparse.Namespace) -> Robot | None:

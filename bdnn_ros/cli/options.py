@@ -25,12 +25,24 @@ def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one"
         type=Path,
         help=".mcap file, .db3 file or rosbag2 directory",
     )
-    add_robot_arguments(parser)
+    parser.add_argument(
+        "--urdf",
+        metavar="FILE",
+        type=Path,
+        help="robot description (default: the bag's /robot_description)",
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="NAME",
+        help=f"a bundled robot, where there is no usable description: {', '.join(BUNDLED)}",
+    )
     parser.add_argument(
         "--joint-states", metavar="TOPIC", default="/joint_states", help="default: %(default)s"
     )
     parser.add_argument(
-        "--effort-commands", metavar="TOPIC", help="std_msgs/Float64MultiArray, for --effort command"
+        "--effort-commands",
+        metavar="TOPIC",
+        help="std_msgs/Float64MultiArray, for --effort command (default: the bag's only one)",
     )
     parser.add_argument(
         "--effort",
@@ -55,7 +67,7 @@ def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one"
         metavar="A,B,C",
         type=_names,
         default=(),
-        help="joints and their order (default: the URDF's)",
+        help="joints and their order (default: the model's, else those of the robot description that the bags have)",
     )
     parser.add_argument(
         "--rename",
@@ -65,7 +77,10 @@ def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one"
         help="map joint names of the bag: old=new or s/pattern/replacement/; repeatable",
     )
     parser.add_argument(
-        "--cutoff", metavar="HZ", type=float, help="low-pass of all signals (default: 10, or less)"
+        "--cutoff",
+        metavar="HZ",
+        type=float,
+        help="low-pass of all signals (default: 10, or a sixth of the rate if that is less)",
     )
     parser.add_argument(
         "--drop-invalid",
@@ -75,8 +90,8 @@ def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one"
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
-    """--urdf and --robot."""
-    parser.add_argument("--urdf", metavar="FILE", type=Path, help="robot description (default: the bag's)")
+    """--urdf and --robot, for a verb that reads no bag."""
+    parser.add_argument("--urdf", metavar="FILE", type=Path, help="robot description")
     parser.add_argument("--robot", metavar="NAME", help=f"a bundled robot: {', '.join(BUNDLED)}")
 
 

@@ -41,7 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     options.add_recording_arguments(parser, bags="one")
     parser.add_argument(
-        "--out", metavar="FILE", type=Path, help="CSV file to write (default: standard output)"
+        "--out",
+        metavar="FILE",
+        type=Path,
+        help="CSV file to write, a row for every joint state, cells empty where nothing is known "
+        "(default: standard output)",
     )
 
 

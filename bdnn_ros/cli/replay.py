@@ -33,7 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         help="speed as a multiple of the bag's own, above 0 (default: as fast as it goes)",
     )
-    parser.add_argument("--out", type=Path, help="directory for the model at the end")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, help="directory (or .bdnn file) for the model at the end"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 

@@ -69,7 +69,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--worn", action="store_true", help="friction and rotor inertia on every joint")
     parser.add_argument("--poor", action="store_true", help="move one joint slowly and a little")
     parser.add_argument(
-        "--trajectory", metavar="CSV", type=Path, help="follow this motion, as bdnn excite writes it"
+        "--trajectory",
+        metavar="CSV",
+        type=Path,
+        help="follow this motion, as bdnn excite writes it, for as long as it lasts",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
     parser.add_argument(
