@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_cases import CUTOFF, coloured, equations_of, signals_of, term, white
+from diagnosis_cases import CUTOFF, RATE, coloured, equations_of, signals_of, term, white
 from scipy.linalg import toeplitz
 
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, MOST_BLOCKS, build, nominal_effort, relative_inertials
@@ -218,6 +218,39 @@ def test_blocks_are_runs_of_about_two_seconds_that_cover_everything(plain):
     for b in range(plain.blocks):
         assert np.ptp(time[plain.block == b]) <= BLOCK_SECONDS
     assert plain.blocks == np.ceil(np.ptp(time) / BLOCK_SECONDS)
+
+
+@pytest.fixture(scope="module")
+def in_turn() -> Equations:
+    """Of a six-axis arm whose joints move one after the other, each twice for 1.5 s."""
+    arm = Robot.bundled("arm6")
+    time = np.arange(round(27.0 * RATE)) / RATE
+    middle = 0.5 * (np.maximum(arm.limits.lower, -2.0) + np.minimum(arm.limits.upper, 2.0))
+    position = np.tile(middle, (len(time), 1))
+    for k in range(2 * arm.width):
+        since = np.clip(time - 1.0 - 2.0 * k, 0.0, 1.5)
+        position[:, k % arm.width] += 0.3 * (1.0 - np.cos(2.0 * np.pi * since / 1.5))
+    recording = Recording(time, arm.joints, position, np.gradient(position, time, axis=0), 0.0 * position)
+    signals = flattened(prepare(recording), CUTOFF)
+    return build(replace(signals, effort=nominal_effort(arm, signals), unmeasured=None), arm)
+
+
+def test_joints_that_move_one_after_the_other_move_in_several_blocks(in_turn):
+    """Blocks of two seconds would leave a joint's only motion out of the search, or out of what is held out."""
+    blocks = [len(np.unique(in_turn.block[in_turn.usable[:, j]])) for j in range(in_turn.width)]
+    assert (in_turn.moving < 4.0).all() and min(blocks) >= 4
+    time = in_turn.motion.time[in_turn.rows]
+    lengths = [np.ptp(time[in_turn.block == b]) for b in range(in_turn.blocks)]
+    assert 0.4 < np.median(lengths) < 1.0
+
+
+def test_of_joints_that_move_now_and_then_nothing_is_told_that_changes_with_time(in_turn, plain):
+    def in_time(equations):
+        names = {term.effect.name for term in Candidates.shown_by(equations).terms}
+        return names & {"external_wrench", "drift"}, len(names)
+
+    (seldom, less), (always, more) = in_time(in_turn), in_time(plain)
+    assert not seldom and always == {"external_wrench", "drift"} and more - less == 2
 
 
 def test_a_long_recording_has_longer_blocks(robot):

@@ -128,6 +128,16 @@ def test_the_gain_of_a_few_held_out_blocks_has_an_interval(blocks):
     assert 0.005 < high - gain < 0.1 and 0.005 < gain - low < 0.1
 
 
+@pytest.mark.parametrize("own, told", [(0.3, True), (0.01, False)])
+def test_what_is_hardly_as_likely_as_its_rivals_has_no_name(monkeypatch, own, told):
+    """A law that contains it may be far likelier and not be borne out: then nobody can say which it is."""
+    rivals = ((Term(get("stribeck_friction"), 0), 1.0 - own),)
+    estimate = SimpleNamespace(term=Term(get("coulomb_friction"), 0), shown=True)
+    removal = Removal(np.array([0.2]), True, True, False)
+    findings, doubtful = findings_of(monkeypatch, estimate, removal, Judgement(own, 0.0, rivals))
+    assert (findings == [estimate]) is told and doubtful is not told
+
+
 def findings_of(
     monkeypatch, estimate, held_out, judgement, tell=lambda robot, estimate, judgement, share: estimate
 ):

@@ -16,6 +16,8 @@ ROWS_PER_CUTOFF = 2.5
 """Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
 BLOCK_SECONDS, MOST_BLOCKS = 2.0, 40
 """Held-out blocks are about this long; longer in a recording that would have more of them."""
+SHORTEST_BLOCK, BLOCKS_OF_MOTION = 0.5, 4
+"""And shorter, down to this [s], where a joint moves for less than so many blocks: each has to move in some of all sets."""
 IDENTIFIED = 0.01
 """One standard deviation of what was identified, where errors of a description's links are relative."""
 THIN = 0.3
@@ -82,7 +84,10 @@ def build(
         )
     steps = np.diff(signals.time[rows], prepend=signals.time[rows[0]])
     since = np.cumsum(np.minimum(steps, BLOCK_SECONDS))  # a long pause must not make the blocks long
-    block = since // max(BLOCK_SECONDS, since[-1] / (MOST_BLOCKS - 1e-6))
+    moving = usable.sum(axis=0) * float(np.median(steps))
+    length = float(np.clip(moving[moving > 0.0].min() / BLOCKS_OF_MOTION, SHORTEST_BLOCK, BLOCK_SECONDS))
+    most = MOST_BLOCKS * min(BLOCK_SECONDS / length, 2.0)
+    block = since // max(length, since[-1] / (most - 1e-6))
     _, block = np.unique(block, return_inverse=True)
     effort = signals.smooth(signals.effort)[rows]
     scale = np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9))

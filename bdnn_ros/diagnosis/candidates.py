@@ -24,6 +24,9 @@ ANGLES = {"base_tilt", "position_offset"}
 LIKE_WEIGHT = {*ANGLES, "effort_scale"}
 """What does the same to a joint that moves alone as a body that it carries, without being one."""
 
+LEAST_MOTION = 8.0
+"""Where a joint moves for less [s], nothing is told that changes with time."""
+
 
 @dataclass(frozen=True)
 class Candidates:
@@ -47,6 +50,23 @@ class Candidates:
             for target, link in effect.places(robot):
                 terms.append(Term(effect, target, link))
         return cls(tuple(terms), robot)
+
+    @classmethod
+    def shown_by(cls, equations: Equations) -> Candidates:
+        """Those that a recording can tell from each other.
+
+        Of one joint that moves alone, nothing of bodies. Of joints that move now and then, nothing that changes with time:
+        what differs between a few moves differs with where they go, too.
+        """
+        every = cls.of(equations.motion.robot, bodies=equations.alone is None)
+        moving = equations.moving
+        kept = [
+            term
+            for term in every.terms
+            if not any(parameter.name == "start" for parameter in term.effect.parameters)
+            or (moving.max() if term.link else moving[term.target]) >= LEAST_MOTION
+        ]
+        return cls(tuple(kept), every.robot)
 
     def common(self) -> list[Term]:
         """The commonest effects on all joints."""

@@ -119,7 +119,7 @@ def examine(
     equations.lead = float(getattr(model, "lead", 0.0))
     if equations.blocks < EVERY_TEST_BLOCK:
         raise _too_short(recordings)
-    candidates = Candidates.of(robot, bodies=equations.alone is None)
+    candidates = Candidates.shown_by(equations)
     attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
     beyond = excesses(_in_rows_that_count(equations, attempt.fitted))
     pool = _exact(candidates, equations, attempt.fitted)

@@ -98,6 +98,11 @@ class Equations:
         return int(count[0]) if len(count) == 1 < self.width else None
 
     @property
+    def moving(self) -> np.ndarray:
+        """How long each joint moves, (n,) [s]."""
+        return np.asarray(self.ever_usable.sum(axis=0) * np.median(np.diff(self.motion.time[self.rows])))
+
+    @property
     def blocks(self) -> int:
         """Number of held-out blocks."""
         return int(self.block.max()) + 1

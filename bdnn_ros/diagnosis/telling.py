@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.diagnosis.attempt import Attempt
+from bdnn_ros.diagnosis.candidates import LEAST_MOTION
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
@@ -22,7 +23,8 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
 DOUBTFUL = 0.1
-"""An effect that may as well not be there with this probability stays in the model without a name."""
+"""An effect that may as well not be there with this probability stays in the model without a name, as one that is hardly as
+likely as this beside what could stand in its place."""
 LARGE_ERROR = 0.4
 """An error of the simulation, per spread of a joint's effort, that nobody would pass over."""
 USUAL_LINK_ERROR = 0.1
@@ -31,6 +33,10 @@ FAR_OFF = "The links' masses and inertias are further off than usual: more is wr
 ALONE = (
     "Only {joint} moves: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
     "of them is named. Move several joints at once."
+)
+BRIEFLY = (
+    "No joint moves for more than {seconds:.1f} s: what changes with time, a push or a drift, cannot be told from what differs "
+    "from place to place, so none is named. Record more motion."
 )
 UNLIKELY = 0.5
 """And with this one it is no more than as likely as nothing."""
@@ -78,6 +84,11 @@ def told(
         notes=(
             *(note for recording in recordings for note in recording.notes),
             *([] if equations.alone is None else [ALONE.format(joint=robot.joints[equations.alone])]),
+            *(
+                [BRIEFLY.format(seconds=equations.moving.max())]
+                if equations.moving.max() < LEAST_MOTION
+                else []
+            ),
             *[FAR_OFF] * far_off,
         ),
     )
@@ -105,7 +116,7 @@ def _findings(
         if not (large_enough and borne_out) or leftover(attempt.fitted, every, one):
             continue
         shown = estimate.shown or _alone(estimate, found)
-        if shown and judgement.nothing <= DOUBTFUL:
+        if shown and judgement.nothing <= DOUBTFUL <= judgement.probability:
             # causes that work against each other may each remove more than there is
             share = min(max(float(np.sum(less)) / before, 0.0), 1.0)
             findings.append(_finding(robot, estimate, judgement, share))
