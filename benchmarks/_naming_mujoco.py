@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from _naming_motions import planned
 from _naming_mujoco_robot import STEP, Real, moved, reported
 
 from bdnn_ros.effects.environment import FORCE, POINT
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.simulation.excitation import Trajectory, fourier
+from bdnn_ros.simulation.excitation import Trajectory
 
 ROBOTS = ("arm2", "arm6", "arm7")
 HIDDEN = (
@@ -69,6 +70,7 @@ class Drawn:
         rate: of the recording [Hz].
         noise: of the effort, per spread of each joint's.
         encoder: noise of the position [rad].
+        motion: one of `_naming_motions.MOTIONS`.
     """
 
     seed: int
@@ -80,6 +82,7 @@ class Drawn:
     duration: float
     noise: float
     encoder: float
+    motion: str = "fourier"
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class Usual:
     per_acceleration: np.ndarray
 
 
-def drawn(seed: int) -> Drawn:
+def drawn(seed: int, motion: str = "fourier") -> Drawn:
     """The recording of a seed; robots and effects take turns."""
     rng = np.random.default_rng([seed, *b"mujoco"])
     return Drawn(
@@ -104,6 +107,7 @@ def drawn(seed: int) -> Drawn:
         float(rng.choice([25.0, 30.0, 40.0])),
         float(np.exp(rng.uniform(np.log(0.002), np.log(0.015)))),
         float(np.exp(rng.uniform(np.log(5e-6), np.log(1e-4)))),
+        motion,
     )
 
 
@@ -112,7 +116,7 @@ def made(draw: Drawn) -> tuple[Recording, dict[str, Any]]:
     robot = Robot.bundled(draw.robot)
     rng = np.random.default_rng([draw.seed, *b"robot"])
     time = np.arange(round(draw.duration / STEP)) * STEP
-    plan = fourier(robot, time, rng)
+    plan = planned(draw.motion, robot, time, rng)
     real, truth = _real(draw, robot, plan, rng)
     every = round(1.0 / (draw.rate * STEP))
     rows = moved(robot, real, (draw.wrong, rng), plan, 2.0 * math.pi * rng.uniform(*BANDWIDTH))

@@ -10,6 +10,7 @@ from _naming_tables import Record, Totals
 from _naming_text import Rows, markdown
 
 RECORDS = Path(__file__).resolve().parent / "results" / "naming_mujoco.jsonl"
+OF_MOTIONS = RECORDS.with_name("naming_motions.jsonl")
 NOTHING = "nothing"
 
 
@@ -19,6 +20,14 @@ def table(records: Sequence[Record]) -> Rows:
     kinds = dict.fromkeys(record["draw"]["hidden"] for record in records)
     for kind in [*sorted(kinds, key=lambda name: (name == NOTHING, name)), "all"]:
         rows.append([kind, *in_brief([r for r in records if kind in (r["draw"]["hidden"], "all")])])
+    return rows
+
+
+def table_of_motions(records: Sequence[Record]) -> Rows:
+    """A row for each kind of motion."""
+    rows = [["motion", *BRIEF]]
+    for motion in dict.fromkeys(record["draw"]["motion"] for record in records):
+        rows.append([motion, *in_brief([r for r in records if r["draw"]["motion"] == motion])])
     return rows
 
 
@@ -52,4 +61,19 @@ def section(code: str) -> list[str]:
         "swings at 25 to 45 rad/s. Gap and soft gear are second joints of MuJoCo's, between rotor and link, on worn robots.\n",
         f"{in_words(records)} {now} by the sources as they stand.\n",
         markdown(table(records)),
+        *_of_motions(code),
+    ]
+
+
+def _of_motions(code: str) -> list[str]:
+    """The part on other motions than Fourier series; nothing without results."""
+    if not OF_MOTIONS.is_file():
+        return []
+    records = latest(OF_MOTIONS, lambda record: (record["draw"]["seed"], record["draw"]["motion"]))
+    now = sum(record["code"] == code for record in records)
+    return [
+        "\nThe same robots on other motions (`--motion NAME`): all joints from point to point with pauses, one sine a joint,\n"
+        "and one joint after the other, of which each then moves for some seconds only.\n",
+        f"{in_words(records)} {now} by the sources as they stand.\n",
+        markdown(table_of_motions(records)),
     ]

@@ -1,6 +1,7 @@
 """Naming causes hidden in MuJoCo's robots: another simulator's joints, integrator and friction.
 
-Every finished draw is appended to results/naming_mujoco.jsonl at once; docs/naming.md shows what they add up to.
+Every finished draw is appended to results/naming_mujoco.jsonl at once, those of other motions to naming_motions.jsonl;
+docs/naming.md shows what they add up to.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ from pathlib import Path
 from typing import Any
 
 from _naming_judging import judge
+from _naming_motions import MOTIONS
 from _naming_mujoco import drawn, made
 from _naming_options import run_options
-from _naming_simulator import RECORDS, in_words, table
+from _naming_simulator import OF_MOTIONS, RECORDS, in_words, table
 from _naming_tables import NOT_DRAWN, counted
 from _naming_text import text
 from naming import fingerprint, rounded, said
@@ -55,11 +57,11 @@ def main() -> None:
         print(f"\n{in_words(records)}\n\n{text(table(records))}")
 
 
-def done(deadline: float, seed: int) -> dict[str, Any] | None:
+def done(deadline: float, motion: str, seed: int) -> dict[str, Any] | None:
     """The record of a draw: moved by MuJoCo, written as a bag, diagnosed from the bag; None after the deadline."""
     if time.monotonic() > deadline:
         return None
-    draw = drawn(seed)
+    draw = drawn(seed, motion)
     try:
         recording, truth = made(draw)
     except BdnnError as error:
@@ -87,11 +89,11 @@ def _finished(args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
     seeds = range(args.seed0, args.seed0 + args.draws)
     if args.jobs == 1:
-        records = map(partial(done, deadline), seeds)
+        records = map(partial(done, deadline, args.motion), seeds)
         yield from (record for record in records if record is not None)
         return
     with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
-        for record in pool.imap(partial(done, deadline), seeds):
+        for record in pool.imap(partial(done, deadline, args.motion), seeds):
             if record is not None:
                 yield record
 
@@ -109,8 +111,12 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--draws", type=int, default=DRAWS, help="default: %(default)s")
     parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="first seed (default: %(default)s)")
+    parser.add_argument("--motion", choices=list(MOTIONS), default="fourier", help="default: %(default)s")
     run_options(parser, RECORDS, BUDGET)
-    return parser.parse_args()
+    args = parser.parse_args()
+    if args.motion != "fourier" and args.results == RECORDS:
+        args.results = OF_MOTIONS
+    return args
 
 
 if __name__ == "__main__":

@@ -34,6 +34,8 @@ COUPLED, OWN = 0.04, 0.05
 LEFT_OUT, FITS = 0.3, 0.85
 """Gravity is left out where efforts hold less than this share of it, as measured by what others' motion makes of them, and all
 else explains such a share of them."""
+GONE = 0.1
+"""It is not left out where it explains more of the effort than this share, whatever else seems to be too large."""
 TOLD = 0.7
 """A joint has the wrong sign where bodies and friction explain such a share of its effort: springs and pushes have any."""
 BEYOND = 1.5
@@ -206,6 +208,9 @@ def _gravity_left_out(borne: Borne) -> bool:
     heavy = efforts.share(borne.gravity)
     heavy[heavy < HEAVY] = 0.0
     if not told.any() or np.count_nonzero(heavy) < 2 or fit.explained.mean() < FITS:
+        return False
+    lost = fit.explained - efforts.fit(borne.own, borne.coupled, efforts.sign).explained
+    if np.average(lost, weights=heavy) > GONE:
         return False
     return bool(np.average(gravity, weights=heavy) < LEFT_OUT * np.average(coupled, weights=told))
 
