@@ -34,8 +34,9 @@ COUPLED, OWN = 0.04, 0.05
 LEFT_OUT, FITS = 0.3, 0.85
 """Gravity is left out where efforts hold less than this share of it, as measured by what others' motion makes of them, and all
 else explains such a share of them."""
-GONE = 0.1
-"""It is not left out where it explains more of the effort than this share, whatever else seems to be too large."""
+GONE, THERE = 0.1, 0.5
+"""It is not left out where it explains more of the effort than the first share, and efforts hold more than the second of it,
+whatever else seems to be too large."""
 TOLD = 0.7
 """A joint has the wrong sign where bodies and friction explain such a share of its effort: springs and pushes have any."""
 BEYOND = 1.5
@@ -210,7 +211,7 @@ def _gravity_left_out(borne: Borne) -> bool:
     if not told.any() or np.count_nonzero(heavy) < 2 or fit.explained.mean() < FITS:
         return False
     lost = fit.explained - efforts.fit(borne.own, borne.coupled, efforts.sign).explained
-    if np.average(lost, weights=heavy) > GONE:
+    if np.average(lost, weights=heavy) > GONE and np.average(gravity, weights=heavy) > THERE:
         return False
     return bool(np.average(gravity, weights=heavy) < LEFT_OUT * np.average(coupled, weights=told))
 
