@@ -7,8 +7,15 @@ from collections.abc import Callable
 import numpy as np
 
 from bdnn_ros.errors import DataError
+from bdnn_ros.excitation.routes import straight
 from bdnn_ros.robot import Robot
-from bdnn_ros.simulation.excitation import Trajectory, fourier
+from bdnn_ros.simulation.excitation import (
+    Trajectory,
+    fourier,
+    position_range,
+    smooth_step,
+    velocity_limits,
+)
 
 TRIALS = 200
 WIDEST = 1.4
@@ -38,9 +45,8 @@ def points(robot: Robot, time: np.ndarray, rng: np.random.Generator, in_turn: bo
         )
         takes = max(SLOWEST, float((np.abs(way) / (0.45 * fastest)).max()))
         rows = (time >= start) & (time < start + takes)
-        s, ds, dds = _quintic((time[rows] - start) / takes)
-        position[rows] = at + s[:, None] * way
-        velocity[rows], acceleration[rows] = ds[:, None] * way / takes, dds[:, None] * way / takes**2
+        move = straight(at, at + way, takes, time[rows] - start)
+        position[rows], velocity[rows], acceleration[rows] = move.position, move.velocity, move.acceleration
         at, joint = at + way, joint + 1
         position[time >= start + takes] = at
         start += takes + float(rng.uniform(*DWELL))
@@ -58,7 +64,7 @@ def sines(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Trajector
     rate = 2.0 * np.pi * rng.uniform(*FREQUENCIES, robot.width)
     size = np.minimum(half * rng.uniform(0.4, 1.0, robot.width), 0.6 * fastest / rate)
     angle = rate * time[:, None] + rng.uniform(0.0, 2.0 * np.pi, robot.width)
-    w, dw, ddw = (part[:, None] for part in _quintic(np.clip(0.5 * time, 0.0, 1.0)))
+    w, dw, ddw = (part[:, None] for part in smooth_step(0.5 * time))
     dw, ddw = 0.5 * dw, 0.25 * ddw
     sine, cosine = np.sin(angle), rate * np.cos(angle)
     return Trajectory(
@@ -78,26 +84,16 @@ def planned(name: str, robot: Robot, time: np.ndarray, rng: np.random.Generator)
     Raises:
         DataError: none was found.
     """
-    limit = np.where(robot.limits.effort > 0.0, robot.limits.effort, np.inf)
     for _ in range(TRIALS):
         plan = MOTIONS[name](robot, time, rng)
         some = slice(None, None, 50)
         effort = robot.rigid_effort(plan.position[some], plan.velocity[some], plan.acceleration[some])
-        if (np.abs(effort) <= SHARE * limit).all():
+        if (np.abs(effort) <= SHARE * robot.limits.effort).all():
             return plan
     raise DataError(f"No motion {name} keeps the limits of effort.")
 
 
 def _room(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middle and half of each joint's range [rad], and its largest speed [rad/s], (n,) each."""
-    lower, upper = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
-    return 0.5 * (lower + upper), np.minimum(0.4 * (upper - lower), WIDEST), robot.limits.velocity
-
-
-def _quintic(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A step from 0 to 1 over [0, 1] and its derivatives."""
-    return (
-        s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
-        30.0 * s**2 * (1.0 - s) ** 2,
-        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
-    )
+    lower, upper = position_range(robot)
+    return 0.5 * (lower + upper), np.minimum(0.4 * (upper - lower), WIDEST), velocity_limits(robot)

@@ -14,20 +14,12 @@ OF_MOTIONS = RECORDS.with_name("naming_motions.jsonl")
 NOTHING = "nothing"
 
 
-def table(records: Sequence[Record]) -> Rows:
-    """A row for each hidden effect, one for nothing hidden and one for all."""
-    rows = [["hidden", *BRIEF]]
-    kinds = dict.fromkeys(record["draw"]["hidden"] for record in records)
+def table(records: Sequence[Record], by: str = "hidden") -> Rows:
+    """A row for each hidden effect, one for nothing hidden and one for all; or for each of something else that is drawn."""
+    rows = [[by, *BRIEF]]
+    kinds = dict.fromkeys(record["draw"][by] for record in records)
     for kind in [*sorted(kinds, key=lambda name: (name == NOTHING, name)), "all"]:
-        rows.append([kind, *in_brief([r for r in records if kind in (r["draw"]["hidden"], "all")])])
-    return rows
-
-
-def table_of_motions(records: Sequence[Record]) -> Rows:
-    """A row for each kind of motion."""
-    rows = [["motion", *BRIEF]]
-    for motion in dict.fromkeys(record["draw"]["motion"] for record in records):
-        rows.append([motion, *in_brief([r for r in records if r["draw"]["motion"] == motion])])
+        rows.append([kind, *in_brief([r for r in records if kind in (r["draw"][by], "all")])])
     return rows
 
 
@@ -75,5 +67,5 @@ def _of_motions(code: str) -> list[str]:
         "\nThe same robots on other motions (`--motion NAME`): all joints from point to point with pauses, one sine a joint,\n"
         "and one joint after the other, of which each then moves for some seconds only.\n",
         f"{in_words(records)} {now} by the sources as they stand.\n",
-        markdown(table_of_motions(records)),
+        markdown(table(records, "motion")),
     ]

@@ -210,10 +210,11 @@ def _gravity_left_out(borne: Borne) -> bool:
     heavy[heavy < HEAVY] = 0.0
     if not told.any() or np.count_nonzero(heavy) < 2 or fit.explained.mean() < FITS:
         return False
-    lost = fit.explained - efforts.fit(borne.own, borne.coupled, efforts.sign).explained
-    if np.average(lost, weights=heavy) > GONE and np.average(gravity, weights=heavy) > THERE:
+    there = np.average(gravity, weights=heavy)
+    if there >= LEFT_OUT * np.average(coupled, weights=told):
         return False
-    return bool(np.average(gravity, weights=heavy) < LEFT_OUT * np.average(coupled, weights=told))
+    lost = fit.explained - efforts.fit(borne.own, borne.coupled, efforts.sign).explained
+    return bool(np.average(lost, weights=heavy) <= GONE or there <= THERE)
 
 
 def _turned(borne: Borne, joints: tuple[str, ...]) -> Iterator[Remark]:

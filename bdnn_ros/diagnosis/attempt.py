@@ -142,19 +142,15 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
     chosen = tuple(search.reconsidered(pool, list(range(len(terms)))))
     selection = plainer(Selection(pool, chosen, pool.fit(chosen)))
     judgements = judge(search, selection)
-    seen = [_places(selection)]
+    seen = [selection.places]
     for _ in range(SWAPS):
         better = likelier(search, selection, judgements)
         # of a toss either may seem the likelier from the other's side
-        if better is None or _places(better) in seen:
+        if better is None or better.places in seen:
             break
-        seen.append(_places(better))
+        seen.append(better.places)
         selection, judgements = better, judge(search, better)
     return selection, weighed(search, selection, judgements)
-
-
-def _places(selection: Selection) -> frozenset[tuple[str, str, int, str | None]]:
-    return frozenset(term.place for term in selection.terms)
 
 
 def surprise(left: np.ndarray, sure: np.ndarray, test: np.ndarray, scale: np.ndarray) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.equations import Equations, moved
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
@@ -16,8 +16,8 @@ ROWS_PER_CUTOFF = 2.5
 """Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
 BLOCK_SECONDS, MOST_BLOCKS = 2.0, 40
 """Held-out blocks are about this long; longer in a recording that would have more of them."""
-SHORTEST_BLOCK, BLOCKS_OF_MOTION = 0.5, 4
-"""And shorter, down to this [s], where a joint moves for less than so many blocks: each has to move in some of all sets."""
+SHORTEST_BLOCK, LEAST_MOTION = 0.5, 8.0
+"""And shorter, down to the first [s], where a joint moves for less than the second [s]: it has to move in some of all sets."""
 IDENTIFIED = 0.01
 """One standard deviation of what was identified, where errors of a description's links are relative."""
 THIN = 0.3
@@ -84,8 +84,9 @@ def build(
         )
     steps = np.diff(signals.time[rows], prepend=signals.time[rows[0]])
     since = np.cumsum(np.minimum(steps, BLOCK_SECONDS))  # a long pause must not make the blocks long
-    moving = usable.sum(axis=0) * float(np.median(steps))
-    length = float(np.clip(moving[moving > 0.0].min() / BLOCKS_OF_MOTION, SHORTEST_BLOCK, BLOCK_SECONDS))
+    moving = moved(usable, signals.time[rows])
+    seldom = float(moving[moving > 0.0].min()) / LEAST_MOTION
+    length = float(np.clip(seldom * BLOCK_SECONDS, SHORTEST_BLOCK, BLOCK_SECONDS))
     most = MOST_BLOCKS * min(BLOCK_SECONDS / length, 2.0)
     block = since // max(length, since[-1] / (most - 1e-6))
     _, block = np.unique(block, return_inverse=True)

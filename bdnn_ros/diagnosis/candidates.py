@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from bdnn_ros.diagnosis.building import LEAST_MOTION
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.pushes import best_push, between_rows, piece_of
@@ -23,9 +24,6 @@ ANGLES = {"base_tilt", "position_offset"}
 """One angle, where a joint turns about the axis that the base tilts about."""
 LIKE_WEIGHT = {*ANGLES, "effort_scale"}
 """What does the same to a joint that moves alone as a body that it carries, without being one."""
-
-LEAST_MOTION = 8.0
-"""Where a joint moves for less [s], nothing is told that changes with time."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class Candidates:
         kept = [
             term
             for term in every.terms
-            if not any(parameter.name == "start" for parameter in term.effect.parameters)
+            if not term.effect.changing
             or (moving.max() if term.link else moving[term.target]) >= LEAST_MOTION
         ]
         return cls(tuple(kept), every.robot)

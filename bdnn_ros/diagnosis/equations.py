@@ -100,7 +100,7 @@ class Equations:
     @property
     def moving(self) -> np.ndarray:
         """How long each joint moves, (n,) [s]."""
-        return np.asarray(self.ever_usable.sum(axis=0) * np.median(np.diff(self.motion.time[self.rows])))
+        return moved(self.ever_usable, self.motion.time[self.rows])
 
     @property
     def blocks(self) -> int:
@@ -306,3 +306,8 @@ class Equations:
                     np.maximum(later, self.doubt[run.start : max(run.stop - lag, run.start)], out=later)
             self._pasts[order] = np.where(self.usable, length, -1), doubtful
         return self._pasts[order]
+
+
+def moved(rows: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """How long each joint moves by the rows that count, (R, n) bool, at their times (R,) [s], (n,) [s]."""
+    return np.asarray(rows.sum(axis=0) * np.median(np.diff(time)))

@@ -64,6 +64,11 @@ class Selection:
         """The chosen terms."""
         return [self.pool.terms[c] for c in self.chosen]
 
+    @property
+    def places(self) -> frozenset[tuple[str, str, int, str | None]]:
+        """What they are and where, whatever their shapes."""
+        return frozenset(term.place for term in self.terms)
+
 
 class Search(Moves):
     """One search over the candidates of one regression."""
@@ -90,11 +95,11 @@ class Search(Moves):
         """The best set of effects, from a first look on."""
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
-            previous, noise = {t.place for t in selection.terms}, selection.pool.noise.std
+            previous, noise = selection.places, selection.pool.noise.std
             settled = self._at_own_noise(selection.pool, selection.chosen, self.candidates.common())
             selection = self._select(settled.noise, settled.terms)
             falls = (settled.noise.std < FALLS * noise).any()
-            if {t.place for t in selection.terms} == previous and not falls:
+            if selection.places == previous and not falls:
                 break
         now = self._at_own_noise(selection.pool, selection.chosen)
         for hidden in (self._by_delays, self._without, self._in_noise, self._behind_rivals):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.diagnosis.attempt import Attempt
-from bdnn_ros.diagnosis.candidates import LEAST_MOTION
+from bdnn_ros.diagnosis.building import LEAST_MOTION
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
@@ -63,7 +63,7 @@ def told(
     findings, doubtful = _findings(robot, equations, attempt, found)
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
-    far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
+    far_off, longest = attempt.fitted.link_error > USUAL_LINK_ERROR, equations.moving.max()
     floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
@@ -84,11 +84,7 @@ def told(
         notes=(
             *(note for recording in recordings for note in recording.notes),
             *([] if equations.alone is None else [ALONE.format(joint=robot.joints[equations.alone])]),
-            *(
-                [BRIEFLY.format(seconds=equations.moving.max())]
-                if equations.moving.max() < LEAST_MOTION
-                else []
-            ),
+            *([BRIEFLY.format(seconds=longest)] if longest < LEAST_MOTION else []),
             *[FAR_OFF] * far_off,
         ),
     )

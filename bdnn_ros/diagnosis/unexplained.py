@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.noise import rms
 
 HARMONICS = 6
 RIDGE = 1e-3
@@ -63,7 +64,7 @@ def describe(equations: Equations, residual: np.ndarray) -> Remainder:
             if gain > WORTH:
                 scores.append((gain * before / equations.effort_scale[j] ** 2, key))
     rest = [(residual - predicted)[equations.usable[:, j], j] for j in range(equations.width)]
-    floor, calm = np.array([_rms(left) for left in rest]), np.array([_between_bursts(left) for left in rest])
+    floor, calm = np.array([rms(left) for left in rest]), np.array([_between_bursts(left) for left in rest])
     uneven = floor > UNEVEN * calm
     order = [key for _, key in sorted(scores, key=lambda pair: -pair[0])]
     return Remainder(
@@ -112,7 +113,3 @@ def _cross_predicted(x: np.ndarray, y: np.ndarray, rows: np.ndarray, block: np.n
 def _between_bursts(values: np.ndarray) -> float:
     """Standard deviation of most of some values, whatever the rest do."""
     return GAUSSIAN * float(np.median(np.abs(values))) if len(values) else 0.0
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

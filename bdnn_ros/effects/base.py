@@ -98,6 +98,8 @@ class Effect(ABC):
     """It takes its effort before the gear, so that the gear does not carry it."""
     brief: ClassVar[bool] = False
     """It acts for moments: its share of a whole recording says little of it."""
+    changing: ClassVar[bool] = False
+    """What it does changes with time, not with the motion alone."""
     timed: ClassVar[bool] = False
     """It acts between two times that only the data tell: its `start` and `end`."""
     parts: ClassVar[tuple[str, ...]] = ()

@@ -37,6 +37,7 @@ class Push(Effect):
 
     name = "external_wrench"
     brief = True
+    changing = True
     timed = True
     shown_by = "the same motion again without contact"
     source = HADDADIN
@@ -171,6 +172,7 @@ class Drift(Effect):
 
     name = "drift"
     on = "joint"
+    changing = True
     excess = np.array((-1.0, 1.0))
     shown_by = "the same motion early and late in a long recording"
     source = (

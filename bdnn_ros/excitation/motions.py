@@ -9,12 +9,13 @@ import numpy as np
 
 from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
-from bdnn_ros.simulation.excitation import Trajectory
+from bdnn_ros.simulation.excitation import (
+    ACCELERATION_PER_VELOCITY,
+    Trajectory,
+    smooth_step,
+    velocity_limits,
+)
 
-OPEN_VELOCITY = 2.0
-"""Velocity limit of a joint whose URDF names none [rad/s]."""
-ACCELERATION_PER_VELOCITY = 3.0
-"""Acceleration limit per velocity limit [1/s] where none is given: URDFs have none."""
 BLEND = 0.8
 """A swing swells from rest, and dies away, over so many seconds."""
 SLOWEST = 0.02
@@ -77,7 +78,7 @@ class Bounds:
         if (low >= high).any():
             joint = robot.joints[int(np.argmax(low >= high))]
             raise UsageError(f"{joint} has no room to move.", "Widen its range or the margin.")
-        speed = velocity * np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, OPEN_VELOCITY)
+        speed = velocity * velocity_limits(robot)
         quick = ACCELERATION_PER_VELOCITY * speed
         if acceleration is not None:
             quick = np.full_like(speed, acceleration)
@@ -119,7 +120,7 @@ class Piece:
         position, velocity, acceleration = self._swing(time)
         change = np.diff(self.speed, axis=0, prepend=np.zeros((1, len(self.centre))))
         x = (time[:, None] - self.when) / self.blend
-        step, slope = smooth_step(x)
+        step, slope, _ = smooth_step(x)
         position = position + self.blend * _step_integral(x) @ change
         return Trajectory(
             time, self.centre + position, velocity + step @ change, acceleration + slope / self.blend @ change
@@ -131,10 +132,9 @@ class Piece:
         sine, cosine = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
         wave = sine.sum(axis=2), (rate * cosine).sum(axis=2), -(rate**2 * sine).sum(axis=2)
         rising, falling = smooth_step(time / BLEND), smooth_step((self.duration - time) / BLEND)
-        bend = step_curvature(time / BLEND), step_curvature((self.duration - time) / BLEND)
         w = (rising[0] * falling[0])[:, None]
         dw = ((rising[1] * falling[0] - rising[0] * falling[1]) / BLEND)[:, None]
-        ddw = bend[0] * falling[0] - 2.0 * rising[1] * falling[1] + rising[0] * bend[1]
+        ddw = rising[2] * falling[0] - 2.0 * rising[1] * falling[1] + rising[0] * falling[2]
         return (
             w * wave[0],
             w * wave[1] + dw * wave[0],
@@ -257,18 +257,6 @@ def fitted(robot: Robot, bounds: Bounds, piece: Piece, share: np.ndarray | float
             return piece
         piece = piece.resized(0.8)
     return None
-
-
-def smooth_step(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A step from 0 to 1 over [0, 1] whose first two derivatives are continuous, and its slope."""
-    x = np.clip(x, 0.0, 1.0)
-    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2
-
-
-def step_curvature(x: np.ndarray) -> np.ndarray:
-    """Second derivative of the step."""
-    x = np.clip(x, 0.0, 1.0)
-    return np.asarray(60.0 * x * (1.0 - x) * (1.0 - 2.0 * x))
 
 
 def _step_integral(x: np.ndarray) -> np.ndarray:

@@ -120,8 +120,11 @@ def _suspect(one: Mapping[str, Any], robot: Robot) -> Suspect:
     parameters = one.get("parameters")
     joint, link = one.get("joint"), one.get("link")
     where = "link" if link is not None else "joint" if joint is not None else "other"
-    choices = [e for e in variants(str(one["effect"])) if _fits(e, where, parameters)]
-    choices = [e for e in choices if e.variant == one.get("variant", e.variant)]
+    choices = [
+        e
+        for e in variants(str(one["effect"]))
+        if e.variant == one.get("variant", e.variant) and _fits(e, where, parameters)
+    ]
     if not choices:
         raise KeyError(str(one["effect"]))
     target = -1

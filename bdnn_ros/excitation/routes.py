@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.excitation.motions import ATTEMPTS, Bounds, Piece, smooth_step, step_curvature
+from bdnn_ros.excitation.motions import ATTEMPTS, Bounds, Piece
 from bdnn_ros.robot import Robot
-from bdnn_ros.simulation.excitation import Trajectory
+from bdnn_ros.simulation.excitation import Trajectory, smooth_step
 
 
 def way(robot: Robot, bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool]:
@@ -21,21 +21,21 @@ def way(robot: Robot, bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tup
         0.3,
     )
     for _ in range(ATTEMPTS):
-        if bounds.kept_by(_along(start, end, time, np.linspace(0.0, time, 25)), robot, 1e-3):
+        if bounds.kept_by(straight(start, end, time, np.linspace(0.0, time, 25)), robot, 1e-3):
             return time, True
         time *= 1.3
     return time, False
 
 
-def _along(start: np.ndarray, end: np.ndarray, duration: float, time: np.ndarray) -> Trajectory:
-    x = time / duration
-    step, slope = smooth_step(x)
+def straight(start: np.ndarray, end: np.ndarray, duration: float, time: np.ndarray) -> Trajectory:
+    """From one pose to another, (n,) [rad], from rest to rest within `duration` [s]; there before and after, (N,) [s]."""
+    step, slope, bend = smooth_step(time / duration)
     distance = end - start
     return Trajectory(
         time,
         start + step[:, None] * distance,
         slope[:, None] / duration * distance,
-        step_curvature(x)[:, None] / duration**2 * distance,
+        bend[:, None] / duration**2 * distance,
     )
 
 
@@ -59,7 +59,7 @@ def joined(robot: Robot, bounds: Bounds, pieces: Sequence[Piece], rate: float) -
         last = k == len(spans) - 1
         mine = stamps[(stamps >= start) & ((stamps < start + length) | last)]
         local = np.minimum(mine - start, length)
-        part = what.at(local) if isinstance(what, Piece) else _along(*what, length, local)
+        part = what.at(local) if isinstance(what, Piece) else straight(*what, length, local)
         parts.append(replace(part, time=mine))
     return Trajectory(
         *(np.concatenate([getattr(p, key) for p in parts]) for key in Trajectory.__dataclass_fields__)

@@ -78,9 +78,9 @@ def poor(robot: Robot, time: np.ndarray, rng: np.random.Generator, joint: int | 
     Args:
         joint: the joint that moves; None draws one.
     """
-    lower, upper = _range(robot)
+    lower, upper = position_range(robot)
     chosen = int(rng.integers(robot.width)) if joint is None else joint
-    room, speed = 0.5 * (upper - lower)[chosen], _velocity_limits(robot)[chosen]
+    room, speed = 0.5 * (upper - lower)[chosen], velocity_limits(robot)[chosen]
     series = _Series.drawn(robot, float(time[-1]), rng)
     amplitude = np.zeros(robot.width)
     amplitude[chosen] = min(0.15, 0.3 * room, 0.1 * speed / (2.0 * np.pi * 0.1))
@@ -107,7 +107,7 @@ class _Series:
         frequencies = np.arange(1, max(int(HIGHEST_FREQUENCY * period), 2) + 1) / period
         shape = (robot.width, len(frequencies))
         amplitude = rng.uniform(0.2, 1.0, shape) / (frequencies / frequencies[0]) ** STEEPNESS
-        lower, upper = _range(robot)
+        lower, upper = position_range(robot)
         centre = 0.5 * (lower + upper) + rng.uniform(-about, about, robot.width) * (upper - lower)
         return cls(centre, amplitude, rng.uniform(0.0, 2.0 * np.pi, shape), frequencies)
 
@@ -117,7 +117,7 @@ class _Series:
         angle = rate * time[:, None, None] + self.phase
         sine, cosine = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
         wave = sine.sum(2), (rate * cosine).sum(2), -(rate**2 * sine).sum(2)
-        w, dw, ddw = (part[:, None] for part in _smooth_step(time / BLEND))
+        w, dw, ddw = (part[:, None] for part in smooth_step(time / BLEND))
         return Trajectory(
             time,
             self.centre + w * wave[0],
@@ -133,10 +133,10 @@ class _Series:
 
 def _scaled(robot: Robot, time: np.ndarray, series: _Series) -> _Series | None:
     """The series as large as the limits allow, or None where gravity alone asks too much."""
-    lower, upper = _range(robot)
+    lower, upper = position_range(robot)
     room = POSITION_SHARE * np.minimum(upper - series.centre, series.centre - lower)
     motion = series.at(time)
-    velocity = VELOCITY_SHARE * _velocity_limits(robot)
+    velocity = VELOCITY_SHARE * velocity_limits(robot)
     acceleration = ACCELERATION_PER_VELOCITY * velocity
     reach = np.abs(motion.position - series.centre).max(axis=0)
     factor = np.minimum(room, WIDEST) / reach
@@ -160,7 +160,7 @@ def _information(robot: Robot, motion: Trajectory) -> float:
     return float(np.sum(np.log(np.maximum(singular, 1e-4 * singular[0]))))
 
 
-def _range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+def position_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Position limits, a half turn each way where there are none or wider ones.
 
     Raises:
@@ -174,12 +174,13 @@ def _range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def _velocity_limits(robot: Robot) -> np.ndarray:
+def velocity_limits(robot: Robot) -> np.ndarray:
+    """Velocity limits, a usual one where there are none, (n,) [rad/s]."""
     limits = robot.limits.velocity
     return np.where(np.isfinite(limits), limits, OPEN_VELOCITY)
 
 
-def _smooth_step(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def smooth_step(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A step from 0 to 1 over [0, 1] with two continuous derivatives, and those."""
     x = np.clip(x, 0.0, 1.0)
     return (
