@@ -180,6 +180,14 @@ def assert_one_sentence(stderr: str, sentence: str) -> None:
 
 
 @pytest.mark.parametrize(("case", "status", "sentence"), CASES, ids=IDS)
+def test_info(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], case: Case, status: int, sentence: str
+) -> None:
+    assert main(["info", *case(tmp_path)]) == status
+    assert_one_sentence(capfd.readouterr().err, sentence)
+
+
+@pytest.mark.parametrize(("case", "status", "sentence"), CASES[::6], ids=IDS[::6])
 def test_info_as_a_process(tmp_path: Path, case: Case, status: int, sentence: str) -> None:
     command = [sys.executable, "-m", "bdnn_ros.cli.main", "info", *case(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)

@@ -156,9 +156,9 @@ def test_a_bag_of_another_robot_among_several_is_named(bag, tmp_path, capsys):
 
 
 def test_parameters_are_written_where_there_is_a_prior(bag, tmp_path):
-    """As its help says."""
+    """As its help says: those of a model that was there before are not left beside another's."""
+    out = tmp_path / "model"
     for prior, further in (("urdf", ["parameters.json"]), ("none", [])):
-        out = tmp_path / prior
         assert main(["identify", bag["first"], "--prior", prior, "--budget", "0.5", "--out", str(out)]) == 0
         assert sorted(path.name for path in out.iterdir()) == sorted(
             ["model.bdnn", "metrics.json", "effort.png", *further]

@@ -33,6 +33,7 @@ def run(command: list[str], directory: Path) -> str:
     variables = {
         "AMENT_PREFIX_PATH": sys.prefix,
         "CMAKE_PREFIX_PATH": sys.prefix,
+        "CFLAGS": "-O0",  # what is built is only loaded
         "COLCON_LOG_PATH": str(directory / "log"),
         "PATH": os.pathsep.join([str(Path(sys.prefix, "bin")), os.environ["PATH"]]),
     }

@@ -149,4 +149,4 @@ def findings_of(
     equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
     test = np.arange(9) < 2
     attempt = SimpleNamespace(test=test, judgements=[judgement], fitted=None, extended=None)
-    return telling._findings(Robot.bundled("arm2"), equations, attempt, [estimate])
+    return telling._findings(Robot.bundled("arm2"), equations, attempt, [estimate], np.zeros(1, bool))

@@ -39,7 +39,7 @@ def test_joints_take_turns():
     assert moving.sum(axis=1).max() == 1 and moving.any(axis=0).all()
 
 
-@pytest.mark.parametrize("seed, briefly", [(60250, True), (60253, False)])
+@pytest.mark.parametrize("seed, briefly", [(61693, True), (60253, False)])
 def test_a_cause_is_named_of_joints_that_move_one_after_the_other(seed, briefly):
     draw = drawn(seed, "in_turn")
     recording, truth = made(draw)
@@ -47,6 +47,15 @@ def test_a_cause_is_named_of_joints_that_move_one_after_the_other(seed, briefly)
     outcome = judge(truth, report["findings"], Robot.bundled(draw.robot))
     assert outcome["hidden"][0]["first"] and not outcome["false"]
     assert any("changes with time" in note for note in report["notes"]) is briefly
+
+
+@pytest.mark.parametrize("seed", [61257, 61855])
+def test_what_changes_with_time_gets_no_other_name_of_joints_that_move_one_after_the_other(seed):
+    """A drift on a joint that moves thrice, a push while a few joints move: friction and offsets may pass for either."""
+    draw = drawn(seed, "in_turn")
+    recording, _ = made(draw)
+    report = diagnose([recording], Robot.bundled(draw.robot)).as_json()
+    assert (report["findings"], report["verdict"]) == ([], "cannot_tell")
 
 
 def test_gravity_is_not_left_out_where_a_sine_makes_of_it_what_a_rotor_does():

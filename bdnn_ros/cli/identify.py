@@ -116,8 +116,11 @@ def run(args: argparse.Namespace) -> int:
         metrics["simulation"] = _simulation(robot, tested)
     path = save_model(args.out, model)
     _write(path.with_name("metrics.json"), {key: value.as_json() for key, value in metrics.items()})
+    parameters = path.with_name("parameters.json")
     if args.prior == "urdf" and robot is not None:
-        _report_parameters(path.with_name("parameters.json"), robot, model, training, args.cutoff, spread)
+        _report_parameters(parameters, robot, model, training, args.cutoff, spread)
+    else:
+        parameters.unlink(missing_ok=True)  # of a model that was here before
     _picture(path.with_name("effort.png"), model, robot, tested[0])
     _print(metrics, tested[0].cutoff, path)
     return 0

@@ -6,6 +6,14 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
+EXACT = 1e-12
+"""Coefficients may leave their bounds by this much."""
+
+
+def outside(coefficients: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Whether coefficients (..., P) leave their bounds (P,), (...) bool."""
+    return np.asarray(((coefficients < low - EXACT) | (coefficients > high + EXACT)).any(axis=-1))
+
 
 def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor.
@@ -37,6 +45,28 @@ def bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray
             return best
         best = np.where(outside, np.clip(best, low, high), best)
         free &= ~outside
+
+
+def held_out_losses(
+    grams: np.ndarray,
+    moments: np.ndarray,
+    powers: np.ndarray,
+    precision: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
+    """Half the squared error on each of B blocks, fitted to all others inside bounds, (B,).
+
+    Args:
+        grams, moments, powers: of each block's columns (B, P, P), with its target (B, P), and of the target (B,).
+        precision, low, high: prior precisions and bounds of the coefficients, (P,).
+    """
+    gram, moment = grams.sum(axis=0) + np.diag(precision), moments.sum(axis=0)
+    best = np.linalg.solve(gram - grams, (moment - moments)[..., None])[..., 0]
+    for b in np.flatnonzero(outside(best, low, high)):
+        best[b] = held(np.linalg.cholesky(gram - grams[b]), moment - moments[b], low, high)
+    squared = np.einsum("bi,bij,bj->b", best, grams, best, optimize=True)
+    return np.asarray(0.5 * (powers - 2.0 * np.sum(best * moments, axis=1) + squared))
 
 
 def gains_of(

@@ -57,13 +57,13 @@ class Candidates:
         what differs between a few moves differs with where they go, too.
         """
         every = cls.of(equations.motion.robot, bodies=equations.alone is None)
-        moving = equations.moving
-        kept = [
-            term
-            for term in every.terms
-            if not term.effect.changing
-            or (moving.max() if term.link else moving[term.target]) >= LEAST_MOTION
-        ]
+        moving, carries = equations.moving, every.robot.carries
+
+        def lasts(term: Term) -> bool:
+            shown_at = carries[:, term.target] if term.link else [term.target]
+            return bool((moving[shown_at] >= LEAST_MOTION).any())
+
+        kept = [term for term in every.terms if not term.effect.changing or lasts(term)]
         return cls(tuple(kept), every.robot)
 
     def common(self) -> list[Term]:

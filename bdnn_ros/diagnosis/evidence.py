@@ -15,7 +15,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from bdnn_ros.diagnosis.bounded import gains_of, held
+from bdnn_ros.diagnosis.bounded import gains_of, held, held_out_losses, outside
 from bdnn_ros.diagnosis.equations import BLURS, Equations
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.term import Term
@@ -79,7 +79,8 @@ class Pool:
         self.gram, self.moment, self.power = _by_block(self.white, self.white_target, equations)
         for term, slot in zip(self.terms, self.slots, strict=True):
             self.moment[:, slot] -= equations.echo(term, len(slot))
-        self._fits: dict[tuple[tuple[int, ...], int | None], Fit] = {}
+        self._fits: dict[tuple[int, ...], Fit] = {}
+        self._held_out: dict[tuple[int, ...], np.ndarray] = {}
         self._tall: tuple[tuple[object, ...], np.ndarray] | None = None
         order = noise.coefficients.shape[1]
         history = equations.history(order)
@@ -89,7 +90,7 @@ class Pool:
     def believing(self, link_error: float) -> Pool:
         """The same pool with another prior spread of the links' errors."""
         other = copy(self)
-        other._fits = {}
+        other._fits, other._held_out = {}, {}
         other.link_error = link_error
         spread = self.equations.link_spread(link_error)
         other.precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
@@ -98,7 +99,7 @@ class Pool:
     def replacing(self, one: int, term: Term, columns: np.ndarray | None = None) -> Pool:
         """The same pool with another shape of one term, or with rows (R, n, k) that its columns were made to otherwise."""
         other, slot = copy(self), self.slots[one]
-        other._fits, other._tall = {}, None
+        other._fits, other._held_out, other._tall = {}, {}, None
         columns = self.equations.columns(term) if columns is None else columns
         other.terms = [*self.terms[:one], term, *self.terms[one + 1 :]]
         other.precision = self.precision.copy()
@@ -135,28 +136,25 @@ class Pool:
         """What all its terms leave, without the nuisances that only weigh down noise, rows (R, n) [N·m]."""
         return self.residual(self.whole, blur=False)
 
-    def fit(self, chosen: Sequence[int], left_out: int | None = None) -> Fit:
-        """Posterior of a set of terms, optionally without one block, with coefficients inside their bounds."""
-        key = (tuple(chosen), left_out)
+    def fit(self, chosen: Sequence[int]) -> Fit:
+        """Posterior of a set of terms, with coefficients inside their bounds."""
+        key = tuple(chosen)
         if key not in self._fits:
-            self._fits[key] = self._fit(chosen, left_out)
+            self._fits[key] = self._fit(key)
         return self._fits[key]
 
-    def _fit(self, chosen: Sequence[int], left_out: int | None) -> Fit:
+    def _fit(self, chosen: tuple[int, ...]) -> Fit:
         gram, moment, power = self.total
-        if left_out is not None:
-            gram, moment = gram - self.gram[left_out], moment - self.moment[left_out]
-            power = power - float(self.power[left_out])
         index = self.columns_of(chosen)
         a = gram[np.ix_(index, index)] + np.diag(self.precision[index])
         factor = cho_factor(a, lower=True)
         best = cho_solve(factor, moment[index])
         low, high = self.lower[index], self.upper[index]
-        if ((best < low - 1e-12) | (best > high + 1e-12)).any():
+        if outside(best, low, high):
             best = held(factor[0], moment[index], low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
         volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor[0])))
-        return Fit(tuple(chosen), best, factor[0], float(volume - loss - self._scale), float(loss))
+        return Fit(chosen, best, factor[0], float(volume - loss - self._scale), float(loss))
 
     def most(self, candidates: Sequence[int]) -> float:
         """What the evidence of any set of some terms, with these shapes, cannot exceed: all of them at once and for nothing.
@@ -230,13 +228,13 @@ class Pool:
 
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:
         """Half squared whitened error on each block, fitted without it, (B,)."""
-        index = self.columns_of(chosen)
-        errors = np.empty(len(self.gram))
-        for b in range(len(self.gram)):
-            theta = self.fit(chosen, left_out=b).coefficients
-            inner = self.gram[b][np.ix_(index, index)]
-            errors[b] = 0.5 * (self.power[b] - 2.0 * theta @ self.moment[b][index] + theta @ inner @ theta)
-        return errors
+        key = tuple(chosen)
+        if key not in self._held_out:
+            index = self.columns_of(chosen)
+            blocks = self.gram[:, index[:, None], index], self.moment[:, index], self.power
+            ends = self.lower[index], self.upper[index]
+            self._held_out[key] = held_out_losses(*blocks, self.precision[index], *ends)
+        return self._held_out[key]
 
     def disbelief(self, chosen: Sequence[int]) -> float:
         """Half the squared distance of a fit's links and nuisances from what was believed of them."""

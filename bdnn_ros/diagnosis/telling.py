@@ -38,6 +38,8 @@ BRIEFLY = (
     "No joint moves for more than {seconds:.1f} s: what changes with time, a push or a drift, cannot be told from what differs "
     "from place to place, so none is named. Record more motion."
 )
+MUCH_LEFT = 0.3
+"""Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
 UNLIKELY = 0.5
 """And with this one it is no more than as likely as nothing."""
 EXPLAINED = 1.3
@@ -60,15 +62,17 @@ def told(
     """
     extended, held = attempt.extended, equations.usable & attempt.test[:, None]
     simulation, after = rms(equations.target, held), rms(extended, held)
-    findings, doubtful = _findings(robot, equations, attempt, found)
+    floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
+    near_floor = _near(after, floor, equations.effort_scale)
+    unfit = _unfit(equations, simulation, after, near_floor)
+    findings, doubtful = _findings(robot, equations, attempt, found, unfit)
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
     far_off, longest = attempt.fitted.link_error > USUAL_LINK_ERROR, equations.moving.max()
-    floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
-    near = _near(after, floor, equations.effort_scale)
-    of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale)
+    near = bool(near_floor.all())
+    of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
     verdict = _verdict(findings, doubtful or far_off or of_weight, near)
     return Diagnosis(
         source=_source(recordings, equations),
@@ -91,9 +95,13 @@ def told(
 
 
 def _findings(
-    robot: Robot, equations: Equations, attempt: Attempt, found: Sequence[Estimate]
+    robot: Robot, equations: Equations, attempt: Attempt, found: Sequence[Estimate], unfit: np.ndarray
 ) -> tuple[list[Finding], bool]:
-    """What is sure and large enough for a name, and whether something large is likely without being sure."""
+    """What is sure and large enough for a name, and whether something large is likely without being sure.
+
+    Args:
+        unfit: joints of which nothing is named, (n,) bool.
+    """
     held = equations.usable & attempt.test[:, None]
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
     scale = equations.effort_scale
@@ -112,6 +120,8 @@ def _findings(
         if not (large_enough and borne_out) or leftover(attempt.fitted, every, one):
             continue
         shown = estimate.shown or _alone(estimate, found)
+        where = estimate.term.target
+        shown = shown and not (unfit[where] if where >= 0 else unfit.all())
         if shown and judgement.nothing <= DOUBTFUL <= judgement.probability:
             # causes that work against each other may each remove more than there is
             share = min(max(float(np.sum(less)) / before, 0.0), 1.0)
@@ -170,9 +180,26 @@ def _name(robot: Robot, term: Term) -> str:
     return joint or link or ("the base" if term.effect.on == "base" else "every joint")
 
 
-def _near(error: np.ndarray, floor: np.ndarray, scale: np.ndarray) -> bool:
-    """Whether every joint's error is near its floor, or too small a share of its effort to matter, (n,) each [N·m]."""
-    return bool(((error <= EXPLAINED * floor) | (error <= 0.02 * scale)).all())
+def _near(error: np.ndarray, floor: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Whether each joint's error is near its floor, or too small a share of its effort to matter, (n,) each [N·m]."""
+    return np.asarray((error <= EXPLAINED * floor) | (error <= 0.02 * scale))
+
+
+def _unfit(
+    equations: Equations, simulation: np.ndarray, extended: np.ndarray, near: np.ndarray
+) -> np.ndarray:
+    """Joints of which nothing is named, (n,) bool: what was found does not say what happens there.
+
+    That is all of them where held-out errors grow, and a joint that moves now and then where much of its error is left: its
+    causes may stand for a push or a drift.
+
+    Args:
+        simulation, extended: held-out errors of either model, (n,) [N·m].
+        near: whether the extended one's is near the noise, (n,) bool.
+    """
+    before, after = (np.sum((error / equations.effort_scale) ** 2) for error in (simulation, extended))
+    seldom = equations.moving < LEAST_MOTION
+    return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | (after > before))
 
 
 def _verdict(findings: Sequence[Finding], doubtful: bool, near: bool) -> Verdict:
@@ -187,6 +214,8 @@ def _verdict(findings: Sequence[Finding], doubtful: bool, near: bool) -> Verdict
 
 
 def _unexplained_sentence(share: float, remainder: Remainder) -> str:
+    if share > 1.0:
+        return "What was found predicts the motion that was held out worse than the simulation does."
     left = f"{100.0 * share:.1f} % of the simulation's squared error is left above the noise"
     if remainder.depends_on:
         return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."

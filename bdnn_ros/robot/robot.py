@@ -215,9 +215,15 @@ class Robot:
         return np.array([self._model.getJointId(name) - 1 for name in self.joints])
 
     @cached_property
+    def carries(self) -> np.ndarray:
+        """Which joints (columns) each joint (rows) moves, itself among them, (n, n) bool."""
+        bodies = self._bodies + 1
+        return np.array([np.isin(bodies, list(self._model.subtrees[int(body)])) for body in bodies])
+
+    @property
     def carried(self) -> np.ndarray:
         """How many of the other joints each joint carries, (n,) int."""
-        return np.array([len(self._model.subtrees[int(body) + 1]) - 1 for body in self._bodies])
+        return np.asarray(self.carries.sum(axis=1) - 1)
 
     def link_jacobian(self, position: np.ndarray, link: str, point: np.ndarray | None = None) -> np.ndarray:
         """Jacobian of a point of a link, world-aligned, linear over angular rows, (N, 6, n).
