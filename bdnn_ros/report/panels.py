@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.report.chart import ROBUST, Axes, Panel, Range, span
 from bdnn_ros.report.view import Cause, View
 from bdnn_ros.report.words import named as name_of
@@ -73,12 +74,12 @@ def residual_panel(shown: View, joint: int) -> Panel:
     axes.line("before", time, before, runs)
     axes.line("after", time, after, runs)
     name, unit = shown.joints[joint], shown.units[joint][0]
-    rms = [_rms(values) for values in (before, after)]
+    errors = [rms(values) for values in (before, after)]
     return axes.panel(
         "time [s]",
         ("residual", unit),
-        f"Residual of {name} against time: RMS {rms[0]:.3g} {unit} with the {reference(shown.since)}, "
-        f"{rms[1]:.3g} {unit} with the extended model.",
+        f"Residual of {name} against time: RMS {errors[0]:.3g} {unit} with the {reference(shown.since)}, "
+        f"{errors[1]:.3g} {unit} with the extended model.",
         x_most=9,
     )
 
@@ -91,7 +92,7 @@ def dependence_panels(shown: View, joint: int) -> list[Panel]:
     rows = shown.usable[:, joint]
     after, named = shown.residual[rows, joint], shown.named[rows, joint]
     before = after + named if named.any() else shown.before[rows, joint]
-    changed = _rms(before - after) > CHANGED * _rms(before)
+    changed = rms(before - after) > CHANGED * rms(before)
     direction = shown.direction[rows, joint]
     limits = span([before, after], ROBUST)
     panels = []
@@ -268,10 +269,6 @@ def _heading(what: str) -> str:
 def _label(shown: View, key: str, joint: int) -> str:
     effort, position = shown.units[joint]
     return f"{key} [{UNITS[key].format(e=effort, p=position)}]"
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
 def _time_range(time: np.ndarray) -> Range:
