@@ -31,13 +31,6 @@ def test_a_value_has_as_many_digits_as_its_uncertainty_supports(value: float, st
 
 
 @pytest.mark.parametrize(
-    ("unit", "text"), [("N*m*s^2/rad^2", "N·m·s²/rad²"), ("kg*m^2", "kg·m²"), ("-", ""), ("deg", "°")]
-)
-def test_units_are_printed_as_they_are_written_by_hand(unit: str, text: str) -> None:
-    assert words.unit(unit) == text
-
-
-@pytest.mark.parametrize(
     ("value", "text"),
     [
         (0.0, "0"),

@@ -24,6 +24,7 @@ from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.units import printed
 
 HELP = "name what the simulation gets wrong, with the gain of mending it"
 SLIGHT_GAIN = 0.1
@@ -117,10 +118,11 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
 
 
 def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
-    """Findings of a kind that many joints have as one, in the order of what they remove together."""
-    kinds: dict[str, list[Finding]] = {}
+    """Findings of a kind and its units that many joints have as one, in the order of what they remove together."""
+    kinds: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:
-        kinds.setdefault(finding.effect, []).append(finding)
+        units = (quantity.unit for quantity in finding.parameters.values())
+        kinds.setdefault((finding.effect, *units), []).append(finding)
     groups = [
         part for kind in kinds.values() for part in ([kind] if len(kind) >= MANY else [[one] for one in kind])
     ]
@@ -134,10 +136,7 @@ def _together(group: Sequence[Finding]) -> str:
         f"{finding.where} " + ", ".join(f"{quantity.value:.3g}" for quantity in finding.parameters.values())
         for finding in group
     ]
-    names = ", ".join(
-        f"{name} [{quantity.unit.replace('*', '·').replace('^2', '²')}]"
-        for name, quantity in group[0].parameters.items()
-    )
+    names = ", ".join(f"{name} [{printed(quantity.unit)}]" for name, quantity in group[0].parameters.items())
     return f"{title[0].upper()}{title[1:]} at {len(group)} places, {names}: {'; '.join(values)}."
 
 

@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     with outputs.written_whole(truth) as file:
         yaml.safe_dump(content, file, sort_keys=False)
     for one in simulated.effects[: len(installed) + len(args.effect)]:
-        print(one.effect.sentence(one.place(robot), one.values))
+        print(one.sentence(robot))
     if args.hide:
         print(f"{args.hide} hidden: see {truth}, after a guess.")
     print(f"{bag}: {len(simulated.recording)} samples of {robot.width} joints.")

@@ -80,7 +80,7 @@ class EffortScale(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([1.0 / values["scale"] - 1.0]), {}
 
-    def sentence(self, where: str, values: Values) -> str:
+    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
         return f"{where} acts with {values['scale']:.3g} times the effort that is measured."
 
 
@@ -130,7 +130,7 @@ class EffortDelay(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["delay"]]), {"at": values["delay"]}
 
-    def sentence(self, where: str, values: Values) -> str:
+    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
         return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms after its stamp."
 
 
@@ -147,7 +147,7 @@ class Cogging(Effect):
     parameters = (
         Parameter("amplitude", "N*m", 0.0, plausible=(0.05, 0.3), of_effort=True),
         Parameter("periods_per_rev", "-", 0.5, 400.0, plausible=(6.0, 36.0)),
-        Parameter("phase", "rad", -math.pi, math.pi, plausible=(-math.pi, math.pi), default=0.0),
+        Parameter("phase", "rad", -math.pi, math.pi, plausible=(-math.pi, math.pi), phase=True, default=0.0),
     )
     equation = "amplitude * sin(periods_per_rev * q + phase)"
     confused_with = ("joint_spring", "link_inertia")

@@ -14,6 +14,7 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot.units import along, printed
 
 CROSSINGS = (5e-4, 0.5)
 """Shortest and longest way across that is looked for [rad]."""
@@ -67,8 +68,8 @@ class Backlash(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["gap"]]), {"crossing": values["crossing"]}
 
-    def sentence(self, where: str, values: Values) -> str:
-        return f"{where} is loose: its transmission has a gap of {values['gap']:.3g} rad."
+    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+        return f"{where} is loose: its transmission has a gap of {values['gap']:.3g} {printed(along('rad', slides))}."
 
 
 def side(motion: Motion, target: int, crossing: float) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.units import along, printed
 
 Where = Literal["joint", "link", "base", "all"]
 Values = Mapping[str, float]
@@ -29,7 +30,7 @@ class Parameter:
     """One number of an effect.
 
     Attributes:
-        name, unit: as in the contract.
+        name, unit: as in the contract; the unit is that of a joint that turns.
         lower, upper: what is physically possible.
         plausible: magnitudes met in practice, (low, high); the simulation draws from it.
         of_effort: the plausible range is a share of the joint's typical effort instead of absolute.
@@ -41,13 +42,24 @@ class Parameter:
     upper: float = np.inf
     plausible: tuple[float, float] = (0.0, 1.0)
     of_effort: bool = False
+    phase: bool = False
+    """An angle on any joint."""
     default: float | str | None = None
     """Taken where a specification leaves the parameter out, the name of another takes its value; None where it must be given."""
+
+    def unit_at(self, slides: bool) -> str:
+        """Its unit on a joint that turns, or `slides`."""
+        return self.unit if self.phase else along(self.unit, slides)
 
     def seen(self, value: float, std: float) -> bool:
         """Whether a recording says anything of it: that a force is below a hundred kilonewtons is nothing."""
         usual = 0.0 if self.of_effort else max(map(abs, self.plausible))
         return usual == 0.0 or std < UNSEEN * max(usual, abs(value))
+
+
+def slides(robot: Robot, target: int, link: str | None) -> bool:
+    """Whether what acts at a place acts along a joint's axis, not about it."""
+    return link is None and target >= 0 and bool(robot.slides[target])
 
 
 class Effect(ABC):
@@ -230,10 +242,10 @@ class Effect(ABC):
         """
         return None
 
-    def sentence(self, where: str, values: Values) -> str:
-        """The finding in words, one sentence with its numbers."""
+    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+        """The finding in words, one sentence with its numbers; of a joint that turns, or `slides`."""
         numbers = ", ".join(
-            f"{p.name} {values[p.name]:.3g} {p.unit.replace('*', '·').replace('^2', '²')}".rstrip(" -")
+            f"{p.name} {values[p.name]:.3g} {printed(p.unit_at(slides))}".rstrip()
             for p in self.parameters
             if p.name in values
         )

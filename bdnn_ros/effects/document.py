@@ -17,8 +17,9 @@ Written from the registry by `python -m bdnn_ros.effects.document`; do not edit.
 
 Sign convention: `M(q) qdd + C(q,qd) qd + g(q) + friction + ... = effort that really acts`, and
 `effort that really acts(t) = scale * measured(t - delay) + offset`. Each equation below is what the effect
-adds to the *measured* effort. SI units, radians; degrees only where the name ends in `_deg`. A specification
-is `effect[@joint or link][:key=value,...]`, for example `coulomb_friction@arm7_joint4:coulomb=1.3`.
+adds to the *measured* effort. SI units, radians; degrees only where the name ends in `_deg`. Where a joint
+slides, N takes the place of N·m, m that of rad, kg that of kg·m². A specification is
+`effect[@joint or link][:key=value,...]`, for example `coulomb_friction@arm7_joint4:coulomb=1.3`.
 
 Bounds say what is physically possible, and the diagnosis keeps to them. Plausible values are what
 `simulate --hide` draws from, before it scales them to the share of the effort that was asked for; "of effort"

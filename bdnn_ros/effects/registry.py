@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from bdnn_ros.effects import actuation, backlash, environment, friction, rigid, sensing, transmission
-from bdnn_ros.effects.base import Effect, Parameter, Where
+from bdnn_ros.effects.base import Effect, Parameter, Where, slides
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
@@ -115,6 +115,11 @@ class Installed:
         if self.target >= 0:
             return robot.joints[self.target]
         return "base" if self.effect.on == "base" else "all joints"
+
+    def sentence(self, robot: Robot) -> str:
+        """It in words, with its numbers."""
+        along_axis = slides(robot, self.target, self.link)
+        return self.effect.sentence(self.place(robot), self.values, along_axis)
 
     def as_truth(self, robot: Robot) -> dict[str, object]:
         """The entry of truth.yaml; fields as in diagnosis.json."""

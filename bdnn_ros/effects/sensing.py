@@ -9,6 +9,7 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot.units import along, printed
 
 HARDLY_TURNED = 1e-4
 """Below this offset the effort changes in proportion to it [rad]."""
@@ -56,8 +57,8 @@ class PositionOffset(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["offset"]]), {"at": values["offset"]}
 
-    def sentence(self, where: str, values: Values) -> str:
-        return f"{where} reports its position {values['offset']:+.3g} rad off the true one."
+    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+        return f"{where} reports its position {values['offset']:+.3g} {printed(along('rad', slides))} off the true one."
 
 
 class VelocityFilter(Effect):
@@ -100,5 +101,5 @@ class VelocityFilter(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([1.0 / (2.0 * math.pi * values["cutoff"])]), {}
 
-    def sentence(self, where: str, values: Values) -> str:
+    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
         return f"{where} reports a velocity that has passed a low-pass of {values['cutoff']:.3g} Hz."

@@ -11,6 +11,7 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot.units import along, printed
 
 SOFTEST = 25.0
 """A link rarely swings more slowly on its gear [rad/s]: no position loop could hold it."""
@@ -56,5 +57,6 @@ class JointElasticity(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([1.0 / values["stiffness"]]), {}
 
-    def sentence(self, where: str, values: Values) -> str:
-        return f"{where} gives: its transmission has a stiffness of {values['stiffness']:.3g} N·m/rad."
+    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+        unit = printed(along("N*m/rad", slides))
+        return f"{where} gives: its transmission has a stiffness of {values['stiffness']:.3g} {unit}."

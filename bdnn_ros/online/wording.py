@@ -9,6 +9,7 @@ import numpy as np
 from bdnn_ros.online.hypotheses import Explanation
 from bdnn_ros.online.scene import Scene
 from bdnn_ros.robot import PER_LINK
+from bdnn_ros.robot.units import along, printed
 
 
 def finding(
@@ -71,7 +72,7 @@ def _friction(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str,
     std = np.sqrt(np.diagonal(found.covariance))
     which = int(np.argmax(np.abs(found.value) / scene.changed("friction", found.target)[1].diagonal() ** 0.5))
     name = ("viscous friction", "Coulomb friction", "effort offset")[which]
-    unit = ("N*m*s/rad", "N*m", "N*m")[which]
+    unit = along(("N*m*s/rad", "N*m", "N*m")[which], bool(scene.robot.slides[found.target]))
     old, new = before[index[which]], before[index[which]] + found.value[which]
     parameters = {
         "start_value": _quantity(old, std[which], unit),
@@ -79,10 +80,7 @@ def _friction(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str,
         "start": _quantity(found.start, 0.5, "s"),
     }
     joint = scene.robot.joints[found.target]
-    text = unit.replace("*", "·")
-    sentence = (
-        f"{joint} drifts: its {name} went from {old:.3g} to {new:.3g} {text} since {found.start:.1f} s."
-    )
+    sentence = f"{joint} drifts: its {name} went from {old:.3g} to {new:.3g} {printed(unit)} since {found.start:.1f} s."
     return {**_where(scene, found), "parameters": parameters, "sentence": sentence}
 
 

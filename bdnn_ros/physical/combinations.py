@@ -9,6 +9,7 @@ from scipy.linalg import qr
 
 from bdnn_ros.physical.parameters import INERTIAL_NAMES, JOINT_NAMES, PER_JOINT
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.units import along
 
 MOTIONS = 60
 """Random motions that stand for all there are."""
@@ -77,15 +78,21 @@ def combinations(robot: Robot) -> list[Combination]:
     for row, index in enumerate(kept):
         weights = np.zeros(size)
         weights[first] = mixing[row]
-        result.append(
-            Combination(_in_words(names, first[index], weights), _unit(names[first[index]]), weights)
-        )
+        name = names[first[index]]
+        result.append(Combination(_in_words(names, first[index], weights), unit_of(name, robot), weights))
     for kind, name in enumerate(JOINT_NAMES[1:], start=1):
         for k, joint in enumerate(robot.joints):
             weights = np.zeros(size)
             weights[armature + kind * width + k] = 1.0
-            result.append(Combination(f"{WORDS[name][0]} of {joint}", WORDS[name][1], weights))
+            unit = unit_of(f"{joint}.{name}", robot)
+            result.append(Combination(f"{WORDS[name][0]} of {joint}", unit, weights))
     return result
+
+
+def unit_of(name: str, robot: Robot) -> str:
+    """Unit of a parameter such as `link3.mass` or `joint3.viscous`."""
+    place, parameter = name.rsplit(".", 1)
+    return along(WORDS[parameter][1], parameter in JOINT_NAMES and robot.slides[robot.joints.index(place)])
 
 
 def _order(robot: Robot) -> tuple[np.ndarray, int]:
@@ -137,10 +144,6 @@ def _in_words(names: list[str], leading: int, weights: np.ndarray) -> str:
 def _of(name: str) -> str:
     place, parameter = name.rsplit(".", 1)
     return f"{WORDS[parameter][0]} of {place}"
-
-
-def _unit(name: str) -> str:
-    return WORDS[name.rsplit(".", 1)[1]][1]
 
 
 def _term(weight: float, words: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from bdnn_ros.physical.agreement import Agreement
-from bdnn_ros.physical.combinations import WORDS, combinations
+from bdnn_ros.physical.combinations import combinations, unit_of
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL
 from bdnn_ros.physical.remark import Remark
@@ -27,7 +27,7 @@ def as_json(
         "version": VERSION,
         "joints": list(model.joints),
         "parameters": [
-            {"name": name, "value": value, "std": std, "unit": WORDS[name.rsplit(".", 1)[1]][1]}
+            {"name": name, "value": value, "std": std, "unit": unit_of(name, model.robot)}
             for name, value, std in model.table()
         ],
         "combinations": [

@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.result import Diagnosis, Finding
 from bdnn_ros.report import words
 from bdnn_ros.report.view import Cause, LinkChange, View
+from bdnn_ros.robot.units import printed
 
 TIE = 0.1
 """A rival at least this probable is named beside the cause."""
@@ -156,7 +157,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[ParameterRow]:
                     name=words.label(name),
                     value=value,
                     interval=interval,
-                    unit=words.unit(quantity.unit) or "–",
+                    unit=printed(quantity.unit) or "–",
                 )
             )
     return rows

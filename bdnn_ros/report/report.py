@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.report import contents, panels, words
 from bdnn_ros.report.chart import SIZE
 from bdnn_ros.report.view import coverage, link_changes, view
+from bdnn_ros.robot.units import printed
 
 SEEN = 0.03
 """A cause whose contribution is this share of the spread of a joint's effort is named there."""
@@ -108,7 +109,7 @@ def _environment() -> Environment:
         percent=words.percent,
         probability=words.probability,
         number=words.number,
-        unit=words.unit,
+        unit=printed,
         amounts=words.amounts,
         named=words.named,
         basename=os.path.basename,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +12,7 @@ from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding
 from bdnn_ros.effects.base import Effect
-from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot import PER_LINK
 
 LONGEST = 40.0
 """A chart against time shows at most so many seconds: more would be a solid mass."""
@@ -97,8 +96,8 @@ class View:
     @cached_property
     def units(self) -> tuple[tuple[str, str], ...]:
         """Units of effort and position of each joint."""
-        prismatic = _prismatic(self.examination.robot)
-        return tuple(("N", "m") if joint in prismatic else ("N·m", "rad") for joint in self.joints)
+        slides = self.examination.robot.slides.tolist()
+        return tuple(("N", "m") if one else ("N·m", "rad") for one in slides)
 
     @cached_property
     def excerpt(self) -> slice:
@@ -257,8 +256,3 @@ def coverage(shown: View) -> list[Coverage]:
 
 def _part_of(value: float, whole: float) -> float:
     return float(value / whole) if 0.0 < whole < 1e6 else float("nan")
-
-
-def _prismatic(robot: Robot) -> set[str]:
-    root = ElementTree.fromstring(robot.urdf)
-    return {str(joint.get("name")) for joint in root.iter("joint") if joint.get("type") == "prismatic"}

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
 from bdnn_ros.effects.base import Parameter
 from bdnn_ros.effects.registry import ALL, EFFECTS
+from bdnn_ros.robot.units import printed
 
 INTERVAL = 1.96
 """Standard deviations on each side of a 95 % interval."""
@@ -96,11 +97,6 @@ def decapitalised(text: str) -> str:
     return text if text.startswith(("Coulomb", "Stribeck")) else text[:1].lower() + text[1:]
 
 
-def unit(text: str) -> str:
-    """A unit as it is printed: `N*m*s^2/rad^2` as N·m·s²/rad²."""
-    return {"-": "", "deg": "°"}.get(text, text.replace("*", "·").replace("^2", "²"))
-
-
 def amounts(finding: Finding) -> list[str]:
     """The parameters with their 95 % uncertainty, one text each; of many the most telling."""
     shown = {name: q for name, q in finding.parameters.items() if estimated(name, q)} or finding.parameters
@@ -123,7 +119,7 @@ def label(name: str) -> str:
 
 def with_spread(quantity: Quantity) -> str:
     """Value ± half its 95 % interval, unit."""
-    half, symbol = INTERVAL * quantity.std, unit(quantity.unit)
+    half, symbol = INTERVAL * quantity.std, printed(quantity.unit)
     space = "" if symbol in ("", "°") else " "
     if not (half > 0.0 and math.isfinite(half)):
         return f"{number(quantity.value)}{space}{symbol}"

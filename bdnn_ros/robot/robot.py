@@ -215,6 +215,13 @@ class Robot:
         return np.array([self._model.getJointId(name) - 1 for name in self.joints])
 
     @cached_property
+    def slides(self) -> np.ndarray:
+        """Whether each joint is prismatic, (n,) bool."""
+        return np.array(
+            [self._model.joints[int(b) + 1].shortname().startswith("JointModelP") for b in self._bodies]
+        )
+
+    @cached_property
     def carries(self) -> np.ndarray:
         """Which joints (columns) each joint (rows) moves, itself among them, (n, n) bool."""
         bodies = self._bodies + 1

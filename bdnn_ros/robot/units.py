@@ -1,0 +1,24 @@
+"""Units of what joints do: about an axis, or along it where a joint slides."""
+
+from __future__ import annotations
+
+ALONG = {
+    "rad": "m",
+    "rad/s": "m/s",
+    "kg*m^2": "kg",
+    "N*m": "N",
+    "N*m/rad": "N/m",
+    "N*m*s/rad": "N*s/m",
+    "N*m*s^2/rad^2": "N*s^2/m^2",
+}
+"""What takes the place of each unit where a joint slides."""
+
+
+def along(unit: str, slides: bool) -> str:
+    """A unit of a joint that turns, as it is where the joint `slides`."""
+    return ALONG.get(unit, unit) if slides else unit
+
+
+def printed(unit: str) -> str:
+    """A unit as a text has it: `N*m*s^2/rad^2` as N·m·s²/rad²; nothing for `-`."""
+    return {"-": "", "deg": "°"}.get(unit, unit.replace("*", "·").replace("^2", "²"))
