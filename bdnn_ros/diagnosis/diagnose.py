@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.excerpts import excerpts
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lateness import in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
@@ -106,6 +107,7 @@ def examine(
     if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
         raise _too_short(recordings)
     say("filtering")
+    recordings = excerpts(recordings)
     signals = _signals(recordings, robot, cutoff)
     predicted = None if model is None else model.predict(signals)
     for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted, robot):

@@ -1,0 +1,61 @@
+"""Long recordings are looked at in pieces, and the user is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.diagnosis.excerpts import MOST_SECONDS, PIECE, excerpts
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.simulate import simulate
+
+RATE = 50.0
+
+
+def still(seconds: float, pause: float = 0.0) -> Recording:
+    """A joint at rest, with a pause in the middle."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    time[len(time) // 2 :] += pause
+    return Recording(time, ("joint",), np.zeros((len(time), 1)), name="bag")
+
+
+def test_a_recording_that_is_not_long_is_taken_whole():
+    recordings = [still(0.5 * MOST_SECONDS), still(0.4 * MOST_SECONDS, pause=3600.0)]
+    assert excerpts(recordings) == recordings
+
+
+@pytest.mark.parametrize("pause", [0.0, 100.0])
+def test_of_a_long_one_there_are_pieces_all_over_it_with_their_own_stamps(pause):
+    whole = still(600.0, pause)
+    (kept,) = excerpts([whole])
+    assert kept.recorded == pytest.approx(MOST_SECONDS, abs=PIECE)
+    assert np.isin(kept.time, whole.time).all() and len(kept.urdf or "") == 0
+    lengths = [float(np.ptp(kept.time[rows])) for rows in kept.segments()]
+    assert max(lengths) == pytest.approx(PIECE, abs=2.0 / RATE)
+    assert kept.time[0] == 0.0 and kept.time[-1] > 0.9 * whole.time[-1]
+    (note,) = kept.notes
+    assert note.startswith(f"bag: of 600 s of motion {kept.recorded:.0f} s are examined")
+
+
+def test_several_are_shortened_alike():
+    kept = excerpts([still(600.0), still(200.0)])
+    assert sum(one.recorded for one in kept) == pytest.approx(MOST_SECONDS, abs=2 * PIECE)
+    assert kept[0].recorded > 2.0 * kept[1].recorded
+
+
+def test_what_drifts_all_the_while_is_named_as_it_was(monkeypatch):
+    monkeypatch.setattr("bdnn_ros.diagnosis.excerpts.MOST_SECONDS", 40.0)
+    monkeypatch.setattr("bdnn_ros.diagnosis.excerpts.PIECE", 5.0)
+    robot = Robot.bundled("arm2")
+    drift = parse_spec("drift@arm2_joint1:start_value=0.5,end_value=1.5", robot)
+    recording = simulate(robot, [drift.within(160.0)], seed=4, duration=160.0, rate=50.0).recording
+    told = diagnose([recording], robot)
+    (finding,) = told.findings
+    assert (finding.effect, finding.joint, finding.variant) == ("drift", "arm2_joint1", "coulomb")
+    assert finding.parameters["start_value"].value == pytest.approx(0.5, rel=0.1)
+    assert finding.parameters["end_value"].value == pytest.approx(1.5, rel=0.1)
+    assert any("are examined" in note for note in told.notes)
+    assert told.source["duration"] > 150.0
