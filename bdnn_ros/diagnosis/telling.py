@@ -197,7 +197,7 @@ def _unfit(
 ) -> np.ndarray:
     """Joints of which nothing is named, (n,) bool: what was found does not say what happens there.
 
-    That is all of them where held-out errors grow, and a joint that moves now and then where much of its error is left: its
+    That is all of them where held-out errors grow above the noise, and a joint that moves now and then where much of its error is left: its
     causes may stand for a push or a drift.
 
     Args:
@@ -206,7 +206,9 @@ def _unfit(
     """
     before, after = (np.sum((error / equations.effort_scale) ** 2) for error in (simulation, extended))
     seldom = equations.moving < LEAST_MOTION
-    return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | (after > before))
+    # what acted outside the held-out rows alone leaves them as they were, at the noise
+    worse = after > before and not near.all()
+    return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | worse)
 
 
 def _verdict(findings: Sequence[Finding], doubtful: bool, near: bool) -> Verdict:
