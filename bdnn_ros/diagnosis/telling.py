@@ -197,8 +197,8 @@ def _unfit(
 ) -> np.ndarray:
     """Joints of which nothing is named, (n,) bool: what was found does not say what happens there.
 
-    That is all of them where held-out errors grow above the noise, and a joint that moves now and then where much of its error is left: its
-    causes may stand for a push or a drift.
+    That is all of them where held-out errors grow above the noise, and a joint that moves now and then where much of its
+    error is left: its causes may stand for a push or a drift.
 
     Args:
         simulation, extended: held-out errors of either model, (n,) [N·m].
