@@ -39,7 +39,7 @@ def test_joints_take_turns():
     assert moving.sum(axis=1).max() == 1 and moving.any(axis=0).all()
 
 
-@pytest.mark.parametrize("seed, briefly", [(61693, True), (60253, False)])
+@pytest.mark.parametrize("seed, briefly", [(60250, True), (60253, False)])
 def test_a_cause_is_named_of_joints_that_move_one_after_the_other(seed, briefly):
     draw = drawn(seed, "in_turn")
     recording, truth = made(draw)

@@ -40,11 +40,11 @@ def bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray
         held = ~free
         rest = np.linalg.solve(a[np.ix_(free, free)], moment[free] - a[np.ix_(free, held)] @ best[held])
         best[free] = rest
-        outside = free & ((best < low) | (best > high))
-        if not outside.any():
+        beyond = free & ((best < low) | (best > high))
+        if not beyond.any():
             return best
-        best = np.where(outside, np.clip(best, low, high), best)
-        free &= ~outside
+        best = np.where(beyond, np.clip(best, low, high), best)
+        free &= ~beyond
 
 
 def held_out_losses(
@@ -80,11 +80,10 @@ def gains_of(
         prior: precisions of the coefficients, (c, k).
     """
     best = np.linalg.solve(schur, left[..., None])[..., 0]
-    outside = ((best < low) | (best > high)).any(axis=1)
     if left.shape[1] == 1:
         best = np.clip(best, low, high)
     else:
-        for i in np.flatnonzero(outside):
+        for i in np.flatnonzero(outside(best, low, high)):
             best[i] = bounded(schur[i], left[i], low[i], high[i])
     explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)
     volume = 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * np.linalg.slogdet(schur)[1]

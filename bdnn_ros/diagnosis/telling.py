@@ -19,7 +19,6 @@ from bdnn_ros.diagnosis.pushes import leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
-from bdnn_ros.effects.base import slides
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -149,21 +148,19 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         for rival, probability in judgement.rivals
     )
     where = link or joint or _name(robot, estimate.term).replace("the base", "The base")
-    along_axis = slides(robot, estimate.term.target, link)
-    parameters = {
-        p.name: replace(estimate.quantities[p.name], unit=p.unit_at(along_axis))
-        for p in estimate.term.effect.parameters
-    }
+    effect = estimate.term.effect.at(robot, estimate.term.target, link)
+    quantities = ((p, estimate.quantities[p.name]) for p in effect.parameters)
+    parameters = {p.name: replace(q, unit=p.unit_at(effect.slides)) for p, q in quantities}
     return Finding(
-        effect=estimate.term.effect.name,
+        effect=effect.name,
         joint=joint,
         link=link,
         parameters=parameters,
         share=share,
         probability=judgement.probability,
         rivals=rivals,
-        sentence=estimate.term.effect.sentence(where, _told(estimate), along_axis),
-        variant=estimate.term.effect.variant,
+        sentence=effect.sentence(where, _told(estimate)),
+        variant=effect.variant,
     )
 
 

@@ -80,7 +80,7 @@ class EffortScale(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([1.0 / values["scale"] - 1.0]), {}
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+    def sentence(self, where: str, values: Values) -> str:
         return f"{where} acts with {values['scale']:.3g} times the effort that is measured."
 
 
@@ -130,7 +130,7 @@ class EffortDelay(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["delay"]]), {"at": values["delay"]}
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+    def sentence(self, where: str, values: Values) -> str:
         return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms after its stamp."
 
 

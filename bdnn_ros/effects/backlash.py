@@ -68,8 +68,8 @@ class Backlash(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["gap"]]), {"crossing": values["crossing"]}
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
-        return f"{where} is loose: its transmission has a gap of {values['gap']:.3g} {printed(along('rad', slides))}."
+    def sentence(self, where: str, values: Values) -> str:
+        return f"{where} is loose: its transmission has a gap of {values['gap']:.3g} {printed(along('rad', self.slides))}."
 
 
 def side(motion: Motion, target: int, crossing: float) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, Literal
@@ -57,11 +58,6 @@ class Parameter:
         return usual == 0.0 or std < UNSEEN * max(usual, abs(value))
 
 
-def slides(robot: Robot, target: int, link: str | None) -> bool:
-    """Whether what acts at a place acts along a joint's axis, not about it."""
-    return link is None and target >= 0 and bool(robot.slides[target])
-
-
 class Effect(ABC):
     """One physical cause a simulation may leave out.
 
@@ -80,6 +76,8 @@ class Effect(ABC):
     also_on: ClassVar[tuple[Where, ...]] = ()
     """Where else it may act: a delay on one joint, though it is usually one for all."""
     parameters: ClassVar[tuple[Parameter, ...]]
+    slides: bool = False
+    """Whether it acts along a joint's axis, and has units of that; see `at`."""
     equation: ClassVar[str]
     """Contribution to the resisting effort, plain text with the contract's names."""
     confused_with: ClassVar[tuple[str, ...]]
@@ -242,10 +240,18 @@ class Effect(ABC):
         """
         return None
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
-        """The finding in words, one sentence with its numbers; of a joint that turns, or `slides`."""
+    def at(self, robot: Robot, target: int, link: str | None) -> Effect:
+        """The effect as it is told of a place: with other units where it acts on a joint that slides."""
+        if link is not None or target < 0 or not robot.slides[target]:
+            return self
+        sliding = copy(self)
+        sliding.slides = True
+        return sliding
+
+    def sentence(self, where: str, values: Values) -> str:
+        """The finding in words, one sentence with its numbers."""
         numbers = ", ".join(
-            f"{p.name} {values[p.name]:.3g} {printed(p.unit_at(slides))}".rstrip()
+            f"{p.name} {values[p.name]:.3g} {printed(p.unit_at(self.slides))}".rstrip()
             for p in self.parameters
             if p.name in values
         )

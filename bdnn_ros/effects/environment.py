@@ -14,7 +14,7 @@ from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.rigid import needed_link
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.units import printed
+from bdnn_ros.robot.units import along, printed
 
 POINT = ("point_x", "point_y", "point_z")
 FORCE = ("force_x", "force_y", "force_z")
@@ -120,7 +120,7 @@ class ExternalWrench(Push):
     def shown(self, values: Values, stds: Values) -> bool:
         return any(abs(values[c]) > SHOWN * stds[c] for c in COMPONENTS)
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+    def sentence(self, where: str, values: Values) -> str:
         force, torque = (
             ", ".join("?" if math.isnan(values[c]) else f"{values[c]:.2g}" for c in names)
             for names in (FORCE, TORQUE)
@@ -161,11 +161,11 @@ class ExternalTorque(Push):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["torque"]]), {key: values[key] for key in ("start", "end")}
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
-        verb, unit = ("pushes", "N") if slides else ("turns", "N·m")
+    def sentence(self, where: str, values: Values) -> str:
+        verb = "pushes" if self.slides else "turns"
         return (
             f"Something {verb} {where} from {values['start']:.2f} s to {values['end']:.2f} s with "
-            f"{values['torque']:.3g} {unit}."
+            f"{values['torque']:.3g} {printed(along('N*m', self.slides))}."
         )
 
 
@@ -197,8 +197,8 @@ class Drift(Effect):
         shape = {key: values[key] for key in ("start", "end")}
         return np.array([values["start_value"], values["end_value"]]), shape
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
-        unit = printed(self.parameters[0].unit_at(slides))
+    def sentence(self, where: str, values: Values) -> str:
+        unit = printed(self.parameters[0].unit_at(self.slides))
         return (
             f"{where} drifts: its {self.title} goes from {values['start_value']:.3g} "
             f"to {values['end_value']:.3g} {unit} over the recording."

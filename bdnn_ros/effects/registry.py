@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from bdnn_ros.effects import actuation, backlash, environment, friction, rigid, sensing, transmission
-from bdnn_ros.effects.base import Effect, Parameter, Where, slides
+from bdnn_ros.effects.base import Effect, Parameter, Where
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
@@ -118,8 +118,7 @@ class Installed:
 
     def sentence(self, robot: Robot) -> str:
         """It in words, with its numbers."""
-        along_axis = slides(robot, self.target, self.link)
-        return self.effect.sentence(self.place(robot), self.values, along_axis)
+        return self.effect.at(robot, self.target, self.link).sentence(self.place(robot), self.values)
 
     def as_truth(self, robot: Robot) -> dict[str, object]:
         """The entry of truth.yaml; fields as in diagnosis.json."""

@@ -178,7 +178,7 @@ class LinkInertia(OnBody):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["scale"] - 1.0]), {"nominal_mass": values["nominal_mass"]}
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+    def sentence(self, where: str, values: Values) -> str:
         return (
             f"{where} weighs {values['mass']:.3g} kg, not {values['nominal_mass']:.3g} kg: its mass and "
             f"inertia are {values['scale']:.3g} times those of the model."
@@ -231,7 +231,7 @@ class BaseTilt(Effect):
         shape = {key: values[key] for key in ("roll_deg", "pitch_deg")}
         return np.radians([values["roll_deg"], values["pitch_deg"]]), shape
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+    def sentence(self, where: str, values: Values) -> str:
         return (
             f"The base is tilted: roll {values['roll_deg']:.2f}°, pitch {values['pitch_deg']:.2f}° from the "
             "level that the model takes."

@@ -57,8 +57,8 @@ class PositionOffset(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["offset"]]), {"at": values["offset"]}
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
-        return f"{where} reports its position {values['offset']:+.3g} {printed(along('rad', slides))} off the true one."
+    def sentence(self, where: str, values: Values) -> str:
+        return f"{where} reports its position {values['offset']:+.3g} {printed(along('rad', self.slides))} off the true one."
 
 
 class VelocityFilter(Effect):
@@ -101,5 +101,5 @@ class VelocityFilter(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([1.0 / (2.0 * math.pi * values["cutoff"])]), {}
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
+    def sentence(self, where: str, values: Values) -> str:
         return f"{where} reports a velocity that has passed a low-pass of {values['cutoff']:.3g} Hz."

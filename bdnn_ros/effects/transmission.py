@@ -57,6 +57,6 @@ class JointElasticity(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([1.0 / values["stiffness"]]), {}
 
-    def sentence(self, where: str, values: Values, slides: bool = False) -> str:
-        unit = printed(along("N*m/rad", slides))
+    def sentence(self, where: str, values: Values) -> str:
+        unit = printed(along("N*m/rad", self.slides))
         return f"{where} gives: its transmission has a stiffness of {values['stiffness']:.3g} {unit}."
