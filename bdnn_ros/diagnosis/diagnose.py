@@ -24,6 +24,7 @@ from bdnn_ros.diagnosis.posterior import CLEAR, Estimate, estimates, excesses
 from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.settling import refined
+from bdnn_ros.diagnosis.softness import noted, softened, softness
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
@@ -116,6 +117,10 @@ def examine(
     if late:
         recordings = in_time(recordings, late)
         signals = _signals(recordings, robot, cutoff)
+    own = softness(signals, robot)
+    if own is not None:
+        recordings, signals = noted(recordings, own), softened(signals, own)
+        predicted = None if model is None else model.predict(signals)
     known = getattr(model, "covariance", None)
     equations = build(signals, robot, predicted, known)
     equations.lead = float(getattr(model, "lead", 0.0))

@@ -54,6 +54,7 @@ class Signals:
         flat: cut-off of the flattened low-pass the signals have passed [Hz]; None where it was the one of `smooth`.
         effort_noise: standard deviation of the white noise on the measured effort, (n,) [N·m], or None.
         unmeasured: where the effort says nothing of what acts, (N, n) bool, or None.
+        own: -3 dB frequency of a low-pass that the efforts had passed before they were recorded [Hz], or None.
     """
 
     time: np.ndarray
@@ -71,6 +72,7 @@ class Signals:
     flat: float | None = None
     effort_noise: np.ndarray | None = None
     unmeasured: np.ndarray | None = None
+    own: float | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -101,7 +103,12 @@ class Signals:
 
     def soften(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""
-        return self.smooth(values) if self.flat is None else self.passed(values, self.flat)
+        soft = self.smooth(values) if self.flat is None else self.passed(values, self.flat)
+        return soft if self.own is None else self.behind(soft, self.own)
+
+    def behind(self, values: np.ndarray, cutoff: float) -> np.ndarray:
+        """Values (N, ...) behind one more low-pass, a Gaussian of a cut-off [Hz]."""
+        return self._smoothed(values, gaussian_std(cutoff))
 
     def passed(self, values: np.ndarray, cutoff: float) -> np.ndarray:
         """Values (N, ...) behind a flattened low-pass, see `flattened`, of another cut-off [Hz]."""
