@@ -10,7 +10,7 @@ import numpy as np
 from _naming_records import BRIEF, in_brief, latest
 from _naming_tables import Record, Totals, counted
 from _naming_text import Rows, markdown
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from bdnn_ros.recording import Recording
 
@@ -31,6 +31,8 @@ SLOW = 50.0
 """Rate of a slow driver [Hz]."""
 SENSOR_CUTOFF = 10.0
 """Of a first-order low-pass in the effort sensors [Hz]."""
+SMOOTHED = 3.0
+"""Of the low-pass in both directions of a published recording [Hz]."""
 LATE = 0.05
 """How late efforts come [s]."""
 
@@ -82,6 +84,15 @@ def lagging(recording: Recording, rng: np.random.Generator) -> Recording:
     return replace(recording, effort=passed + effort[0])
 
 
+def smoothed(recording: Recording, rng: np.random.Generator) -> Recording:
+    """All signals low-passed at 3 Hz, in both directions, before they were published."""
+    passes = butter(2, SMOOTHED, fs=recording.rate, output="sos")
+    position, effort = (
+        sosfiltfilt(passes, values, axis=0) for values in (recording.position, recording.require_effort())
+    )
+    return replace(recording, position=position, velocity=None, effort=effort)
+
+
 def wrong_readings(recording: Recording, rng: np.random.Generator) -> Recording:
     """One effort in 5 000 and one position in 10 000 read wrong."""
     position, effort = recording.position.copy(), recording.require_effort().copy()
@@ -127,6 +138,7 @@ WAYS: dict[str, Misread] = {
     "no velocity": without_velocity,
     "each effort published three times": held,
     "effort sensors of 10 Hz": lagging,
+    "all signals low-passed at 3 Hz": smoothed,
     "one reading in 5 000 wrong": wrong_readings,
     "sensors at their limit above 75 %": limited,
     "efforts zero for 60 ms, five times": dropping,

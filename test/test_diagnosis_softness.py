@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.softness import softness
 from bdnn_ros.effects.registry import parse_spec
@@ -63,6 +65,15 @@ def test_what_is_soft_in_the_robot_is_no_lowpass(specs):
     effects = [parse_spec(spec, robot) for spec in specs]
     recording = simulate(robot, effects, seed=1, duration=15.0).recording
     assert softness(seen(recording), robot) is None
+
+
+def test_info_tells_of_it(tmp_path, capsys):
+    robot = Robot.bundled("arm2")
+    recording = Scenario(robot, seed=11, duration=15.0, worn=True).run()[0].recording
+    for one, told in ((recording, False), (lowpassed(recording, 3.0), True)):
+        path = bags.write(one, tmp_path / str(told))
+        assert main(["info", str(path)]) == 0
+        assert ("the efforts were low-passed at about" in capsys.readouterr().out) == told
 
 
 def test_friction_behind_a_lowpass_is_named_as_what_it_is():
