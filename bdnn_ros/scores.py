@@ -10,10 +10,9 @@ import numpy as np
 
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.rollout import integrated
 from bdnn_ros.signals import Signals
 
-DIVERGED = 1e3
-"""A rollout faster than this [rad/s] is given up."""
 STILL = 1e-9
 """A measured effort that varies less [N·m] has no scale to compare an error with."""
 
@@ -117,8 +116,6 @@ def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
 def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutError:
     """Error of the motion that a model integrates from the measured effort, started anew every `horizon`.
 
-    Integrates the forward dynamics by Runge-Kutta's fourth order at the working rate; all windows at once.
-
     Args:
         horizon: [s]; cut to the longest gap-free piece.
 
@@ -133,35 +130,9 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
     longest = max(rows.stop - rows.start for rows in signals.segments) - 1
     steps = int(np.clip(round(horizon * signals.rate), 1, longest))
     starts = np.array([k for s in signals.segments for k in range(s.start, s.stop - steps, steps)])
-    end = _integrate(model, signals, signals.effort, starts, steps)
+    end = integrated(model, signals, signals.effort, starts, steps)
     error = np.sqrt(np.mean((end - signals.position[starts + steps]) ** 2, axis=0))
     return RolloutError(steps / signals.rate, len(starts), error)
-
-
-def _integrate(
-    model: Dynamics, signals: Signals, effort: np.ndarray, starts: np.ndarray, steps: int
-) -> np.ndarray:
-    """Positions `steps` samples after each start, (W, n)."""
-    h = 1.0 / signals.rate
-    q, v = signals.position[starts].copy(), signals.velocity[starts].copy()
-    lost = np.zeros(len(starts), bool)
-    with np.errstate(all="ignore"):  # a rollout may diverge; that is an answer
-        for step in range(steps):
-            u0, u1 = effort[starts + step], effort[starts + step + 1]
-            half = 0.5 * (u0 + u1)
-            a0 = model.forward_dynamics(q, v, u0)
-            v1 = v + 0.5 * h * a0
-            a1 = model.forward_dynamics(q + 0.5 * h * v, v1, half)
-            v2 = v + 0.5 * h * a1
-            a2 = model.forward_dynamics(q + 0.5 * h * v1, v2, half)
-            v3 = v + h * a2
-            a3 = model.forward_dynamics(q + h * v2, v3, u1)
-            q = q + h / 6.0 * (v + 2.0 * v1 + 2.0 * v2 + v3)
-            v = v + h / 6.0 * (a0 + 2.0 * a1 + 2.0 * a2 + a3)
-            lost |= ~(np.abs(v) < DIVERGED).all(axis=1) | ~np.isfinite(q).all(axis=1)
-            q[lost], v[lost] = signals.position[starts[lost]], 0.0
-    q[lost] = np.inf
-    return q
 
 
 def numbers(values: Sequence[float] | np.ndarray) -> list[float | None]:

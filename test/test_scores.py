@@ -12,6 +12,7 @@ from bag_cases import PENDULUM
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.rollout import Step, _rosenbrock, _runge_kutta
 from bdnn_ros.scores import Scores, rollout_error, score, score_model
 from bdnn_ros.signals import Signals, prepare
 
@@ -108,6 +109,30 @@ def test_a_rollout_that_diverges_is_told_as_such(pendulum: Model) -> None:
     found = rollout_error(unstable, signals, 1.0)
     assert found.position.tolist() == [np.inf]
     assert found.as_json()["position"] == [None]
+
+
+@pytest.mark.parametrize("viscous", [50.0, 1e4])
+def test_damping_that_outruns_the_samples_does_not_run_away(pendulum: Model, viscous: float) -> None:
+    """Efforts of the true motion: it is found again, however fast the friction brakes the link."""
+    damped = pendulum.with_joint_parameters(viscous=np.array([viscous]))
+    found = rollout_error(damped, driven(damped), 0.5)
+    assert found.position[0] < 2e-3
+
+
+def test_the_implicit_step_is_of_second_order(pendulum: Model) -> None:
+    """Half the step, a quarter of the error, against Runge-Kutta with steps much shorter."""
+    q, v, u = np.array([[0.7]]), np.array([[1.5]]), np.array([[2.0]])
+
+    def after(step: Step, steps: int) -> float:
+        now = q, v
+        for _ in range(steps):
+            now = step(pendulum, *now, u, u, 0.2 / steps)
+        return float(now[0][0, 0])
+
+    exact = after(_runge_kutta, 400)
+    errors = [abs(after(_rosenbrock, steps) - exact) for steps in (40, 80, 160)]
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.2)
 
 
 def test_horizons(pendulum: Model) -> None:

@@ -48,7 +48,6 @@ class Signals:
         reported_velocity: the velocity message field, low-passed alike, or None, (N, n).
         rate: working samples per second [Hz].
         cutoff: -3 dB frequency of the low-pass [Hz].
-        segments: rows of each gap-free piece.
         position_noise: standard deviation of the white noise on the measured position, (n,) [rad].
         raw_rate: the recording's own rate [Hz].
         flat: cut-off of the flattened low-pass the signals have passed [Hz]; None where it was the one of `smooth`.
