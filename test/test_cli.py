@@ -204,7 +204,7 @@ def test_evaluate_says_why_a_motion_that_is_integrated_for_long_is_infinite(
     path = bag_of(tmp_path / "bag", swing(pendulum, 20.0))
     assert main(["evaluate", "model", str(path)]) == 0
     assert "runs away" not in capsys.readouterr().err
-    monkeypatch.setattr("bdnn_ros.scores.DIVERGED", 0.5)
+    monkeypatch.setattr("bdnn_ros.rollout.DIVERGED", 0.5)
     assert main(["evaluate", "model", str(path), "--horizon", "5"]) == 0
     assert "Integrated over 5 s without a controller, the motion runs away (inf)" in capsys.readouterr().err
 
