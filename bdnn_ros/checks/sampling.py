@@ -44,3 +44,12 @@ def brisk(signals: Signals, rows: np.ndarray) -> np.ndarray:
 def some(rows: np.ndarray, most: int) -> np.ndarray:
     """Rows (R,) as far apart as leaves at least so many of them, less than twice as many; all where there are fewer."""
     return rows[:: max(len(rows) // most, 1)]
+
+
+def lowest(values: np.ndarray) -> float:
+    """Where values (N,) are lowest, between their indices by a parabola."""
+    best = int(np.argmin(values))
+    if not 0 < best < len(values) - 1:
+        return float(best)
+    before, here, after = values[best - 1 : best + 2]
+    return best + 0.5 * float((before - after) / (before - 2.0 * here + after))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from bdnn_ros.checks.data import unread
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import loading, options
 from bdnn_ros.cli.describing import unusable
-from bdnn_ros.diagnosis.softness import noted, softness
+from bdnn_ros.diagnosis.softness import note, softness
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
@@ -108,8 +108,8 @@ def _of_the_description(recording: Recording, signals: Signals, robot: Robot | N
         problem = unusable([recording])
         return [problem] if problem else []
     own = softness(signals, robot) if signals.effort is not None else None
-    softer = noted([replace(recording, notes=())], own)[0].notes if own is not None else ()
-    return [*(str(remark) for remark in (*doubts(robot), *breaches(signals, robot))), *softer]
+    found = [str(remark) for remark in (*doubts(robot), *breaches(signals, robot))]
+    return found if own is None else [*found, note(recording, own)]
 
 
 def timing(recording: Recording) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bdnn_ros.checks.alternatives import explained
-from bdnn_ros.checks.sampling import some, telling
+from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -41,17 +41,8 @@ def lateness(signals: Signals, robot: Robot) -> float:
     borne = robot.rigid_effort(signals.position[rows], velocity, acceleration)
     columns = borne, acceleration, velocity, signals.sign[rows]
     left = np.array([1.0 - explained(signals.effort[rows + k], *columns) for k in range(most)])
-    late = _lowest(left) / signals.rate
+    late = lowest(left) / signals.rate
     return late - LEFT if late >= LEAST and left[0] > BETTER * left.min() else 0.0
-
-
-def _lowest(values: np.ndarray) -> float:
-    """Where values (N,) are lowest, between their indices by a parabola."""
-    best = int(np.argmin(values))
-    if not 0 < best < len(values) - 1:
-        return float(best)
-    before, here, after = values[best - 1 : best + 2]
-    return best + 0.5 * float((before - after) / (before - 2.0 * here + after))
 
 
 def in_time(recordings: Sequence[Recording], late: float) -> list[Recording]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.checks.sampling import telling
+from bdnn_ros.checks.sampling import lowest, telling
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -54,7 +54,9 @@ def softness(signals: Signals, robot: Robot) -> float | None:
         return float(np.mean([np.log(_left(t, s)) for t, s in zip(target, own, strict=True)]))
 
     soft = np.array([left(signals.behind(signals.sign, cutoff)) for cutoff in LOWPASSES])
-    return _lowest(soft) if left(signals.sign) - soft.min() > np.log(BETTER) else None
+    if left(signals.sign) - soft.min() <= np.log(BETTER):
+        return None
+    return float(LOWPASSES[0] * (LOWPASSES[1] / LOWPASSES[0]) ** lowest(soft))
 
 
 def softened(signals: Signals, own: float) -> Signals:
@@ -64,11 +66,15 @@ def softened(signals: Signals, own: float) -> Signals:
 
 def noted(recordings: Sequence[Recording], own: float) -> list[Recording]:
     """The recordings with a note on the low-pass [Hz] that their efforts had passed."""
-    note = (
-        f"the efforts were low-passed at about {own:.1f} Hz before they were recorded; no more is compared. "
+    return [replace(one, notes=(*one.notes, note(one, own))) for one in recordings]
+
+
+def note(recording: Recording, own: float) -> str:
+    """What a user should know of a recording whose efforts had passed a low-pass [Hz]."""
+    return (
+        f"{recording.name}: the efforts were low-passed at about {own:.1f} Hz before they were recorded; no more is compared. "
         "Record them as they are measured: what is fast tells most about friction and gears."
     )
-    return [replace(one, notes=(*one.notes, f"{one.name}: {note}")) for one in recordings]
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:
@@ -86,13 +92,3 @@ def _left(target: np.ndarray, steps: np.ndarray) -> float:
     """Share of a target's square (R,) that a positive multiple of steps (R,) leaves."""
     common = max(float(target @ steps), 0.0)
     return max(1.0 - common**2 / max(float(steps @ steps) * float(target @ target), TINY), NEW)
-
-
-def _lowest(values: np.ndarray) -> float:
-    """The low-pass [Hz] at which values (k,) are lowest, between two of them by a parabola."""
-    best = int(np.argmin(values))
-    at = float(best)
-    if 0 < best < len(values) - 1:
-        before, here, after = values[best - 1 : best + 2]
-        at += 0.5 * float((before - after) / (before - 2.0 * here + after))
-    return float(LOWPASSES[0] * (LOWPASSES[1] / LOWPASSES[0]) ** at)

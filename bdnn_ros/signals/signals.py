@@ -88,17 +88,12 @@ class Signals:
 
     def smooth(self, values: np.ndarray) -> np.ndarray:
         """Low-pass of values (N, ...) along time, segment by segment."""
-        return self._smoothed(values, self.kernel_std)
+        return self.behind(values, self.cutoff)
 
     def smooth_at(self, values: np.ndarray, samples: np.ndarray) -> np.ndarray:
         """What `smooth` gives at some samples, in order, (R, ...): no more is computed."""
         weights = gaussian_kernel(self.kernel_std, self.rate)[0]
         return np.concatenate([convolved_at(values, weights, samples, rows) for rows in self.segments])
-
-    def _smoothed(self, values: np.ndarray, std: float) -> np.ndarray:
-        weights = gaussian_kernel(std, self.rate)[0]
-        parts = [np.asarray(values[rows], float) for rows in self.segments]
-        return np.concatenate([convolve1d(part, weights, axis=0, mode="nearest") for part in parts])
 
     def soften(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""
@@ -106,13 +101,15 @@ class Signals:
         return soft if self.own is None else self.behind(soft, self.own)
 
     def behind(self, values: np.ndarray, cutoff: float) -> np.ndarray:
-        """Values (N, ...) behind one more low-pass, a Gaussian of a cut-off [Hz]."""
-        return self._smoothed(values, gaussian_std(cutoff))
+        """Values (N, ...) behind one more low-pass, a Gaussian of a cut-off [Hz], segment by segment."""
+        weights = gaussian_kernel(gaussian_std(cutoff), self.rate)[0]
+        parts = [np.asarray(values[rows], float) for rows in self.segments]
+        return np.concatenate([convolve1d(part, weights, axis=0, mode="nearest") for part in parts])
 
     def passed(self, values: np.ndarray, cutoff: float) -> np.ndarray:
         """Values (N, ...) behind a flattened low-pass, see `flattened`, of another cut-off [Hz]."""
-        once = self._smoothed(values, gaussian_std(cutoff))
-        return 2.0 * once - self._smoothed(once, gaussian_std(cutoff))
+        once = self.behind(values, cutoff)
+        return 2.0 * once - self.behind(once, cutoff)
 
     @cached_property
     def interior(self) -> np.ndarray:
