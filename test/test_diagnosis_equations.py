@@ -9,7 +9,16 @@ import pytest
 from diagnosis_cases import CUTOFF, RATE, coloured, equations_of, signals_of, term, white
 from scipy.linalg import toeplitz
 
-from bdnn_ros.diagnosis.building import BLOCK_SECONDS, MOST_BLOCKS, build, nominal_effort, relative_inertials
+from bdnn_ros.diagnosis.building import (
+    BLOCK_SECONDS,
+    LEAST_MOTION,
+    LEAST_VALUES,
+    MOST_BLOCKS,
+    build,
+    least_motion,
+    nominal_effort,
+    relative_inertials,
+)
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of, without_trends
 from bdnn_ros.diagnosis.equations import Equations
@@ -244,13 +253,22 @@ def test_joints_that_move_one_after_the_other_move_in_several_blocks(in_turn):
     assert 0.4 < np.median(lengths) < 1.0
 
 
-def test_of_joints_that_move_now_and_then_nothing_is_told_that_changes_with_time(in_turn, plain):
-    def in_time(equations):
-        names = {term.effect.name for term in Candidates.shown_by(equations).terms}
-        return names & {"external_wrench", "drift"}, len(names)
+def in_time(equations: Equations) -> tuple[set[str], int]:
+    """What changes with time of the candidates, and how many kinds there are of all."""
+    names = {term.effect.name for term in Candidates.shown_by(equations).terms}
+    return names & {"external_wrench", "drift"}, len(names)
 
+
+def test_of_joints_that_move_now_and_then_nothing_is_told_that_changes_with_time(in_turn, plain):
     (seldom, less), (always, more) = in_time(in_turn), in_time(plain)
     assert not seldom and always == {"external_wrench", "drift"} and more - less == 2
+
+
+def test_nor_where_the_low_pass_leaves_few_values_of_a_motion(plain):
+    signals, robot = plain.motion.signals, plain.motion.robot
+    slow = replace(signals, cutoff=0.9 * LEAST_VALUES / (2.0 * plain.moving.max()))
+    assert plain.moving.max() > LEAST_MOTION and plain.moving.max() < least_motion(slow)
+    assert not in_time(build(slow, robot))[0]
 
 
 def test_a_long_recording_has_longer_blocks(robot):

@@ -68,6 +68,13 @@ def test_a_law_is_named_only_where_it_is_plainly_likelier_than_a_part_of_it(
     assert told_of(terms, (0,), judgement, borne_out=borne_out) == (told and {told})
 
 
+@pytest.mark.parametrize("likely, told", [(0.51, None), (0.79, None), (0.9, {"backlash"})])
+def test_what_another_settles_into_gives_way_to_it_only_where_that_is_plainly_likelier(likely, told):
+    """A gap that the motion hardly crosses is a wrong zero: seen from the gap's side the zero is named."""
+    zero, gap = Term(get("position_offset"), 0), Term(get("backlash"), 0)
+    assert told_of([zero, gap], (0,), Judgement(1.0 - likely, 0.0, ((gap, likely),))) == told
+
+
 @pytest.mark.parametrize(
     "probabilities, borne_out, beyond, told",
     [

@@ -18,6 +18,8 @@ BLOCK_SECONDS, MOST_BLOCKS = 2.0, 40
 """Held-out blocks are about this long; longer in a recording that would have more of them."""
 SHORTEST_BLOCK, LEAST_MOTION = 0.5, 8.0
 """And shorter, down to the first [s], where a joint moves for less than the second [s]: it has to move in some of all sets."""
+LEAST_VALUES = 100.0
+"""A push and a drift, with their times, say anything of a joint's motion that the low-pass leaves fewer independent values of."""
 IDENTIFIED = 0.01
 """One standard deviation of what was identified, where errors of a description's links are relative."""
 THIN = 0.3
@@ -109,6 +111,11 @@ def build(
         scale,
         jointwise=jointwise,
     )
+
+
+def least_motion(signals: Signals) -> float:
+    """How long a joint has to move for what changes with time to be told from what differs from place to place [s]."""
+    return max(LEAST_MOTION, LEAST_VALUES / (2.0 * signals.cutoff))
 
 
 def identified(covariance: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from bdnn_ros.diagnosis.building import LEAST_MOTION
+from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.pushes import best_push, between_rows, piece_of
@@ -53,15 +53,15 @@ class Candidates:
     def shown_by(cls, equations: Equations) -> Candidates:
         """Those that a recording can tell from each other.
 
-        Of one joint that moves alone, nothing of bodies. Of joints that move now and then, nothing that changes with time:
-        what differs between a few moves differs with where they go, too.
+        Of one joint that moves alone, nothing of bodies. Of joints that move now and then, or hardly longer than the low-pass,
+        nothing that changes with time: what differs between a few moves differs with where they go, too.
         """
         every = cls.of(equations.motion.robot, bodies=equations.alone is None)
-        moving, carries = equations.moving, every.robot.carries
+        lasting, carries = equations.moving >= least_motion(equations.motion.signals), every.robot.carries
 
         def lasts(term: Term) -> bool:
             shown_at = carries[:, term.target] if term.link else [term.target]
-            return bool((moving[shown_at] >= LEAST_MOTION).any())
+            return bool(lasting[shown_at].any())
 
         kept = [term for term in every.terms if not term.effect.changing or lasts(term)]
         return cls(tuple(kept), every.robot)

@@ -65,9 +65,9 @@ def judge(search: Search, selection: Selection) -> list[Judgement]:
 def likelier(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
     """The selection with one finding given up for a rival; None where there is none to give up.
 
-    One gives way to a likelier rival, and one that is hardly more likely than a part of it to that part. What is part of a
-    law that is plainly likelier gives way where blocks that had no say of the fit bear that out. Of pushes that are a toss
-    the one at the likeliest place was chosen already.
+    One gives way to a likelier rival, to one that settles into it only where that is plainly likelier; and one that is hardly
+    more likely than a part of it to that part. What is part of a law that is plainly likelier gives way where blocks that had
+    no say of the fit bear that out. Of pushes that are a toss the one at the likeliest place was chosen already.
     """
     pool = selection.pool
     for one, judgement in zip(selection.chosen, judgements, strict=True):
@@ -75,7 +75,7 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
         for rival, probability in judgement.rivals:
             richer = contains(rival, term)
             ahead = not (richer or term.effect.timed) and probability > judgement.nothing
-            ahead &= probability > judgement.probability
+            ahead &= probability > judgement.probability * (PLAINLY if _settles_into(rival, term) else 1.0)
             simpler = contains(term, rival) or _settles_into(term, rival)
             simpler &= judgement.probability < PLAINLY * probability
             plainly = richer and probability > PLAINLY * judgement.probability

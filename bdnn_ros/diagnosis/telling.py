@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from bdnn_ros.diagnosis.attempt import Attempt
-from bdnn_ros.diagnosis.building import LEAST_MOTION
+from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
@@ -36,8 +36,8 @@ ALONE = (
     "of them is named. Move several joints at once."
 )
 BRIEFLY = (
-    "No joint moves for more than {seconds:.1f} s: what changes with time, a push or a drift, cannot be told from what differs "
-    "from place to place, so none is named. Record more motion."
+    "No joint moves for more than {seconds:.1f} s, where a low-pass of {cutoff:.1f} Hz asks for {least:.1f} s: what changes with "
+    "time, a push or a drift, cannot be told from what differs from place to place, so none is named. Record more motion."
 )
 MUCH_LEFT = 0.3
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
@@ -69,7 +69,7 @@ def told(
     findings, doubtful = _findings(robot, equations, attempt, found, unfit)
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
-    far_off, longest = attempt.fitted.link_error > USUAL_LINK_ERROR, equations.moving.max()
+    far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
     near = bool(near_floor.all())
@@ -89,7 +89,7 @@ def told(
         notes=(
             *(note for recording in recordings for note in recording.notes),
             *([] if equations.alone is None else [ALONE.format(joint=robot.joints[equations.alone])]),
-            *([BRIEFLY.format(seconds=longest)] if longest < LEAST_MOTION else []),
+            *_briefly(equations),
             *[FAR_OFF] * far_off,
         ),
     )
@@ -202,7 +202,7 @@ def _unfit(
         near: whether the extended one's is near the noise, (n,) bool.
     """
     before, after = (np.sum((error / equations.effort_scale) ** 2) for error in (simulation, extended))
-    seldom = equations.moving < LEAST_MOTION
+    seldom = equations.moving < least_motion(equations.motion.signals)
     # what acted outside the held-out rows alone leaves them as they were, at the noise
     worse = after > before and not near.all()
     return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | worse)
@@ -217,6 +217,13 @@ def _verdict(findings: Sequence[Finding], doubtful: bool, near: bool) -> Verdict
     if findings:
         return "explained" if near else "partly_explained"
     return "nothing_wrong" if near and not doubtful else "cannot_tell"
+
+
+def _briefly(equations: Equations) -> list[str]:
+    """A note where nothing that changes with time is told."""
+    signals, longest = equations.motion.signals, float(equations.moving.max())
+    least = least_motion(signals)
+    return [BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least)] if longest < least else []
 
 
 def _unexplained_sentence(share: float, remainder: Remainder) -> str:
