@@ -206,17 +206,21 @@ class Pool:
             columns = self.equations.made(term)
         elif columns.shape[2] != len(bounds):
             bounds = np.tile([-np.inf, np.inf], (columns.shape[2], 1))
-        joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
-        white = self.equations.whiten(columns[:, joints], self.noise, joints)
-        tall = white.reshape(-1, white.shape[2])
-        known = self._known(fit, joints)
-        cross = known.T @ tall
-        left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
-        left = left - self.equations.echo(term, tall.shape[1]).sum(axis=0)
+        inner, left = self.beside(fit, columns)
+        left -= self.equations.echo(term, len(left)).sum(axis=0)
         prior = 1.0 / self.equations.spread(term, columns) ** 2
-        schur = tall.T @ tall + np.diag(prior) - cross.T @ fit.covariance @ cross
+        schur = inner + np.diag(prior)
         gains, best = gains_of(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])
         return float(gains[0]), best[0]
+
+    def beside(self, fit: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What rows (R, n, k) tell of their coefficients beside a fit: information (k, k), moments with what is left (k,)."""
+        joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
+        white = self.equations.whiten(columns[:, joints], self.noise, joints)
+        tall, known = white.reshape(-1, white.shape[2]), self._known(fit, joints)
+        cross = known.T @ tall
+        left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
+        return tall.T @ tall - cross.T @ fit.covariance @ cross, left
 
     def _known(self, fit: Fit, joints: np.ndarray) -> np.ndarray:
         """Whitened columns of a fit on some joints, (R * joints, P); kept for the next term that is tried beside it."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bdnn_ros.diagnosis.contact import contact, point_of
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.term import Term
@@ -25,10 +26,8 @@ EXACT = 1e-3
 """A step of the times that is small enough [s]."""
 TOUCHING = 0.3
 """Pushes with less time between their ends may be one [s]."""
-FARTHEST = 1.0
-"""No hand reaches further from its link's origin [m]."""
 WORTH = 6.0
-"""Evidence that a point of its own must bring beyond those that are tried first."""
+"""Evidence that a point of its own must bring at least beyond those that are tried first."""
 CONTENDS = 0.5
 """What explains less than this share of what the best push does needs no finer times."""
 CROSSING = 0.5
@@ -46,11 +45,11 @@ def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
     """
     tried = [best_window(pool, fit, term.shaped(point)) for point in term.effect.points(robot, term.link)]
     gain, best = max(((pool.gain_of(fit, one)[0], one) for one in tried), key=lambda pair: pair[0])
-    contact = _contact(pool, fit, best) if gain > 0.0 else None
-    if contact is None:
+    touched = contact(pool, fit, best) if gain > 0.0 else None
+    if touched is None:
         return best
-    contact = best_window(pool, fit, contact)
-    return contact if pool.gain_of(fit, contact)[0] > gain + WORTH else best
+    touched = best_window(pool, fit, touched)
+    return touched if pool.gain_of(fit, touched)[0] > gain + max(WORTH, toss(best, gain)) else best
 
 
 def reshaped(pool: Pool, rest: Sequence[int], robot: Robot) -> Pool:
@@ -90,7 +89,7 @@ def distance(push: Term, robot: Robot) -> float:
     if push.link is None:
         return 0.0
     usual = push.effect.points(robot, push.link)
-    return min(float(np.linalg.norm(_point(push) - [point[axis] for axis in POINT])) for point in usual)
+    return min(float(np.linalg.norm(point_of(push) - [point[axis] for axis in POINT])) for point in usual)
 
 
 def together(one: Term, other: Term) -> bool:
@@ -210,33 +209,3 @@ def _edge_rates(motion: Motion, shape: dict[str, float]) -> np.ndarray:
 def _edges(term: Term) -> list[float]:
     shape = dict(term.shape)
     return [shape[edge] for edge in EDGES]
-
-
-def _contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
-    """The wrench at the point where a force alone explains most, by Gauss-Newton; None where there is no such point.
-
-    A force F at the point p of a link that has turned by R pulls with (R p) x F about the link's origin, which is linear in
-    p for a given F: while the link turns, that is not one torque.
-    """
-    effect, link, equations = term.effect, term.link, pool.equations
-    if not isinstance(effect, ExternalWrench) or link is None:
-        return None
-    point = _point(term)
-    force = pool.gain_of(fit, term)[1][:3]
-    for _ in range(STEPS):
-        arms = equations.reduced(effect.displaced(equations.motion, dict(term.shape), link, force))
-        columns = np.concatenate([equations.made(term)[..., :3], arms], axis=2)
-        found = pool.gain_of(fit, term, columns)[1]
-        force, step = found[:3], found[3:]
-        point = point + step
-        if np.linalg.norm(point) > FARTHEST:
-            return None
-        term = term.shaped({**dict(term.shape), **dict(zip(POINT, point.tolist(), strict=True))})
-        if np.linalg.norm(step) < AT_POINT:
-            break
-    return term
-
-
-def _point(term: Term) -> np.ndarray:
-    shape = dict(term.shape)
-    return np.array([shape[axis] for axis in POINT])

@@ -20,7 +20,7 @@ from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, UNSURE, Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST, contains, doubt, related
 from bdnn_ros.diagnosis.pushes import leftover
-from bdnn_ros.diagnosis.settling import at_own_noise, refined
+from bdnn_ros.diagnosis.settling import anew, at_own_noise, refined
 from bdnn_ros.diagnosis.term import Term
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
@@ -253,6 +253,7 @@ class Search(Moves):
         """
         count = len(start)
         pool = Pool(self.equations, noise, start, self.link_error)
+        pool = anew(self.candidates, self.equations, pool)
         pool = refined(self.candidates, self.equations, pool, range(count))
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)

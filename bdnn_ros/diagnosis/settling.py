@@ -44,6 +44,18 @@ def refined(
     return pool
 
 
+def anew(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
+    """The pool with each term's shape among all there are where one fits better by now: what moves a shape stays near it.
+
+    A term is found beside a load and others that are not known well yet. Pushes have a search of their own.
+    """
+    for one, term in enumerate(pool.terms):
+        if not term.effect.timed:
+            rest = pool.fit([c for c in range(len(pool.terms)) if c != one])
+            pool = candidates.anew(equations, pool, rest, one)
+    return pool
+
+
 def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
     """Give the equations load and bodies as the pool's terms together have them."""
     pool = undelayed(pool)

@@ -1,0 +1,86 @@
+"""Where something touched: the point of a link at which a force alone explains most.
+
+A force F at the point p of a link that has turned by R pulls with (R p) x F about the link's origin: while the link turns,
+that is not one torque. For a given point the columns are linear in F, and they are linear in the point as well, so that
+whatever a point would explain follows from one small matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from bdnn_ros.diagnosis.bounded import gains_of
+from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.environment import POINT, ExternalWrench
+
+FARTHEST = 1.0
+"""No hand reaches further from its link's origin [m]."""
+REACH = 0.3
+"""Most touch nearer to the points that are tried first than this; the evidence decides, this where it cannot [m]."""
+GRID = np.linspace(-0.4, 0.4, 9)
+"""First points along each axis of the link, about one that is tried first [m]."""
+
+
+def point_of(push: Term) -> np.ndarray:
+    """Where on its link a wrench acts, (3,) [m]."""
+    shape = dict(push.shape)
+    return np.array([shape[axis] for axis in POINT])
+
+
+def contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
+    """The wrench at the point, near its own, where a force alone explains most beside a fit; None where that is out of reach."""
+    effect, link = term.effect, term.link
+    if not isinstance(effect, ExternalWrench) or link is None:
+        return None
+    usual = point_of(term)
+    pull = _Pull.of(pool, fit, term, effect, link)
+    around = np.stack(np.meshgrid(GRID, GRID, GRID, indexing="ij"), axis=-1).reshape(-1, 3) + usual
+
+    def against(points: np.ndarray) -> np.ndarray:
+        return 0.5 * np.sum(((points - usual) / REACH) ** 2, axis=-1) - pull.gains(points)
+
+    start = around[np.argmin(against(around))]
+    found = minimize(lambda x: float(against(x[None])[0]), start, method="BFGS")
+    if not np.isfinite(found.fun) or np.linalg.norm(found.x) > FARTHEST:
+        return None
+    return term.shaped({**dict(term.shape), **dict(zip(POINT, found.x.tolist(), strict=True))})
+
+
+@dataclass(frozen=True)
+class _Pull:
+    """What a force along each axis explains at the origin of a link, and per metre that it acts away from there.
+
+    Attributes:
+        schur: information in the 3 columns at the origin and the 9 arms (force, axis) beside a fit, (12, 12).
+        left: their moments with what the fit leaves, (12,).
+        prior: precision of the force, (3,) [1/N²].
+    """
+
+    schur: np.ndarray
+    left: np.ndarray
+    prior: np.ndarray
+
+    @classmethod
+    def of(cls, pool: Pool, fit: Fit, term: Term, effect: ExternalWrench, link: str) -> _Pull:
+        equations, shape = pool.equations, dict(term.shape)
+        origin = equations.made(term.shaped({**shape, **dict.fromkeys(POINT, 0.0)}))[..., :3]
+        arms = [
+            equations.reduced(effect.displaced(equations.motion, shape, link, force)) for force in np.eye(3)
+        ]
+        schur, left = pool.beside(fit, np.concatenate([origin, *arms], axis=2))
+        return cls(schur, left, 1.0 / equations.spread(term, equations.made(term))[:3] ** 2)
+
+    def gains(self, points: np.ndarray) -> np.ndarray:
+        """Log evidence that a force at each of some points (P, 3) [m] adds, (P,)."""
+        at = np.zeros((len(points), 12, 3))
+        at[:, :3] = np.eye(3)
+        for force in range(3):
+            at[:, 3 * (force + 1) : 3 * (force + 2), force] = points
+        schur = np.swapaxes(at, 1, 2) @ self.schur @ at + np.diag(self.prior)
+        left = self.left @ at
+        ends = np.full(3, np.inf)
+        return gains_of(schur, left, np.tile(self.prior, (len(points), 1)), -ends, ends)[0]
