@@ -20,7 +20,7 @@ from unittest.mock import patch
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
-from _physical_data import EFFECTS, PIECE, motions, real, tests
+from _physical_data import EFFECTS, PIECE, RATE, Real, motions, real, sensed, tests
 from _physical_measures import (
     exact,
     first_seconds,
@@ -36,17 +36,24 @@ from _physical_recordings import from_bag, recorded
 from _physical_solvers import solvers
 from _physical_speed import speed
 
+from bdnn_ros.excitation.choice import excite
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.agreement import agreement
 from bdnn_ros.physical.combinations import combinations
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Parameters, prior
+from bdnn_ros.recording import Recording
+
+Pieces = dict[float, list[Recording]]
+"""Recordings by how many seconds of motion they hold."""
 
 RESULTS = Path(__file__).parent / "results" / "physical.json"
 SEEDS = {"matched": 7, "unmodelled": 3, "foreign": 3}
 SECONDS = (1.0, 2.0, 5.0, 10.0, 30.0, 120.0)
 EARLY = (1.0, 2.0, 5.0, 10.0)
+DESIGNED = (5.0, 10.0, 30.0)
+"""Seconds of motions that are made for identification."""
 POSES = 1000
 COMPARED = 5
 """Seeds whose torque errors are compared with and without asking for feasible bodies."""
@@ -59,15 +66,21 @@ IDENTIFIED = 0.5
 """Intervals are judged of combinations that the motion told this much better than the prior, and better."""
 
 
-def errors(args: argparse.Namespace, effects: str) -> dict[str, Any]:
-    """Torque, M, g and rollout after seconds of motion."""
+def errors(
+    args: argparse.Namespace, effects: str, pieces: Callable[[Real, int], Pieces] | None = None
+) -> dict[str, Any]:
+    """Torque, M, g and rollout after seconds of motion.
+
+    Args:
+        pieces: recordings of so many seconds each; None takes the first seconds of random motions.
+    """
     rows: dict[float, list[list[float]]] = {}
     floors = []
     for seed in range(args.seeds or SEEDS[effects]):
         one = real(seed, effects)
-        recordings, others = motions(one, SECONDS[-1], seed), tests(one, seed)
-        for seconds in SECONDS:
-            model = Identifier(one.nominal).fit(first_seconds(recordings, seconds))
+        others = tests(one, seed)
+        for seconds, recordings in (pieces or _random)(one, seed).items():
+            model = Identifier(one.nominal).fit(recordings)
             row = [torque_error(model, others), *mechanics_errors(model, one), rollout(model, others[0])]
             row += [true_error(model, one, seed), gravity_std(model, one), true_rollout(model, one, seed)]
             rows.setdefault(seconds, []).append(row)
@@ -103,6 +116,23 @@ def errors(args: argparse.Namespace, effects: str) -> dict[str, Any]:
         },
         "true_bodies": dict(zip(keys, np.transpose(floors).tolist(), strict=True)),
     }
+
+
+def _random(one: Real, seed: int) -> Pieces:
+    recordings = motions(one, SECONDS[-1], seed)
+    return {seconds: first_seconds(recordings, seconds) for seconds in SECONDS}
+
+
+def _designed(one: Real, seed: int) -> Pieces:
+    """Recordings of what `bdnn excite` makes of the wrong description."""
+    rng = np.random.default_rng([seed, 4])
+    plans = {s: excite(one.nominal, duration=s, rate=RATE, seed=seed).trajectory for s in DESIGNED}
+    return {seconds: [sensed(one, plan, rng)] for seconds, plan in plans.items()}
+
+
+def designed(args: argparse.Namespace) -> dict[str, Any]:
+    """Matched friction, with the motion of `bdnn excite` in place of a random one."""
+    return errors(args, "matched", _designed)
 
 
 def matched(args: argparse.Namespace) -> dict[str, Any]:
@@ -254,6 +284,7 @@ GROUPS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "speed": speed,
     "bag": from_bag,
     **{name: globals()[name] for name in EFFECTS},
+    "designed": designed,
     "definite": definite,
     "solvers": solvers,
     "forgetting": forgetting,

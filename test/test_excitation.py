@@ -16,6 +16,7 @@ from bdnn_ros.excitation.motions import Bounds, Piece
 from bdnn_ros.excitation.rivals import Case, read_case
 from bdnn_ros.excitation.separation import LINK_ERROR, STAMP_ERROR, THINNING, Design, left_out, motion_of
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import Trajectory
 
 JOINTS = ("arm2_joint1", "arm2_joint2")
 COULOMB = place("coulomb_friction", JOINTS[0])
@@ -128,6 +129,40 @@ def test_without_questions_it_shows_all_parameters(robot: Robot) -> None:
     columns = columns[:, size > 1e-6 * size.max()] / size[size > 1e-6 * size.max()]
     singular = np.linalg.svd(columns, compute_uv=False)
     assert singular[5] > 0.05 * singular[0]
+
+
+@pytest.mark.parametrize("name", ["arm2", "arm7"])
+def test_a_short_motion_takes_its_time_and_tells_more_than_what_is_joined(name: str):
+    """Ways from piece to piece take the time: a motion of 5 s was one piece of 1.25 s."""
+    robot, duration = Robot.bundled(name), 5.0
+    found = excite(robot, duration=duration, seed=2).trajectory
+    assert found.time[-1] == pytest.approx(duration, abs=0.02)
+    bounds = Bounds.of(robot)
+    assert bounds.kept_by(found, robot, 1e-2)
+    joined = excite_joined(robot, bounds, duration)
+    assert expected_error(robot, found) < 0.7 * expected_error(robot, joined)
+
+
+def excite_joined(robot: Robot, bounds: Bounds, duration: float) -> Trajectory:
+    """What pieces would make."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(choice, "LONGEST", 0.0)
+        return excite(robot, bounds=bounds, duration=duration, seed=2).trajectory
+
+
+def expected_error(robot: Robot, motion: Trajectory) -> float:
+    """Mean variance of the effort at random states that least squares with a weak prior leaves, by the motion alone."""
+    rng, n = np.random.default_rng(0), robot.width
+    states = rng.uniform(-1.0, 1.0, (3, 200, n)) * np.array([2.0, 2.0, 4.0])[:, None, None]
+
+    def columns(q, v, a):
+        own = np.concatenate([np.eye(n) * v[:, None], np.eye(n) * np.sign(v)[:, None]], axis=2)
+        return np.concatenate([robot.regressor(q, v, a), own], axis=2)
+
+    seen = columns(motion.position, motion.velocity, motion.acceleration).reshape(-1, 12 * n)
+    asked = columns(*states).reshape(-1, 12 * n)
+    known = seen.T @ seen + 1e-3 * np.eye(12 * n)
+    return float(np.mean(np.sum(asked * np.linalg.solve(known, asked.T).T, axis=1)))
 
 
 def test_what_acts_for_a_time_or_on_the_velocity_is_not_asked(robot: Robot, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import UsageError
-from bdnn_ros.excitation.motions import Bounds, changed, drawn
+from bdnn_ros.excitation.motions import Bounds, changed, drawn, retouched, swinging
 from bdnn_ros.excitation.routes import joined
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
@@ -27,6 +27,16 @@ def pieces(robot: Robot, bounds: Bounds, count: int, seed: int = 0):
     return [piece for piece in found if piece is not None]
 
 
+def swings(robot: Robot, bounds: Bounds, count: int):
+    """Motions of one piece, and each with a joint or two moving otherwise."""
+    rng, found = np.random.default_rng(1), []
+    for duration in np.tile([1.5, 6.0, 24.0], count):
+        piece = swinging(robot, bounds, duration, rng)
+        if piece is not None:
+            found += [piece, retouched(robot, bounds, piece, rng)]
+    return [piece for piece in found if piece is not None]
+
+
 def consistent(motion: Trajectory) -> None:
     """Velocity and acceleration are the derivatives of the position."""
     step = motion.time[1] - motion.time[0]
@@ -36,9 +46,10 @@ def consistent(motion: Trajectory) -> None:
         assert np.abs(slope - rate[1:-1]).max() < 20.0 * step * scale
 
 
-def test_pieces_keep_all_limits_and_rest_at_their_ends(robot: Robot) -> None:
+@pytest.mark.parametrize("made", [pieces, swings])
+def test_pieces_keep_all_limits_and_rest_at_their_ends(robot: Robot, made) -> None:
     bounds = Bounds.of(robot)
-    found = pieces(robot, bounds, 12)
+    found = made(robot, bounds, 12)
     assert len(found) >= 12
     moving = np.zeros(robot.width, bool)
     for piece in found:

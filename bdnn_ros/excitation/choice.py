@@ -17,6 +17,7 @@ from bdnn_ros.excitation.motions import Bounds, Piece, changed, drawn
 from bdnn_ros.excitation.rivals import Case, Suspect
 from bdnn_ros.excitation.routes import joined, way
 from bdnn_ros.excitation.separation import Design, left_out
+from bdnn_ros.excitation.whole import LONGEST, whole
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
 
@@ -95,6 +96,8 @@ def excite(
     design = Design(robot, _noise(robot, case), case)
     search = _Search(robot, bounds, design, duration, np.random.default_rng(seed), say)
     pieces = search.run()
+    if not design.asked and duration <= LONGEST:
+        pieces = _better(design, pieces, whole(robot, bounds, design, duration, search.rng, say))
     say("joining")
     trajectory = joined(robot, bounds, pieces, rate)
     if trajectory is None:
@@ -106,6 +109,14 @@ def excite(
         for pair, value in zip(design.pairs, evidence, strict=True)
     ]
     return Excitation(trajectory, tuple(separations), tuple(left_out(case, robot) if case else ()))
+
+
+def _better(design: Design, pieces: list[Piece], one: Piece | None) -> list[Piece]:
+    """Some pieces, or one that takes all the time."""
+    together = np.asarray(sum(design.gram(piece) for piece in pieces))
+    if one is None or design.value(design.gram(one)) <= design.value(together):
+        return pieces
+    return [one]
 
 
 def _noise(robot: Robot, case: Case | None) -> np.ndarray:
@@ -149,6 +160,7 @@ class _Search:
                 "No motion was found that keeps the limits.",
                 "Check the effort limits: they should at least hold the arm against gravity.",
             )
+        self.design.usual = np.mean(self.grams, axis=0)
         count = int(np.ceil(self.duration / (self.length + SHORTEST_WAY)))
         chosen = self._exchanged(self._grown(count))
         self.say("refining")

@@ -22,6 +22,16 @@ SLOWEST = 0.02
 """Slowest steady speed [rad/s]: slower ones drown in the encoder's noise, or stick."""
 SMALL_SWING = (0.005, 0.1)
 """Smallest and largest amplitude of small reversals [rad]."""
+HIGHEST = (0.6, 1.0, 1.5)
+"""Highest harmonics of a swing of all joints, one of these [Hz]."""
+SHORTEST_PERIOD, LONGEST_PERIOD = 2.0, 20.0
+"""Base period of such a swing; in between it is as long as the motion [s]."""
+STEEPNESS = 0.8
+"""Its amplitudes fall with this power of the frequency."""
+ABOUT_THE_MIDDLE = 0.25
+"""How far from the middle of its range a joint swings about, per range."""
+FILLED = (0.6, 1.0)
+"""What share of its room a joint's swing fills."""
 COARSE = 0.01
 """Spacing at which limits are checked [s]."""
 RESERVE = 0.98
@@ -190,6 +200,37 @@ def drawn(
     )
     share = np.where(ramping | small, 0.0, rng.uniform(0.3, 1.0, width))
     return fitted(robot, bounds, piece, share)
+
+
+def swinging(robot: Robot, bounds: Bounds, duration: float, rng: np.random.Generator) -> Piece | None:
+    """A random Fourier series inside the limits in which all joints swing, from rest to rest; None as of `drawn`."""
+    width, period = robot.width, float(np.clip(duration, SHORTEST_PERIOD, LONGEST_PERIOD))
+    harmonics = np.arange(1, max(int(rng.choice(HIGHEST) * period), 2) + 1)
+    room = bounds.upper - bounds.lower
+    centre = bounds.lower + room * (0.5 + ABOUT_THE_MIDDLE * rng.uniform(-1.0, 1.0, width))
+    shape = (width, len(harmonics))
+    amplitude = rng.uniform(0.2, 1.0, shape) / harmonics**STEEPNESS
+    phase = rng.uniform(0.0, 2.0 * np.pi, shape)
+    frequency = np.tile(harmonics / period, (width, 1))
+    still = np.zeros((1, width))
+    piece = Piece(duration, centre, amplitude, frequency, phase, still[:, 0], still, BLEND)
+    return fitted(robot, bounds, piece, rng.uniform(*FILLED, width))
+
+
+def retouched(robot: Robot, bounds: Bounds, piece: Piece, rng: np.random.Generator) -> Piece | None:
+    """A swinging piece in which one joint or two move otherwise, about another pose; None as of `drawn`."""
+    width = robot.width
+    moved = rng.random(width) < 1.5 / width
+    moved[rng.integers(width)] = True
+    away = 0.15 * (bounds.upper - bounds.lower) * rng.standard_normal(width)
+    shape = piece.amplitude.shape
+    other = replace(
+        piece,
+        centre=np.where(moved, np.clip(piece.centre + away, bounds.lower, bounds.upper), piece.centre),
+        amplitude=piece.amplitude * np.where(moved[:, None], np.exp(0.4 * rng.standard_normal(shape)), 1.0),
+        phase=piece.phase + np.where(moved[:, None], 0.8 * rng.standard_normal(shape), 0.0),
+    )
+    return fitted(robot, bounds, other, np.where(moved, rng.uniform(*FILLED, width), 0.0))
 
 
 def _sines(

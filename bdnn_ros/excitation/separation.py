@@ -83,6 +83,7 @@ class Design:
         asked: there are rivals to be told apart.
         suspects: whose columns are in the design: the findings first.
         pairs: what is to be told apart; known once a piece was seen.
+        usual: information that motions hold on average: what a model is to predict where nothing is asked, (P, P).
         peaks: largest value of each column in all pieces seen, (P,).
     """
 
@@ -101,6 +102,7 @@ class Design:
         self._slots: list[np.ndarray] = []
         self._own: list[int] = []
         self.pairs: list[Pair] = []
+        self.usual: np.ndarray | None = None
         self.peaks = np.zeros(0)
 
     def gram(self, piece: Piece) -> np.ndarray:
@@ -151,17 +153,25 @@ class Design:
         return np.stack(values, axis=-1) if values else np.empty((*gram.shape[:-2], 0))
 
     def value(self, gram: np.ndarray) -> np.ndarray:
-        """What a choice of pieces maximises, (...): pairs told apart and, less so, all parameters known."""
+        """What a choice of pieces maximises, (...): pairs told apart and, less so, all parameters known.
+
+        Without questions, how well a model that saw them predicts the effort of usual motions: minus the logarithm of its
+        mean squared error (V-optimal design: Atkinson, Donev, Tobias, Optimum Experimental Designs, 2007, section 10.6).
+        """
         links = self.robot.width * PER_LINK + 1
         slots = np.concatenate([np.arange(links), *self._slots]).astype(int)
         prior = np.concatenate([np.full(links, LINK_ERROR**-2.0), np.full(len(slots) - links, 1e-6)])
-        known = np.linalg.slogdet(gram[..., slots[:, None], slots] + np.diag(prior))[1] / len(slots)
+        known = gram[..., slots[:, None], slots] + np.diag(prior)
+        if not self.asked and self.usual is not None:
+            errors = np.linalg.solve(known, np.broadcast_to(self.usual[np.ix_(slots, slots)], known.shape))
+            return np.asarray(-np.log(np.trace(errors, axis1=-2, axis2=-1)))
+        volume = np.linalg.slogdet(known)[1] / len(slots)
         if not self.asked:
-            return np.asarray(known)
+            return np.asarray(volume)
         weights = np.array([pair.weight for pair in self.pairs])
         evidence = self.evidence(gram)
         enough = evidence / (1.0 + evidence / PLENTY)
-        return np.asarray(np.log(SMALL + enough) @ (weights / weights.sum()) + BALANCE * known)
+        return np.asarray(np.log(SMALL + enough) @ (weights / weights.sum()) + BALANCE * volume)
 
 
 def _left(gram: np.ndarray, pair: Pair, peaks: np.ndarray) -> np.ndarray:
