@@ -19,9 +19,16 @@ from bdnn_ros.simulation.excitation import fourier
 RATE = 200.0
 
 
-def recorded(seed: int, coulomb: float = 2.0) -> Recording:
+def sliding() -> Robot:
+    """An arm whose second joint slides."""
+    plain = Robot.bundled("arm2").urdf
+    name = plain.index('name="arm2_joint2"')
+    return Robot.from_urdf(plain[:name] + plain[name:].replace('"revolute"', '"prismatic"', 1))
+
+
+def recorded(seed: int, coulomb: float = 2.0, robot: Robot | None = None) -> Recording:
     """A motion of a worn arm."""
-    robot = Robot.bundled("arm2")
+    robot = robot or Robot.bundled("arm2")
     generator = np.random.default_rng(seed)
     plan = fourier(robot, np.arange(0.0, 12.0, 1.0 / RATE), generator)
     real = robot.with_joint_parameters(np.full(2, 0.1), np.full(2, 1.0), np.array([2.0, coulomb]))
@@ -43,6 +50,19 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     )
     made |= {"silent": silent, "still": still}
     return {name: str(bags.write(recording, folder / name)) for name, recording in made.items()}
+
+
+@pytest.mark.parametrize("slides", [True, False])
+def test_tables_say_which_joints_slide(tmp_path, capsys, slides):
+    recording = recorded(1, 0.2, sliding()) if slides else recorded(1)
+    made, out = str(bags.write(recording, tmp_path / "bag")), str(tmp_path / "out")
+    said = []
+    for command in (["identify", made, "--out", out], ["evaluate", out, made], ["info", made]):
+        assert main(command) == 0
+        said.append(
+            "Of what slides (arm2_joint2): m in place of rad, N in place of N·m." in capsys.readouterr().out
+        )
+    assert said == [slides] * 3
 
 
 def contents(folder: Path) -> tuple[dict, dict]:

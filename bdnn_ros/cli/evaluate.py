@@ -59,6 +59,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(report, indent=1, allow_nan=False))
     else:
         _print(held_out, simulation, rollout, signals.cutoff)
+        for sentence in options.of_sliding(robot):
+            print(sentence)
     if not np.isfinite(rollout.position).all():
         options.say(
             f"Integrated over {rollout.horizon:.3g} s without a controller, the motion runs away (inf); "

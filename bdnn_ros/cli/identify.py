@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         parameters.unlink(missing_ok=True)  # of a model that was here before
     _picture(path.with_name("effort.png"), model, robot, tested[0])
-    _print(metrics, tested[0].cutoff, path)
+    _print(metrics, tested[0].cutoff, path, robot)
     return 0
 
 
@@ -231,7 +231,7 @@ def _write(path: Path, content: dict[str, Any]) -> None:
         file.write("\n")
 
 
-def _print(metrics: dict[str, Scores], cutoff: float, path: Path) -> None:
+def _print(metrics: dict[str, Scores], cutoff: float, path: Path, robot: Robot | None) -> None:
     held_out, simulation = metrics["held_out"], metrics.get("simulation")
     width = max(len("held out"), *(len(joint) for joint in held_out.joints))
     print(f"{'held out':{width}}   RMSE [N·m]   NRMSE" + ("   URDF's NRMSE" if simulation else ""))
@@ -240,6 +240,8 @@ def _print(metrics: dict[str, Scores], cutoff: float, path: Path) -> None:
         print(row + (f"   {simulation.nrmse[k]:12.3f}" if simulation else ""))
     row = f"{'mean':{width}}   {'':10}   {held_out.nrmse_mean:5.3f}"
     print(row + (f"   {simulation.nrmse_mean:12.3f}" if simulation else ""))
+    for sentence in options.of_sliding(robot):
+        print(sentence)
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")
     print(f"model: {path}\npicture: {path.with_name('effort.png')}")
 

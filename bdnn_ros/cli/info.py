@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     except BdnnError as error:
         problem = error
     report |= {"usable": problem is None, "problem": str(problem) if problem else None}
-    print(json.dumps(report, indent=1, allow_nan=False) if args.json else _text(report, robot is not None))
+    print(json.dumps(report, indent=1, allow_nan=False) if args.json else _text(report, robot))
     if problem is not None:
         raise problem
     return 0
@@ -196,7 +196,7 @@ def _reversals(velocity: np.ndarray) -> int:
     return int(np.count_nonzero(np.diff(np.sign(velocity)) != 0))
 
 
-def _text(report: dict[str, Any], described: bool) -> str:
+def _text(report: dict[str, Any], robot: Robot | None) -> str:
     lines = [report["bag"], *(f"  {t['name']}  {t['type']}  {t['count']} messages" for t in report["topics"])]
     if "samples" in report:
         gaps = report["gaps"]
@@ -209,11 +209,12 @@ def _text(report: dict[str, Any], described: bool) -> str:
             f"not in the bag: {', '.join(report['missing']) or 'nothing'}",
         ]
     if "excitation" in report:
-        lines += ["", *_table(report["excitation"]), *(f"- {text}" for text in report.get("concerns", ()))]
+        lines += ["", *_table(report["excitation"]), *options.of_sliding(robot)]
+        lines += [f"- {text}" for text in report.get("concerns", ())]
     if report["usable"]:
         lines.append(
             "Fit for identification."
-            if described
+            if robot is not None
             else "Fit for identification, with a robot description from --urdf FILE or --robot NAME."
         )
     return "\n".join(lines)

@@ -12,8 +12,8 @@ from typing import Literal
 from tqdm import tqdm
 
 from bdnn_ros.bags import Progress
-from bdnn_ros.errors import UsageError
-from bdnn_ros.robot import BUNDLED
+from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.robot import BUNDLED, Robot
 
 
 def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one", "many"]) -> None:
@@ -98,6 +98,14 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 def say(sentence: str) -> None:
     """Tells the user something beside the result."""
     print(f"bdnn: note: {sentence}", file=sys.stderr)
+
+
+def of_sliding(robot: Robot | None) -> list[str]:
+    """What to say under a table in rad and N·m: which joints slide, nothing where none is known to."""
+    if robot is None or not robot.slides.any():
+        return []
+    sliding = [joint for joint, slides in zip(robot.joints, robot.slides, strict=True) if slides]
+    return [f"Of what slides ({listed(sliding)}): m in place of rad, N in place of N·m."]
 
 
 def shortened(sentences: Sequence[str], most: int, where: Path) -> list[str]:
