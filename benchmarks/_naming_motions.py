@@ -1,12 +1,15 @@
-"""Motions as labs record them, beside Fourier series: from point to point, one sine a joint, one joint after the other."""
+"""Motions as labs record them, beside Fourier series: from point to point, one sine a joint, one joint after the other; and those
+of `bdnn excite`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
 from bdnn_ros.errors import DataError
+from bdnn_ros.excitation.choice import excite
 from bdnn_ros.excitation.routes import straight
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import (
@@ -26,6 +29,8 @@ DWELL = (0.1, 0.7)
 """Between two moves [s]."""
 FREQUENCIES = (0.08, 0.5)
 """Of a sine [Hz]."""
+DESIGNS = 8
+"""Motions that are made for each robot."""
 SHARE = 0.9
 """What a motion may use of the limits of effort."""
 
@@ -75,7 +80,26 @@ def sines(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Trajector
     )
 
 
-MOTIONS: dict[str, Motion] = {"fourier": fourier, "points": points, "sines": sines, "in_turn": in_turn}
+def designed(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Trajectory:
+    """What `bdnn excite` makes for identification, held at its end."""
+    rate = 1.0 / float(time[1] - time[0])
+    plan = _designed(robot.urdf, robot.joints, float(time[-1]), rate, int(rng.integers(DESIGNS)))
+    at = np.minimum(np.arange(len(time)), len(plan.time) - 1)
+    return Trajectory(time, plan.position[at], plan.velocity[at], plan.acceleration[at])
+
+
+@cache
+def _designed(urdf: str, joints: tuple[str, ...], duration: float, rate: float, seed: int) -> Trajectory:
+    return excite(Robot.from_urdf(urdf, joints), duration=duration, rate=rate, seed=seed).trajectory
+
+
+MOTIONS: dict[str, Motion] = {
+    "fourier": fourier,
+    "points": points,
+    "sines": sines,
+    "in_turn": in_turn,
+    "designed": designed,
+}
 
 
 def planned(name: str, robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Trajectory:

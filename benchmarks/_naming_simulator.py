@@ -65,7 +65,8 @@ def _of_motions(code: str) -> list[str]:
     now = sum(record["code"] == code for record in records)
     return [
         "\nThe same robots on other motions (`--motion NAME`): all joints from point to point with pauses, one sine a joint,\n"
-        "and one joint after the other, of which each then moves for some seconds only.\n",
+        "one joint after the other, of which each then moves for some seconds only, and what `bdnn excite` makes of the\n"
+        "description.\n",
         f"{in_words(records)} {now} by the sources as they stand.\n",
         markdown(table(records, "motion")),
     ]

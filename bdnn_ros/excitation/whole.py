@@ -30,15 +30,15 @@ def whole(
     say: Callable[[str], None],
 ) -> Piece | None:
     """The most informative motion of one piece; None where none keeps the limits."""
-    best, highest = None, -np.inf
-    drawn, retouches = (max(round(seconds / duration), FEWEST) for seconds in (DRAWN, RETOUCHED))
-    for k in range(drawn + retouches):
+    best: Piece | None = None
+    highest = -np.inf
+    drawn, near = (max(round(seconds / duration), FEWEST) for seconds in (DRAWN, RETOUCHED))
+    for k in range(drawn + near):
         if k % 20 == 0:
-            say(f"a motion in one piece {k}/{drawn + retouches}")
-        if k >= drawn and best is None:
-            break
-        piece = swinging(robot, bounds, duration, rng)
-        if k >= drawn and best is not None:
+            say(f"a motion in one piece {k}/{drawn + near}")
+        if k < drawn or best is None:
+            piece = swinging(robot, bounds, duration, rng)
+        else:
             piece = retouched(robot, bounds, best, rng)
         value = -np.inf if piece is None else float(design.value(design.gram(piece)))
         if value > highest:
