@@ -16,7 +16,7 @@ from bdnn_ros.robot import Robot
 
 LONGEST = 25.0
 """Longer motions are joined of pieces, which show more of what friction does [s]."""
-DRAWN, RETOUCHED = 800.0, 800.0
+DRAWN, RETOUCHED = 800.0, 2400.0
 """Seconds of motion that are drawn, and tried near the best one."""
 FEWEST = 20
 
