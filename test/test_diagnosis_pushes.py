@@ -10,6 +10,7 @@ import pytest
 from diagnosis_cases import equations_of, signals_of, term, white
 
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.contact import contact, point_of
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.identifiability import judge
@@ -25,7 +26,6 @@ from bdnn_ros.diagnosis.pushes import (
 )
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.settling import refined
-from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import POINT
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
@@ -45,12 +45,6 @@ def pool_of(spec: str, others: Sequence[str] = (), std: float = 0.02, seed: int 
     return Pool(equations, model, [term(other, ARM)[0] for other in others], TRUSTING)
 
 
-def point_of(found: Term) -> np.ndarray:
-    """The point at which a wrench was found to act, (3,) [m]."""
-    shape = dict(found.shape)
-    return np.array([shape[axis] for axis in POINT])
-
-
 @pytest.mark.parametrize("point", [(0.05, 0.0, 0.09), (-0.08, 0.06, 0.02), (0.0, -0.2, 0.1)])
 @pytest.mark.parametrize("link", ["arm6_link4", "arm6_link6"])
 def test_a_force_is_found_at_its_point_of_contact(link, point):
@@ -64,6 +58,17 @@ def test_a_force_is_found_at_its_point_of_contact(link, point):
     np.testing.assert_allclose(point_of(found), point, atol=0.01)
     np.testing.assert_allclose(force, [12.0, 4.0, -6.0], atol=0.3)
     assert np.linalg.norm(torque) < 0.1
+
+
+def test_a_point_is_found_from_one_at_which_no_force_does_anything():
+    """The second link's origin lies on both axes before it: seen from there no direction is the better one."""
+    push = "external_wrench@arm6_link2:start=3,end=8,force_x=-12,force_y=9,force_z=-14,point_x=0.09,point_z=-0.03"
+    pool = pool_of(push)
+    fit, true = pool.fit(()), term(push, ARM)[0]
+    origin = true.shaped({**dict(true.shape), **dict.fromkeys(POINT, 0.0)})
+    found = contact(pool, fit, origin)
+    gains = [pool.gain_of(fit, one)[0] for one in (origin, found, true)]
+    assert found is not None and gains[1] > gains[2] - 2.0 > gains[0] + 100.0
 
 
 def test_a_torque_stays_where_it_is_told_from():
