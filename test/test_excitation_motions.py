@@ -33,7 +33,7 @@ def swings(robot: Robot, bounds: Bounds, count: int):
     for duration in np.tile([1.5, 6.0, 24.0], count):
         piece = swinging(robot, bounds, duration, rng)
         if piece is not None:
-            found += [piece, retouched(robot, bounds, piece, rng)]
+            found += [piece, retouched(robot, bounds, piece, 1.0, rng)]
     return [piece for piece in found if piece is not None]
 
 

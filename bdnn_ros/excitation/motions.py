@@ -30,7 +30,7 @@ STEEPNESS = 0.8
 """Its amplitudes fall with this power of the frequency."""
 ABOUT_THE_MIDDLE = 0.25
 """How far from the middle of its range a joint swings about, per range."""
-FILLED = (0.6, 1.0)
+FILLED = (0.7, 1.0)
 """What share of its room a joint's swing fills."""
 COARSE = 0.01
 """Spacing at which limits are checked [s]."""
@@ -217,18 +217,25 @@ def swinging(robot: Robot, bounds: Bounds, duration: float, rng: np.random.Gener
     return fitted(robot, bounds, piece, rng.uniform(*FILLED, width))
 
 
-def retouched(robot: Robot, bounds: Bounds, piece: Piece, rng: np.random.Generator) -> Piece | None:
-    """A swinging piece in which one joint or two move otherwise, about another pose; None as of `drawn`."""
+def retouched(
+    robot: Robot, bounds: Bounds, piece: Piece, step: float, rng: np.random.Generator
+) -> Piece | None:
+    """A swinging piece in which one joint or two move otherwise, about another pose; None as of `drawn`.
+
+    Args:
+        step: how far away, about 1.
+    """
     width = robot.width
     moved = rng.random(width) < 1.5 / width
     moved[rng.integers(width)] = True
-    away = 0.15 * (bounds.upper - bounds.lower) * rng.standard_normal(width)
+    away = 0.15 * step * (bounds.upper - bounds.lower) * rng.standard_normal(width)
     shape = piece.amplitude.shape
     other = replace(
         piece,
         centre=np.where(moved, np.clip(piece.centre + away, bounds.lower, bounds.upper), piece.centre),
-        amplitude=piece.amplitude * np.where(moved[:, None], np.exp(0.4 * rng.standard_normal(shape)), 1.0),
-        phase=piece.phase + np.where(moved[:, None], 0.8 * rng.standard_normal(shape), 0.0),
+        amplitude=piece.amplitude
+        * np.where(moved[:, None], np.exp(0.4 * step * rng.standard_normal(shape)), 1.0),
+        phase=piece.phase + np.where(moved[:, None], 0.8 * step * rng.standard_normal(shape), 0.0),
     )
     return fitted(robot, bounds, other, np.where(moved, rng.uniform(*FILLED, width), 0.0))
 

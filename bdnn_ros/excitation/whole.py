@@ -16,9 +16,11 @@ from bdnn_ros.robot import Robot
 
 LONGEST = 25.0
 """Longer motions are joined of pieces, which show more of what friction does [s]."""
-DRAWN, RETOUCHED = 800.0, 2400.0
+DRAWN, RETOUCHED = 800.0, 3600.0
 """Seconds of motion that are drawn, and tried near the best one."""
 FEWEST = 20
+WIDER, NARROWER, STEPS = 1.5, 0.93, (0.15, 1.5)
+"""What a step that helped does to the size of the next one, one that did not, and how small and large it gets."""
 
 
 def whole(
@@ -30,17 +32,22 @@ def whole(
     say: Callable[[str], None],
 ) -> Piece | None:
     """The most informative motion of one piece; None where none keeps the limits."""
-    best: Piece | None = None
-    highest = -np.inf
     drawn, near = (max(round(seconds / duration), FEWEST) for seconds in (DRAWN, RETOUCHED))
-    for k in range(drawn + near):
-        if k % 20 == 0:
-            say(f"a motion in one piece {k}/{drawn + near}")
-        if k < drawn or best is None:
-            piece = swinging(robot, bounds, duration, rng)
-        else:
-            piece = retouched(robot, bounds, best, rng)
-        value = -np.inf if piece is None else float(design.value(design.gram(piece)))
-        if value > highest:
-            best, highest = piece, value
+
+    def value(piece: Piece | None, count: int) -> float:
+        if count % 20 == 0:
+            say(f"a motion in one piece {count}/{drawn + near}")
+        return -np.inf if piece is None else float(design.value(design.gram(piece)))
+
+    first = [swinging(robot, bounds, duration, rng) for _ in range(drawn)]
+    values = [value(piece, k) for k, piece in enumerate(first)]
+    best, highest, step = first[int(np.argmax(values))], max(values), 1.0
+    if best is None:
+        return None
+    for k in range(drawn, drawn + near):
+        piece = retouched(robot, bounds, best, step, rng)
+        found = value(piece, k)
+        step = float(np.clip(step * (WIDER if found > highest else NARROWER), *STEPS))
+        if piece is not None and found > highest:
+            best, highest = piece, found
     return best
