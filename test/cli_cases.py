@@ -1,4 +1,4 @@
-"""A model that knows the truth, and its motion, for tests of the command."""
+"""A model that knows the truth, and its motion, and an arm that slides, for tests of the command and the report."""
 
 from __future__ import annotations
 
@@ -26,3 +26,10 @@ def swing(model: Robot, duration: float = 8.0, rate: float = 200.0) -> Recording
     q, v = 0.8 * np.sin(2.0 * time)[:, None], 1.6 * np.cos(2.0 * time)[:, None]
     effort = model.inverse_dynamics(q, v, -4.0 * q)
     return Recording(time, model.joints, q, v, effort, name="swing", urdf=PENDULUM, epoch=EPOCH)
+
+
+def sliding_arm() -> Robot:
+    """An arm whose second joint slides."""
+    plain = Robot.bundled("arm2").urdf
+    name = plain.index('name="arm2_joint2"')
+    return Robot.from_urdf(plain[:name] + plain[name:].replace('"revolute"', '"prismatic"', 1))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli_cases import sliding_arm
 
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
@@ -17,13 +18,6 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import fourier
 
 RATE = 200.0
-
-
-def sliding() -> Robot:
-    """An arm whose second joint slides."""
-    plain = Robot.bundled("arm2").urdf
-    name = plain.index('name="arm2_joint2"')
-    return Robot.from_urdf(plain[:name] + plain[name:].replace('"revolute"', '"prismatic"', 1))
 
 
 def recorded(seed: int, coulomb: float = 2.0, robot: Robot | None = None) -> Recording:
@@ -54,7 +48,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 @pytest.mark.parametrize("slides", [True, False])
 def test_tables_say_which_joints_slide(tmp_path, capsys, slides):
-    recording = recorded(1, 0.2, sliding()) if slides else recorded(1)
+    recording = recorded(1, 0.2, sliding_arm()) if slides else recorded(1)
     made, out = str(bags.write(recording, tmp_path / "bag")), str(tmp_path / "out")
     said = []
     for command in (["identify", made, "--out", out], ["evaluate", out, made], ["info", made]):

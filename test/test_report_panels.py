@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cli_cases import sliding_arm
 from report_cases import examined, fourier_motion, worn
 from report_page import Page
 from scipy.signal import lfilter
@@ -73,10 +74,7 @@ def test_a_filtered_velocity_is_shown_by_its_lag() -> None:
 
 
 def test_sliding_joints_have_their_units() -> None:
-    plain = Robot.bundled("arm2")
-    name = plain.urdf.index('name="arm2_joint2"')
-    urdf = plain.urdf[:name] + plain.urdf[name:].replace('"revolute"', '"prismatic"', 1)
-    robot = Robot.from_urdf(urdf)
+    robot = sliding_arm()
     shown = view(examined(robot, worn(robot, [], fourier_motion(robot, 12.0)), []))
     assert shown.units == (("N·m", "rad"), ("N", "m"))
     assert panels.effort_panel(shown, 1).y_label.endswith("N]")

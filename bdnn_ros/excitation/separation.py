@@ -162,12 +162,11 @@ class Design:
         slots = np.concatenate([np.arange(links), *self._slots]).astype(int)
         prior = np.concatenate([np.full(links, LINK_ERROR**-2.0), np.full(len(slots) - links, 1e-6)])
         known = gram[..., slots[:, None], slots] + np.diag(prior)
-        if not self.asked and self.usual is not None:
+        if not self.asked:
+            assert self.usual is not None  # as soon as pieces were drawn
             errors = np.linalg.solve(known, np.broadcast_to(self.usual[np.ix_(slots, slots)], known.shape))
             return np.asarray(-np.log(np.trace(errors, axis1=-2, axis2=-1)))
         volume = np.linalg.slogdet(known)[1] / len(slots)
-        if not self.asked:
-            return np.asarray(volume)
         weights = np.array([pair.weight for pair in self.pairs])
         evidence = self.evidence(gram)
         enough = evidence / (1.0 + evidence / PLENTY)
