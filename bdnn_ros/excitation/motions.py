@@ -11,6 +11,8 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import (
     ACCELERATION_PER_VELOCITY,
+    LONGEST_PERIOD,
+    STEEPNESS,
     Trajectory,
     smooth_step,
     velocity_limits,
@@ -24,10 +26,8 @@ SMALL_SWING = (0.005, 0.1)
 """Smallest and largest amplitude of small reversals [rad]."""
 HIGHEST = (0.6, 1.0, 1.5)
 """Highest harmonics of a swing of all joints, one of these [Hz]."""
-SHORTEST_PERIOD, LONGEST_PERIOD = 2.0, 20.0
-"""Base period of such a swing; in between it is as long as the motion [s]."""
-STEEPNESS = 0.8
-"""Its amplitudes fall with this power of the frequency."""
+SHORTEST_PERIOD = 2.0
+"""Least base period of such a swing; above, it is as long as the motion, up to the longest of any Fourier series [s]."""
 ABOUT_THE_MIDDLE = 0.25
 """How far from the middle of its range a joint swings about, per range."""
 FILLED = (0.7, 1.0)
