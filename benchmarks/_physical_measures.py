@@ -9,9 +9,10 @@ import numpy as np
 from _physical_data import PIECE, RATE, Real, true_motion, true_motions
 
 from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.presliding import USUAL, directions
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.scores import Scores, rollout_error, score, score_model
+from bdnn_ros.scores import Predictor, Scores, rollout_error, score, score_model
 from bdnn_ros.signals import Signals, prepare
 
 HORIZON = 1.0
@@ -27,7 +28,7 @@ def poses(robot: Robot, count: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, robot.width))
 
 
-def torque_error(model: PhysicalModel, parts: Sequence[Signals]) -> float:
+def torque_error(model: Predictor, parts: Sequence[Signals]) -> float:
     """Mean over the joints of squared error / variance of the torque."""
     return float(score_model(model, parts).nmse.mean())
 
@@ -93,6 +94,22 @@ def exact(model: PhysicalModel, one: Real) -> PhysicalModel:
     return replace(
         model, robot=one.robot, offset=np.zeros(one.robot.width), learned=None, breakaway=(), lead=0.0
     )
+
+
+@dataclass(frozen=True)
+class Itself:
+    """The real robot, every effect known, along measured motion: what the sensors leave to anybody."""
+
+    one: Real
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """Effort, (N, n) [N·m]; dry friction turns round as the models' does."""
+        robot, q, v, a = self.one.robot, signals.position, signals.velocity, signals.acceleration
+        load, speed = robot.rigid_effort(q, v, a), np.maximum(np.abs(v), np.finfo(float).tiny)
+        way = directions(signals).joints[:, :, USUAL]
+        ahead, back = (self.one.beside(q, sign * speed, load) for sign in (1.0, -1.0))
+        sharp = robot.coulomb * way + 0.5 * (ahead + back) + 0.5 * way * (ahead - back)
+        return np.asarray(load + robot.armature * a + robot.viscous * v + signals.soften(sharp))
 
 
 @dataclass(frozen=True)

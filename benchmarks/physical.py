@@ -22,6 +22,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 from _physical_data import EFFECTS, PIECE, RATE, Real, motions, real, sensed, tests
 from _physical_measures import (
+    Itself,
     exact,
     first_seconds,
     gravity_std,
@@ -203,7 +204,7 @@ def _without_asking(identifier: Identifier) -> PhysicalModel:
 
 
 def forgetting(args: argparse.Namespace) -> dict[str, Any]:
-    """Error on wide motion before and after 60 s of narrow motion."""
+    """Error on wide motion before and after 60 s of narrow motion, and the robot's own against its sensors."""
     rows = []
     for seed in range(args.seeds or 5):
         for effects in ("matched", "unmodelled"):
@@ -215,15 +216,24 @@ def forgetting(args: argparse.Namespace) -> dict[str, Any]:
                 for model in (identifier.fit(recordings) for recordings in (wide, narrow))
             ]
             measured, exact_ = np.transpose(found).tolist()
-            rows.append({"effects": effects, "seed": seed, "measured": measured, "exact": exact_})
-    print(f"{'':17} {'against the measured effort':>30} {'along exact motion, the exact':>36}")
-    print(f"{'effects':12} {'seed':>4} " + f"{'wide':>10} {'then narrow':>12} {'ratio':>6}  " * 2)
+            itself = torque_error(Itself(one), others)
+            rows.append(
+                {"effects": effects, "seed": seed, "measured": measured, "exact": exact_, "itself": itself}
+            )
+    print(
+        f"{'':17} {'against the measured effort':>30} {'along exact motion, the exact':>36} {'the robot':>13}"
+    )
+    print(
+        f"{'effects':12} {'seed':>4} "
+        + f"{'wide':>10} {'then narrow':>12} {'ratio':>6}  " * 2
+        + f"{'itself':>10}"
+    )
     for row in rows:
         cells = (
             f"{100 * before:8.4f} % {100 * after:10.4f} % {after / before:6.2f}  "
             for before, after in (row["measured"], row["exact"])
         )
-        print(f"{row['effects']:12} {row['seed']:4} " + "".join(cells))
+        print(f"{row['effects']:12} {row['seed']:4} " + "".join(cells) + f"{100 * row['itself']:8.4f} %")
     return {"rows": rows}
 
 
