@@ -34,7 +34,7 @@ BREAKAWAY_COST = 0.05
 COUPLING_GAIN = 0.2
 """Share of the squared error on what was left out that a coupling must remove from each of its joints."""
 NEGLIGIBLE = 1e-4
-"""Share of the squared effort, about its mean in each stretch, that needs no explanation."""
+"""Share of the squared effort that needs no explanation."""
 LARGE = "position"
 BEST = 8
 """The large group is tried beside so many of the best sets of the others."""
@@ -95,9 +95,6 @@ class _Joint:
         self.moment = np.array([fold.moment[joint] for fold in folds])
         self.energy = np.array([fold.energy[joint] for fold in folds])
         self.count = float(sum(fold.count[joint] for fold in folds))
-        offset = self.where.own + 2
-        mean = self.moment[:, offset] / np.maximum(self.gram[:, offset, offset], 1.0)
-        self.negligible = NEGLIGIBLE * float(np.sum(self.energy - mean * self.moment[:, offset]))
         self.weigh(float(recursion.noise[joint]) ** 2)
 
     def weigh(self, variance: float) -> None:
@@ -133,7 +130,7 @@ class _Joint:
         x = np.linalg.solve(self._system[:, index[:, None], index], self._right[:, index, None])[..., 0]
         fitted = np.einsum("fk,fkl,fl->f", x, self._quadratic[:, index[:, None], index], x)
         errors = self._constant - 2.0 * np.einsum("fk,fk->f", x, self._linear[:, index]) + fitted
-        return float(np.maximum(errors, 0.0).sum()) + self.negligible
+        return float(np.maximum(errors, 0.0).sum()) + NEGLIGIBLE * float(self.energy.sum())
 
     def believe_waves(self, terms: Terms, couplings: Sequence[Coupling]) -> None:
         """Believe of each harmonic of the position as much as the motion shows of it, beside these terms.
