@@ -98,7 +98,7 @@ def exact(model: PhysicalModel, one: Real) -> PhysicalModel:
 
 @dataclass(frozen=True)
 class Itself:
-    """The real robot, every effect known, along measured motion: what the sensors leave to anybody."""
+    """The real robot, every effect known, along measured motion: what knowing the truth reaches with these sensors."""
 
     one: Real
 
