@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import qr
 
 from bdnn_ros.checks.sampling import lowest, telling
 from bdnn_ros.recording import Recording
@@ -80,8 +81,8 @@ def note(recording: Recording, own: float) -> str:
 def _basis(columns: np.ndarray) -> np.ndarray:
     """Orthonormal columns that span those (R, k), each counted alike."""
     size = np.linalg.norm(columns, axis=0)
-    basis, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    return np.asarray(basis[:, values > NEW * values.max(initial=0.0)])
+    basis, triangle, _ = qr(columns[:, size > 0.0] / size[size > 0.0], mode="economic", pivoting=True)
+    return np.asarray(basis[:, np.abs(np.diagonal(triangle)) > NEW])
 
 
 def _beyond(values: np.ndarray, basis: np.ndarray) -> np.ndarray:
