@@ -48,7 +48,7 @@ def test_a_slow_drivers_clock_is_put_right():
 
 def _prepared(recording):
     """Signals as they are without the repair."""
-    import bdnn_ros.signals.signals as module
+    import bdnn_ros.signals.preparing as module
 
     repair, module.without_repeats = module.without_repeats, lambda same: same
     try:

@@ -1,80 +1,195 @@
-"""Efforts that were low-passed before they were recorded, as those of a driver or of a published data set often are.
+"""Recordings that were low-passed before they were published, as those of a driver or of a data set often are.
 
-Steps of dry friction are then softer than the motion says, which passes for hysteresis, delay or viscous friction. How soft
-they are is read off the efforts; every sharp term is softened alike, and no more is compared than that low-pass let through.
-Friction that gives way little by little is soft, too, but by how far a joint has moved, not by time.
+Steps of dry friction are then softer than the motion says, which passes for hysteresis, delay, viscous or Stribeck friction,
+and bodies no longer bear what the motion says, since what they bear is not linear in it. What low-pass it was is read off the
+efforts; what it let through is given back, and every sharp term is softened by what is left of it. Friction that gives way
+little by little is soft, too, but by how far a joint has moved, not by time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import qr
 
-from bdnn_ros.checks.sampling import lowest, telling
+from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
+from bdnn_ros.signals.lowpasses import Lowpass, Restored, Restoring, reach_of
 
-LOWPASSES = tuple(0.5 * 2.0 ** (k / 2.0) for k in range(8))
-"""Low-passes tried [Hz]; wider ones soften less than a diagnosis' own."""
+CUTOFFS = tuple(2.0 ** ((k - 1) / 2.0) for k in range(8))
+"""Gaussian low-passes tried [Hz]; wider ones soften less than a diagnosis' own."""
+ORDERS = (0, 1, 2, 3, 4)
+"""Orders of low-passes tried near the best Gaussian."""
+NEAR = tuple(1.15**k for k in range(-4, 5))
+"""Their cut-offs, per that of the Gaussian."""
+NEARER = tuple(1.03**k for k in range(-4, 5))
+"""Those tried in the end, per the best of these."""
+DECIDED_BEHIND = 3.5
+"""Low-passes are told from one another behind one of this [Hz]: noise of the position counts less there."""
 BETTER = 1.4
 """Efforts are soft where so many times less of how fast they change is left unexplained by softened steps, mean of the joints."""
+CLEARLY = 1.1
+"""Efforts alone were low-passed where so many times less is left by motion as it was recorded than by restored motion."""
+MOST_REGRET = 0.5
+"""Logarithm of what a joint counts for at most, for whom a low-pass is not the best."""
+UNLIKE = 0.1
+"""Where the joints regret the best low-pass more they are soft each in its own way: gears, not a low-pass."""
 ENOUGH = 60.0
 """So much motion tells [s]."""
+MOST_ROWS = 3000
 NEW = 1e-6
 """Columns that add less than this share to others say nothing of their own."""
 TINY = 1e-30
+COMPARED = 0.7
+"""Motion and effort are compared behind a low-pass at most this share of what is left of the one they had passed."""
 
 
-def softness(signals: Signals, robot: Robot) -> float | None:
-    """The -3 dB frequency [Hz] of the low-pass that the efforts of a motion had passed, all alike; None where none shows."""
+@dataclass(frozen=True)
+class Softness:
+    """What efforts had passed before they were recorded.
+
+    Attributes:
+        motion: the positions had passed it, too.
+    """
+
+    lowpass: Lowpass
+    motion: bool
+
+
+def softness(signals: Signals, robot: Robot) -> Softness | None:
+    """The low-pass that the efforts of a motion had passed, all alike; None where none shows."""
     if signals.time[-1] - signals.time[0] > ENOUGH:
         signals = signals.between(signals.time[0], signals.time[0] + ENOUGH)
-    assert signals.effort is not None
-    moves = telling(signals)
-    rows = signals.interior & moves.any(axis=1)
-    joints = np.flatnonzero(moves[rows].any(axis=0))
-    if not len(joints):
+    if not telling(signals)[signals.interior].any():
         return None
-
-    def rates(values: np.ndarray) -> np.ndarray:
-        return np.asarray(np.gradient(signals.smooth(values), axis=0)[rows])
-
-    bodies = rates(robot.regressor(signals.position, signals.velocity, signals.acceleration))
-    drives = rates(np.stack([signals.acceleration, signals.velocity], axis=2))
-    effort = rates(signals.effort)
-    others = [_basis(np.concatenate([bodies[:, j], drives[:, j]], axis=1)) for j in joints]
-    target = [_beyond(effort[:, j], other) for j, other in zip(joints, others, strict=True)]
-
-    def left(direction: np.ndarray) -> float:
-        steps = rates(direction)
-        own = (_beyond(steps[:, j], other) for j, other in zip(joints, others, strict=True))
-        return float(np.mean([np.log(_left(t, s)) for t, s in zip(target, own, strict=True)]))
-
-    soft = np.array([left(signals.behind(signals.sign, cutoff)) for cutoff in LOWPASSES])
-    if left(signals.sign) - soft.min() <= np.log(BETTER):
+    changes = _Changes(signals, robot)
+    left = np.array([changes.left(one) for one in (None, *(Lowpass(cutoff, 0) for cutoff in CUTOFFS))])
+    sharp, *soft = left.mean(axis=1)
+    if sharp - min(soft) <= np.log(BETTER) or _regret(left).min() > UNLIKE:
         return None
-    return float(LOWPASSES[0] * (LOWPASSES[1] / LOWPASSES[0]) ** lowest(soft))
+    gaussian = Lowpass(CUTOFFS[0] * (CUTOFFS[1] / CUTOFFS[0]) ** lowest(_regret(left[1:])), 0)
+    signals = replace(signals, cutoff=min(signals.cutoff, DECIDED_BEHIND))
+    found = [_refined(signals, robot, Softness(gaussian, motion)) for motion in (True, False)]
+    both, efforts = _regret(np.array([_Changes(signals, robot, one).left(one.lowpass) for one in found]))
+    return found[int(both - efforts > np.log(CLEARLY))]
 
 
-def softened(signals: Signals, own: float) -> Signals:
-    """The signals of efforts that had passed a low-pass [Hz] of their own, compared behind no wider one."""
-    return replace(signals, own=own, cutoff=min(signals.cutoff, own))
+def _refined(signals: Signals, robot: Robot, near: Softness) -> Softness:
+    """The low-pass, of those like a Gaussian, that leaves least: of each order the best cut-off, then finer about these."""
+    cutoffs = [near.lowpass.cutoff] * len(ORDERS)
+    changes = [_Changes(signals, robot, near)] * len(ORDERS)
+    for steps in (NEAR, NEARER):
+        each = zip(changes, ORDERS, cutoffs, strict=True)
+        tried = np.array([[own.left(Lowpass(c * k, order)) for k in steps] for own, order, c in each])
+        regret = _regret(tried.reshape(-1, tried.shape[-1])).reshape(tried.shape[:2])
+        ratio = steps[1] / steps[0]
+        cutoffs = [c * steps[0] * ratio ** lowest(row) for c, row in zip(cutoffs, regret, strict=True)]
+        found = [replace(near, lowpass=Lowpass(c, order)) for c, order in zip(cutoffs, ORDERS, strict=True)]
+        if steps is NEAR:
+            changes = [_Changes(signals, robot, one) for one in found]
+    return found[int(np.argmin(regret.min(axis=1)))]
 
 
-def noted(recordings: Sequence[Recording], own: float) -> list[Recording]:
-    """The recordings with a note on the low-pass [Hz] that their efforts had passed."""
+def _regret(left: np.ndarray) -> np.ndarray:
+    """How much more each of C low-passes leaves than the best one for each of J joints, mean of these, (C, J) to (C,).
+
+    A soft gear asks for another low-pass, and softens what its neighbours bear as well: no joint counts without bound.
+    """
+    return np.asarray(np.minimum(left - left.min(axis=0), MOST_REGRET).mean(axis=1))
+
+
+class _Changes:
+    """How fast efforts change, and what explains it.
+
+    Args:
+        own: what efforts had passed, so that what bodies bear has to; None: bodies as the motion says.
+    """
+
+    def __init__(self, signals: Signals, robot: Robot, own: Softness | None = None) -> None:
+        assert signals.effort is not None
+        self.signals = signals
+        motion = signals if own is None or not own.motion else _moved(signals, Restoring(own.lowpass))
+        self.signs = [signals.sign] if motion is signals else [signals.sign, motion.sign]
+        moves = telling(signals)
+        self.rows = signals.interior & moves.any(axis=1)
+        if own is not None:
+            self.rows &= _untouched(signals, own)
+        self.rows = some(np.flatnonzero(self.rows), MOST_ROWS)
+        self.joints = np.flatnonzero(moves[self.rows].any(axis=0))
+        borne = robot.regressor(motion.position, motion.velocity, motion.acceleration)
+        drives = np.stack([motion.acceleration, motion.velocity], axis=2)
+        smooth = np.concatenate([borne, drives], axis=2)
+        changes = self._rates(smooth if own is None else signals.through(smooth, own.lowpass))
+        effort = self._rates(signals.effort)
+        self.others = [_basis(changes[:, j]) for j in self.joints]
+        self.target = [_beyond(effort[:, j], o) for j, o in zip(self.joints, self.others, strict=True)]
+
+    def _rates(self, values: np.ndarray) -> np.ndarray:
+        return np.asarray(np.gradient(self.signals.smooth(values), axis=0)[self.rows])
+
+    def left(self, lowpass: Lowpass | None) -> np.ndarray:
+        """Logarithm of the mean square that is left beside steps behind a low-pass, of each of the joints, (J,).
+
+        Steps turn where the motion as recorded does or as restored, whichever tells more of a joint: what is restored turns
+        at the right time, but shakes about rest.
+        """
+        return np.asarray(np.minimum.reduce([self._left(sign, lowpass) for sign in self.signs]))
+
+    def _left(self, sign: np.ndarray, lowpass: Lowpass | None) -> np.ndarray:
+        steps = self._rates(sign if lowpass is None else self.signals.through(sign, lowpass))
+        own = (_beyond(steps[:, j], other) for j, other in zip(self.joints, self.others, strict=True))
+        return np.log([_left(t, s) for t, s in zip(self.target, own, strict=True)])
+
+
+def _moved(signals: Signals, response: Restored | Restoring) -> Signals:
+    """The signals with their motion behind one more filter."""
+    return replace(
+        signals,
+        position=signals.through(signals.position, response),
+        velocity=signals.through(signals.velocity, response),
+        acceleration=signals.through(signals.acceleration, response),
+    )
+
+
+def _untouched(signals: Signals, own: Softness) -> np.ndarray:
+    """Samples on which no segment's end tells where what was let through is given back, (N,) bool; of short ones half."""
+    reach = reach_of(Restoring(own.lowpass), signals.rate)
+    inside = np.zeros(len(signals), bool)
+    for rows in signals.segments:
+        margin = min(reach, (rows.stop - rows.start) // 4)
+        inside[rows.start + margin : rows.stop - margin] = True
+    return inside
+
+
+def softened(signals: Signals, own: Softness) -> Signals:
+    """The signals with what the low-pass let through given back, compared behind no wider one than what is left of it."""
+    restored, restoring = Restored(own.lowpass), Restoring(own.lowpass)
+    response = restoring if own.motion else restored
+    reported = signals.reported_velocity
+    whole = replace(
+        _moved(signals, response),
+        effort=None if signals.effort is None else signals.through(signals.effort, restoring),
+        reported_velocity=None if reported is None else signals.through(reported, response),
+        own=restored,
+        cutoff=min(signals.cutoff, COMPARED * restored.edge),
+    )
+    return whole.rows(_untouched(signals, own))
+
+
+def noted(recordings: Sequence[Recording], own: Softness) -> list[Recording]:
+    """The recordings with a note on the low-pass that their efforts had passed."""
     return [replace(one, notes=(*one.notes, note(one, own))) for one in recordings]
 
 
-def note(recording: Recording, own: float) -> str:
-    """What a user should know of a recording whose efforts had passed a low-pass [Hz]."""
+def note(recording: Recording, own: Softness) -> str:
+    """What a user should know of a recording whose efforts had passed a low-pass."""
     return (
-        f"{recording.name}: the efforts were low-passed at about {own:.1f} Hz before they were recorded; no more is compared. "
-        "Record them as they are measured: what is fast tells most about friction and gears."
+        f"{recording.name}: the efforts were low-passed at about {own.lowpass.edge:.1f} Hz before they were recorded; no more "
+        "is compared. Record them as they are measured: what is fast tells most about friction and gears."
     )
 
 
@@ -90,6 +205,8 @@ def _beyond(values: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 
 def _left(target: np.ndarray, steps: np.ndarray) -> float:
-    """Share of a target's square (R,) that a positive multiple of steps (R,) leaves."""
+    """Mean square of a target (R,) that a positive multiple of steps (R,) leaves."""
     common = max(float(target @ steps), 0.0)
-    return max(1.0 - common**2 / max(float(steps @ steps) * float(target @ target), TINY), NEW)
+    square = float(target @ target)
+    left = max(square - common**2 / max(float(steps @ steps), TINY), NEW * square, TINY)
+    return left / len(target)

@@ -1,17 +1,17 @@
 """From a recording to clean signals: what drivers spoil mended, low-passed, with derivatives."""
 
-from bdnn_ros.signals.signals import (
+from bdnn_ros.signals.preparing import (
     CUTOFF_PER_RATE,
     DEFAULT_CUTOFF,
     MINIMUM_SAMPLES,
     SAMPLES_PER_CUTOFF,
-    Signals,
     flattened,
     mended,
     prepare,
     suitable_cutoff,
     usual_cutoff,
 )
+from bdnn_ros.signals.signals import Signals
 
 __all__ = [
     "CUTOFF_PER_RATE",

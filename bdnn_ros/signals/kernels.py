@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from scipy.signal import oaconvolve
 
 KERNEL_WIDTHS = 4.0
 """Half length of the kernel in standard deviations."""
@@ -37,6 +38,14 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
     for kept in (weights, first, second):
         kept.flags.writeable = False
     return weights, first, second
+
+
+def convolved(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Convolution of values (N, ...) with a long symmetric kernel (K,); first and last values go on beyond the ends."""
+    half = len(weights) // 2
+    padded = np.pad(np.asarray(values, float), [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="edge")
+    kernel = weights.reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray(oaconvolve(padded, kernel, mode="valid", axes=0))
 
 
 def convolved_at(values: np.ndarray, weights: np.ndarray, samples: np.ndarray, within: slice) -> np.ndarray:

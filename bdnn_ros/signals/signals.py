@@ -1,9 +1,8 @@
-"""Clean signals from a recording: even sampling, zero-phase low-pass, derivatives.
+"""Evenly sampled motion and effort that passed the same low-pass.
 
-Every signal passes the same Gaussian kernel, and derivatives are that kernel's own derivatives, so position, velocity,
-acceleration and effort are filtered exactly alike. What is computed from them (a regressor, a model's effort) is then
-filtered by `Signals.smooth` once more, and so is the effort it is compared with: filtering both sides alike leaves the
-parameters unbiased. A Gaussian never overshoots, which matters beside the steps of dry friction.
+Every signal has passed the same Gaussian kernel. What is computed from them (a regressor, a model's effort) is then filtered
+by `Signals.smooth` once more, and so is the effort it is compared with: filtering both sides alike leaves the parameters
+unbiased. A Gaussian never overshoots, which matters beside the steps of dry friction.
 """
 
 from __future__ import annotations
@@ -12,24 +11,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 
-from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.recording import Recording, position_noise, white_noise
-from bdnn_ros.signals.glitches import without_glitches
-from bdnn_ros.signals.kernels import convolved_at, even_grid, gaussian_kernel, gaussian_std, passed_noise
-from bdnn_ros.signals.repeats import without_repeats
-from bdnn_ros.signals.unmeasured import unmeasured
-from bdnn_ros.signals.wraps import without_wraps
+from bdnn_ros.signals.kernels import convolved, convolved_at, gaussian_kernel, gaussian_std, passed_noise
+from bdnn_ros.signals.lowpasses import Lowpass, Response, Restored, kernel_of
 
-DEFAULT_CUTOFF = 10.0
-"""-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""
-CUTOFF_PER_RATE = 1.0 / 6.0
-SAMPLES_PER_CUTOFF = 20.0
-"""Working rate per cut-off frequency: 200 Hz for 10 Hz."""
-MINIMUM_SAMPLES = 20
-"""A segment shorter than this many working samples is left out."""
 UNSEEN = 0.02
 """An effort tells nothing where so much of what the low-pass saw was not measured."""
 REST_WIDTHS = 5.0
@@ -53,7 +39,7 @@ class Signals:
         flat: cut-off of the flattened low-pass the signals have passed [Hz]; None where it was the one of `smooth`.
         effort_noise: standard deviation of the white noise on the measured effort, (n,) [N·m], or None.
         unmeasured: where the effort says nothing of what acts, (N, n) bool, or None.
-        own: -3 dB frequency of a low-pass that the efforts had passed before they were recorded [Hz], or None.
+        own: low-pass that the efforts had passed before they were recorded, or what is left of it, or None.
     """
 
     time: np.ndarray
@@ -71,7 +57,7 @@ class Signals:
     flat: float | None = None
     effort_noise: np.ndarray | None = None
     unmeasured: np.ndarray | None = None
-    own: float | None = None
+    own: Lowpass | Restored | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -98,13 +84,18 @@ class Signals:
     def soften(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""
         soft = self.smooth(values) if self.flat is None else self.passed(values, self.flat)
-        return soft if self.own is None else self.behind(soft, self.own)
+        return soft if self.own is None else self.through(soft, self.own)
 
     def behind(self, values: np.ndarray, cutoff: float) -> np.ndarray:
         """Values (N, ...) behind one more low-pass, a Gaussian of a cut-off [Hz], segment by segment."""
         weights = gaussian_kernel(gaussian_std(cutoff), self.rate)[0]
         parts = [np.asarray(values[rows], float) for rows in self.segments]
         return np.concatenate([convolve1d(part, weights, axis=0, mode="nearest") for part in parts])
+
+    def through(self, values: np.ndarray, response: Response) -> np.ndarray:
+        """Values (N, ...) behind one more filter without delay, segment by segment."""
+        weights = kernel_of(response, self.rate)
+        return np.concatenate([convolved(values[rows], weights) for rows in self.segments])
 
     def passed(self, values: np.ndarray, cutoff: float) -> np.ndarray:
         """Values (N, ...) behind a flattened low-pass, see `flattened`, of another cut-off [Hz]."""
@@ -181,137 +172,3 @@ class Signals:
             unmeasured=None if self.unmeasured is None else self.unmeasured[index],
             segments=tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a),
         )
-
-
-def mended(recording: Recording) -> Recording:
-    """The recording as `prepare` takes it: without what its driver said twice or read wrong, each with a note."""
-    return without_glitches(without_repeats(without_wraps(recording)))
-
-
-def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
-    """Clean signals of a recording.
-
-    Args:
-        cutoff: -3 dB frequency [Hz]; None takes `DEFAULT_CUTOFF` or less for slow recordings.
-
-    Raises:
-        RecordingError: no segment is long enough.
-        UsageError: the cut-off is not within what the rate allows.
-    """
-    if len(recording) < MINIMUM_SAMPLES:
-        raise RecordingError(
-            f"{recording.name}: {len(recording)} samples are too few to tell a motion.",
-            "Record at least some seconds of motion.",
-        )
-    recording = mended(recording)
-    chosen = suitable_cutoff(recording.rate, cutoff)
-    step, every = even_grid(recording.rate, SAMPLES_PER_CUTOFF * chosen)
-    pieces = [_segment(recording, rows, chosen, step, every) for rows in recording.segments()]
-    pieces = [piece for piece in pieces if len(piece["time"]) >= MINIMUM_SAMPLES]
-    if not pieces:
-        raise RecordingError(
-            f"{recording.name}: {recording.duration:.2f} s in {len(recording.segments())} pieces is too "
-            f"short for a low-pass at {chosen:g} Hz.",
-            "Record a longer motion without gaps, or raise --cutoff.",
-        )
-    joined = {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]}
-    edges = np.cumsum([0, *(len(piece["time"]) for piece in pieces)])
-    return Signals(
-        time=joined["time"],
-        joints=recording.joints,
-        position=joined["position"],
-        velocity=joined["velocity"],
-        acceleration=joined["acceleration"],
-        effort=joined.get("effort"),
-        reported_velocity=joined.get("reported"),
-        rate=1.0 / (step * every),
-        cutoff=chosen,
-        segments=tuple(slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)),
-        position_noise=position_noise(recording),
-        raw_rate=recording.rate,
-        effort_noise=None if recording.effort is None else white_noise(recording.effort),
-        unmeasured=None
-        if recording.effort is None
-        else unmeasured(recording.effort)[np.searchsorted(recording.time, joined["time"])],
-    )
-
-
-def flattened(signals: Signals, cutoff: float) -> Signals:
-    """The same signals with their low-pass made flat, to be compared behind a lower one.
-
-    What the kernel takes is given back once (twicing: 2 K - K², of fourth order; Stuetzle and Mittal, 1979), from motion and
-    effort alike, so that a model which is not linear in the motion commutes with the filter.
-
-    Args:
-        cutoff: -3 dB frequency of `smooth` [Hz] from now on.
-    """
-
-    def flat(values: np.ndarray) -> np.ndarray:
-        return 2.0 * values - signals.smooth(values)
-
-    return replace(
-        signals,
-        position=flat(signals.position),
-        velocity=flat(signals.velocity),
-        acceleration=flat(signals.acceleration),
-        effort=None if signals.effort is None else flat(signals.effort),
-        reported_velocity=None if signals.reported_velocity is None else flat(signals.reported_velocity),
-        cutoff=cutoff,
-        flat=signals.cutoff,
-    )
-
-
-def usual_cutoff(rate: float) -> float:
-    """The cut-off [Hz] that suits a recording's rate [Hz]."""
-    return min(DEFAULT_CUTOFF, rate * CUTOFF_PER_RATE)
-
-
-def suitable_cutoff(rate: float, cutoff: float | None = None) -> float:
-    """The cut-off [Hz] asked for, else the usual one, for a recording's rate [Hz].
-
-    Raises:
-        UsageError: the rate does not allow it.
-    """
-    chosen = usual_cutoff(rate) if cutoff is None else cutoff
-    if not 0.0 < chosen <= rate / 2.0:
-        raise UsageError(
-            f"A cut-off of {chosen:g} Hz does not fit a recording of {rate:g} Hz.",
-            f"Choose up to {rate * CUTOFF_PER_RATE:g} Hz.",
-        )
-    return chosen
-
-
-def _segment(
-    recording: Recording, rows: slice, cutoff: float, step: float, every: int
-) -> dict[str, np.ndarray]:
-    """One gap-free piece on the working grid, without the kernel's half length at each end."""
-    stamps = recording.time[rows]
-    grid = np.arange(stamps[0], stamps[-1], step)
-    std = gaussian_std(cutoff)
-    kernel, first, second = gaussian_kernel(std, 1.0 / step)
-    half = len(kernel) // 2
-    inner = slice(half, max(len(grid) - half, half), every)
-    if len(grid) <= 2 * half or len(stamps) < 4:
-        return {"time": np.empty(0), "position": np.empty((0, recording.width))}
-
-    # against the grid itself, not step by step: small differences add up
-    uniform = len(grid) <= len(stamps) and np.abs(stamps[: len(grid)] - grid).max() < 1e-3 * step
-
-    def even(values: np.ndarray) -> np.ndarray:
-        return values[rows][: len(grid)] if uniform else CubicSpline(stamps, values[rows])(grid)
-
-    def filtered(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        return convolve1d(values, weights, axis=0, mode="nearest")[inner]
-
-    position = even(recording.position)
-    piece = {
-        "time": grid[inner],
-        "position": filtered(position, kernel),
-        "velocity": filtered(position, first),
-        "acceleration": filtered(position, second),
-    }
-    if recording.effort is not None:
-        piece["effort"] = filtered(even(recording.effort), kernel)
-    if recording.velocity is not None:
-        piece["reported"] = filtered(even(recording.velocity), kernel)
-    return piece
