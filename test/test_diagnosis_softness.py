@@ -11,11 +11,12 @@ from scipy.signal import butter, sosfiltfilt
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.softness import softness
+from bdnn_ros.diagnosis.softness import Softness, softened, softness
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, flattened, prepare
+from bdnn_ros.signals.lowpasses import Lowpass, Restored
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.simulate import simulate
 
@@ -45,11 +46,19 @@ def test_a_lowpass_before_the_recording_is_found(name, seed, cutoff, order):
     everything = lowpassed(recording, cutoff, order)
     found = softness(seen(everything), robot)
     assert found is not None and found.motion
-    assert found.lowpass.cutoff == pytest.approx(cutoff, rel=0.1)
-    assert abs(found.lowpass.order - order) <= 1  # of those run both ways
-    efforts = softness(seen(replace(recording, effort=everything.effort)), robot)
-    assert efforts is not None and efforts.lowpass.cutoff == pytest.approx(cutoff, rel=0.1)
-    assert not efforts.motion or cutoff >= 5.0  # these motions have nothing that is faster
+    assert found.lowpass.cutoff == pytest.approx(cutoff, rel=0.05)
+    assert found.lowpass.order == order
+
+
+@pytest.mark.parametrize("name, seed", [("arm2", 11), ("arm6", 2), ("arm7", 31)])
+@pytest.mark.parametrize("cutoff, order", [(3.0, 2), (3.0, 4), (5.0, 2)])
+def test_a_lowpass_of_the_efforts_alone_is_told_from_one_of_the_motion_too(name, seed, cutoff, order):
+    robot = Robot.bundled(name)
+    recording = Scenario(robot, seed=seed, duration=15.0, worn=True, wrong=0.05).run()[0].recording
+    found = softness(seen(replace(recording, effort=lowpassed(recording, cutoff, order).effort)), robot)
+    assert found is not None and not found.motion
+    assert found.lowpass.cutoff == pytest.approx(cutoff, rel=0.05)
+    assert found.lowpass.order == order
 
 
 @pytest.mark.parametrize(
@@ -72,13 +81,37 @@ def test_what_is_soft_in_the_robot_is_no_lowpass(specs):
     assert softness(seen(recording), robot) is None
 
 
+@pytest.mark.parametrize("cutoff, order", [(1.5, 2), (3.0, 4), (5.0, 2)])
+def test_what_was_let_through_is_given_back(cutoff, order):
+    robot = Robot.bundled("arm2")
+    recording = Scenario(robot, seed=11, duration=15.0, worn=True).run()[0].recording
+    lowpass = Lowpass(cutoff, order)
+    back = softened(seen(lowpassed(recording, cutoff, order)), Softness(lowpass, motion=True))
+    whole = seen(recording)
+    assert 8.0 < back.time[-1] - back.time[0] < 15.0  # ends, of which part was never recorded, are left out
+    kept = np.isin(whole.time, back.time)
+    assert back.cutoff < Restored(lowpass).edge
+    for name in ("position", "velocity", "acceleration", "effort"):
+        expected = whole.through(getattr(whole, name), Restored(lowpass))[kept]
+        error = np.std(getattr(back, name) - expected, axis=0) / np.std(expected, axis=0)
+        assert np.all(error < 0.02), name
+
+
+def test_half_of_a_segment_stays_that_is_too_short_to_leave_its_ends_out():
+    robot = Robot.bundled("arm2")
+    recording = Scenario(robot, seed=11, duration=15.0, worn=True).run()[0].recording
+    short = seen(recording).between(5.0, 7.0)
+    back = softened(short, Softness(Lowpass(0.7, 4), motion=True))
+    assert len(back) == pytest.approx(len(short) / 2, abs=2)
+
+
 def test_info_tells_of_it(tmp_path, capsys):
     robot = Robot.bundled("arm2")
     recording = Scenario(robot, seed=11, duration=15.0, worn=True).run()[0].recording
     for one, told in ((recording, False), (lowpassed(recording, 3.0), True)):
         path = bags.write(one, tmp_path / str(told))
         assert main(["info", str(path)]) == 0
-        assert ("the efforts were low-passed at about" in capsys.readouterr().out) == told
+        assert ("efforts were low-passed at about" in capsys.readouterr().out) == told
 
 
 def test_friction_behind_a_lowpass_is_named_as_what_it_is():

@@ -187,9 +187,11 @@ def noted(recordings: Sequence[Recording], own: Softness) -> list[Recording]:
 
 def note(recording: Recording, own: Softness) -> str:
     """What a user should know of a recording whose efforts had passed a low-pass."""
+    what = "motion and efforts were" if own.motion else "efforts were"
     return (
-        f"{recording.name}: the efforts were low-passed at about {own.lowpass.edge:.1f} Hz before they were recorded; no more "
-        "is compared. Record them as they are measured: what is fast tells most about friction and gears."
+        f"{recording.name}: {what} low-passed at about {own.lowpass.edge:.1f} Hz before they were recorded; what was let "
+        "through is given back, and no more is compared. Record them as they are measured: what is fast tells most about "
+        "friction and gears."
     )
 
 
