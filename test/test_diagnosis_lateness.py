@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.lateness import in_time, lateness
+from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.online.identifier import Identifier
@@ -26,13 +27,41 @@ def late(recording: Recording, seconds: float) -> Recording:
     return replace(recording.part(slice(samples, None)), effort=effort[: len(effort) - samples])
 
 
+def smoothed(recording: Recording, lag: float) -> Recording:
+    """Efforts behind exponential smoothing of a time constant [s], begun anew after each gap."""
+    share = 1.0 / (1.0 + lag * recording.rate)
+    parts = [recording.require_effort()[rows] for rows in recording.segments()]
+    done = [lfilter([share], [1.0, share - 1.0], part - part[0], axis=0) + part[0] for part in parts]
+    return replace(recording, effort=np.concatenate(done))
+
+
 @pytest.mark.parametrize("name, seed", [("arm2", 1), ("arm6", 2), ("arm7", 3)])
 @pytest.mark.parametrize("seconds", [0.0, 0.02, 0.05, 0.12])
 def test_lateness_is_found_to_some_milliseconds(name, seed, seconds):
     robot = Robot.bundled(name)
     recording = Scenario(robot, seed=seed, duration=15.0, worn=True, wrong=0.05).run()[0].recording
     found = lateness(prepare(late(recording, seconds)), robot)
-    assert max(seconds - 0.008, 0.0) <= found <= seconds
+    assert max(seconds - 0.005, 0.0) <= found.delay <= seconds and not found.lag
+
+
+@pytest.mark.parametrize("name, seed", [("arm2", 1), ("arm6", 2), ("arm7", 3)])
+@pytest.mark.parametrize("lag", [0.03, 0.05, 0.12])
+def test_a_lag_is_told_from_a_delay_and_found_to_some_milliseconds(name, seed, lag):
+    robot = Robot.bundled(name)
+    recording = Scenario(robot, seed=seed, duration=15.0, worn=True, wrong=0.05).run()[0].recording
+    found = lateness(prepare(smoothed(recording, lag)), robot)
+    assert lag - 0.006 <= found.lag <= lag and not found.delay
+
+
+def test_what_smoothing_did_is_taken_back():
+    recording = simulate(Robot.bundled("arm2"), seed=1, duration=3.0).recording
+    gap = np.r_[0:500, 700:1500]
+    recording = recording.part(gap)
+    (back,) = in_time([smoothed(recording, 0.05)], Lateness(lag=0.05))
+    kept = np.isin(recording.time, back.time)
+    assert kept.sum() == len(recording) - 2  # what came before a piece's first effort is not known
+    np.testing.assert_allclose(back.require_effort(), recording.require_effort()[kept], atol=1e-9)
+    assert "of about 3.1 Hz" in back.notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -48,20 +77,20 @@ def test_what_acts_late_or_with_speed_is_no_lateness(specs):
     robot = Robot.bundled("arm2")
     effects = [parse_spec(spec, robot) for spec in specs]
     recording = simulate(robot, effects, seed=1, duration=15.0).recording
-    assert lateness(prepare(recording), robot) == 0.0
+    assert lateness(prepare(recording), robot) == Lateness()
 
 
 def test_efforts_move_within_their_pieces():
     time = np.concatenate([np.arange(100), np.arange(200, 300)]) / 100.0
     effort = np.arange(200.0)[:, None]
     recording = Recording(time, ("a",), np.zeros((200, 1)), effort=effort)
-    (moved,) = in_time([recording], 0.05)
+    (moved,) = in_time([recording], Lateness(delay=0.05))
     np.testing.assert_array_equal(moved.time, np.concatenate([time[:95], time[100:195]]))
     np.testing.assert_array_equal(
         moved.require_effort()[:, 0], np.concatenate([effort[5:100, 0], effort[105:, 0]])
     )
-    assert "comes about 52 ms after the motion" in moved.notes[0]
-    assert in_time([recording], 0.0) == [recording]
+    assert "comes about 51 ms after the motion" in moved.notes[0]
+    assert in_time([recording], Lateness()) == [recording]
 
 
 def test_the_same_is_named_and_the_extended_model_predicts_what_is_recorded():
@@ -74,6 +103,20 @@ def test_the_same_is_named_and_the_extended_model_predicts_what_is_recorded():
     assert finding.parameters["viscous"].value == pytest.approx(8.0, rel=0.02)
     assert any("after the motion it belongs to" in note for note in examination.recordings[0].notes)
     assert score_model(extend(examination), [prepare(recording)]).nrmse_mean < 0.02
+
+
+def test_friction_behind_a_slow_effort_sensor_is_named_as_what_it_is():
+    robot = Robot.bundled("arm6")
+    specs = ["coulomb_friction@arm6_joint3:coulomb=6", "viscous_friction@arm6_joint2:viscous=8"]
+    effects = [parse_spec(spec, robot) for spec in specs]
+    recording = smoothed(simulate(robot, effects, seed=1, duration=20.0).recording, 0.06)
+    examination = examine([recording], robot)
+    found = {(f.effect, f.joint): f.parameters for f in examination.diagnosis.findings}
+    assert set(found) == {("coulomb_friction", "arm6_joint3"), ("viscous_friction", "arm6_joint2")}
+    assert found["coulomb_friction", "arm6_joint3"]["coulomb"].value == pytest.approx(6.0, rel=0.05)
+    assert found["viscous_friction", "arm6_joint2"]["viscous"].value == pytest.approx(8.0, rel=0.05)
+    assert any("low-pass of first order" in note for note in examination.diagnosis.notes)
+    assert score_model(extend(examination), [prepare(recording)]).nrmse_mean < 0.05
 
 
 def test_what_is_identified_predicts_efforts_as_late_as_they_came():

@@ -13,6 +13,7 @@ from bdnn_ros.diagnosis.building import build, relative_inertials
 from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.lateness import Lateness
 from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import Installed, parse_spec
@@ -244,7 +245,7 @@ def _examination(
         test=equations.block % 5 == 2,
         extended=pool.residual(fit),
         model=model,
-        late=0.0,
+        late=Lateness(),
     )
 
 

@@ -192,11 +192,12 @@ def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[R
     """Whether effort and motion are apart in time."""
     period = 1.0 / min(recording.rate for recording in recordings)
     known = model.lead_std < UNKNOWN * LEAD
-    if known and abs(model.lead) > max(PERIODS * period, SHORTEST_DELAY, CERTAIN * model.lead_std):
-        side = "ahead of" if model.lead > 0.0 else "behind"
+    lead = model.lead - model.lag
+    if known and abs(lead) > max(PERIODS * period, SHORTEST_DELAY, CERTAIN * model.lead_std):
+        side = "ahead of" if lead > 0.0 else "behind"
         yield Remark(
             "",
-            f"The effort is {1e3 * abs(model.lead):.1f} ms {side} the motion.",
+            f"The effort is {1e3 * abs(lead):.1f} ms {side} the motion.",
             "Stamp position and effort where they are measured; the model allows for it.",
         )
 

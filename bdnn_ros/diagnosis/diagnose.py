@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +17,7 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
 from bdnn_ros.diagnosis.joining import concatenated
-from bdnn_ros.diagnosis.lateness import in_time, lateness
+from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.odds import contains
 from bdnn_ros.diagnosis.posterior import CLEAR, Estimate, estimates, excesses
@@ -51,7 +51,7 @@ class Examination:
         test: rows kept out of the search, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
         model: what took the simulation's place, if anything did.
-        late: how late the efforts came, before they were moved [s].
+        late: how late the efforts came, before that was taken back.
     """
 
     diagnosis: Diagnosis
@@ -65,7 +65,7 @@ class Examination:
     extended: np.ndarray
     remainder: Remainder
     model: Predicts | None = None
-    late: float = 0.0
+    late: Lateness = field(default_factory=Lateness)
 
 
 def diagnose(
@@ -113,8 +113,8 @@ def examine(
     predicted = None if model is None else model.predict(signals)
     for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted, robot):
         raise ConventionError(breach.problem, breach.remedy)
-    late = lateness(signals, robot) if model is None else 0.0
-    if late:
+    late = lateness(signals, robot) if model is None else Lateness()
+    if late.total:
         recordings = in_time(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     own = softness(signals, robot)
@@ -123,7 +123,7 @@ def examine(
         predicted = None if model is None else model.predict(signals)
     known = getattr(model, "covariance", None)
     equations = build(signals, robot, predicted, known)
-    equations.lead = float(getattr(model, "lead", 0.0))
+    equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
     if equations.blocks < EVERY_TEST_BLOCK:
         raise _too_short(recordings)
     candidates = Candidates.shown_by(equations)

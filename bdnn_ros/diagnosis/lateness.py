@@ -1,4 +1,4 @@
-"""Efforts that come late: behind a sensor's low-pass, or stamped after the positions.
+"""Efforts that come late: behind a sensor's or a driver's low-pass, or stamped after the positions.
 
 An effort that acts later than it is measured is a cause, `effort_delay`. One that is measured later than it acts is none, and
 up to some milliseconds the regression takes it for what it is (`Equations.nuisances`); what is later passes for friction.
@@ -7,58 +7,159 @@ up to some milliseconds the regression takes it for what it is (`Equations.nuisa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bdnn_ros.checks.alternatives import explained
 from bdnn_ros.checks.sampling import lowest, some, telling
+from bdnn_ros.diagnosis.leftover import basis, beyond, regret
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import Signals, mended
 
 LATEST = 0.2
 """Efforts may be so late [s]."""
 LEAST = 0.015
 """Less is left to the regression [s]."""
-LEFT = 0.002
+LEFT = 0.001
 """So much is left to it of what is more, too: an effort that is moved too far would act later than it was measured."""
 BETTER = 1.25
 """An effort is late where so many times less is left unexplained once it is not."""
+LAGS = tuple(0.005 * 1.15**k for k in range(27))
+"""Time constants of low-passes that are tried [s]."""
+NEAR = tuple(1.08**k for k in range(-3, 6))
+"""Those tried in the end, per the best one; and delays, in samples from the best one."""
+NEARBY = range(-2, 4)
 MOST_ROWS = 500
+TOLD_BY = 1500
+"""So many rows tell in the end how late efforts are."""
+TINY = 1e-30
 
 
-def lateness(signals: Signals, robot: Robot) -> float:
-    """How late the efforts of a motion are, all alike [s]; 0 where that is little, or not sure."""
-    assert signals.effort is not None
-    most = round(LATEST * signals.rate)
-    inside = signals.interior & telling(signals).any(axis=1)
-    rows = np.concatenate([np.arange(s.start, max(s.stop - most, s.start)) for s in signals.segments])
-    rows = some(rows[inside[rows]], MOST_ROWS)
+@dataclass(frozen=True)
+class Lateness:
+    """How efforts come late, all alike.
+
+    Attributes:
+        delay: by which they were stamped later than they acted [s].
+        lag: time constant of a low-pass of first order, as exponential smoothing is, that they had passed instead [s].
+    """
+
+    delay: float = 0.0
+    lag: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """How late slow efforts come [s]."""
+        return self.delay + self.lag
+
+
+def lateness(signals: Signals, robot: Robot) -> Lateness:
+    """How late the efforts of a motion are; not at all where that is little, or not sure."""
+    efforts = _Efforts(signals)
+    rows = some(efforts.rows, MOST_ROWS)
     if len(rows) < 0.1 * MOST_ROWS:
-        return 0.0
+        return Lateness()
     velocity, acceleration = signals.velocity[rows], signals.acceleration[rows]
     borne = robot.rigid_effort(signals.position[rows], velocity, acceleration)
     columns = borne, acceleration, velocity, signals.sign[rows]
-    left = np.array([1.0 - explained(signals.effort[rows + k], *columns) for k in range(most)])
-    late = lowest(left) / signals.rate
-    return late - LEFT if late >= LEAST and left[0] > BETTER * left.min() else 0.0
+    delayed = np.array([1.0 - explained(efforts.earlier(rows, k), *columns) for k in range(efforts.most)])
+    lagging = np.array([1.0 - explained(efforts.quicker(rows, lag), *columns) for lag in LAGS])
+    if delayed[0] <= BETTER * min(delayed.min(), lagging.min()):
+        return Lateness()
+    found = _refined(signals, robot, efforts, int(np.argmin(delayed)), LAGS[int(np.argmin(lagging))])
+    return found if found.total >= LEAST - LEFT else Lateness()
 
 
-def in_time(recordings: Sequence[Recording], late: float) -> list[Recording]:
-    """Recordings with efforts that are so late [s] moved to when they acted, with a note."""
-    return [_in_time(recording, late) for recording in recordings] if late else list(recordings)
+class _Efforts:
+    """The efforts of a motion, had they come earlier.
+
+    Attributes:
+        rows: of the motion, after each of which more is known than any delay takes, (R,).
+        most: delays are less than so many samples.
+    """
+
+    def __init__(self, signals: Signals) -> None:
+        assert signals.effort is not None
+        self.most = round(LATEST * signals.rate)
+        inside = signals.interior & telling(signals).any(axis=1)
+        rows = np.concatenate(
+            [np.arange(s.start, max(s.stop - self.most, s.start)) for s in signals.segments]
+        )
+        self.rows = rows[inside[rows]]
+        self._effort = signals.effort
+        self._change = np.concatenate([np.gradient(self._effort[s], axis=0) for s in signals.segments])
+        self._rate = signals.rate
+
+    def earlier(self, rows: np.ndarray, samples: int) -> np.ndarray:
+        """Stamped so many samples earlier, (R, n)."""
+        return np.asarray(self._effort[rows + samples])
+
+    def quicker(self, rows: np.ndarray, lag: float) -> np.ndarray:
+        """Without a low-pass of a time constant [s], (R, n)."""
+        return np.asarray(self._effort[rows] + lag * self._rate * self._change[rows])
 
 
-def _in_time(recording: Recording, late: float) -> Recording:
-    samples = round(late * recording.rate)
+def _refined(signals: Signals, robot: Robot, efforts: _Efforts, samples: int, lag: float) -> Lateness:
+    """Which of a delay near so many samples and a lag near one [s] leaves less beside bodies of any kind.
+
+    Joints stick while they turn round, so that their friction turns early: the direction's rate is free, too.
+    """
+    rows = some(efforts.rows, TOLD_BY)
+    direction = np.concatenate([np.gradient(signals.sign[s], axis=0) for s in signals.segments])[rows]
+    position, velocity, acceleration = (
+        signals.position[rows],
+        signals.velocity[rows],
+        signals.acceleration[rows],
+    )
+    own = np.stack([acceleration, velocity, signals.sign[rows], direction, np.ones_like(velocity)], axis=2)
+    columns = np.concatenate([robot.regressor(position, velocity, acceleration), own], axis=2)
+    bases = [basis(columns[:, joint]) for joint in range(robot.width)]
+
+    def left(effort: np.ndarray) -> np.ndarray:
+        rest = [beyond(one, spanned) for one, spanned in zip(effort.T, bases, strict=True)]
+        return np.log(np.maximum(np.mean(np.square(rest), axis=1), TINY))
+
+    delays = [k for k in (samples + step for step in NEARBY) if 0 <= k < efforts.most]
+    tried = [left(efforts.earlier(rows, k)) for k in delays]
+    tried += [left(efforts.quicker(rows, lag * k)) for k in NEAR]
+    delayed, lagging = np.split(regret(np.array(tried)), [len(delays)])
+    if delayed.min() <= lagging.min():
+        return Lateness(delay=max((delays[0] + lowest(delayed)) / signals.rate - LEFT, 0.0))
+    return Lateness(lag=lag * NEAR[0] * (NEAR[1] / NEAR[0]) ** lowest(lagging) - LEFT)
+
+
+def in_time(recordings: Sequence[Recording], late: Lateness) -> list[Recording]:
+    """Recordings with efforts as they acted, with a note."""
+    if late.lag:
+        return [_quicker(mended(recording), late.lag) for recording in recordings]
+    return [_earlier(recording, late.delay) for recording in recordings] if late.delay else list(recordings)
+
+
+def _earlier(recording: Recording, delay: float) -> Recording:
+    samples = round(delay * recording.rate)
     rows = np.concatenate([np.arange(s.start, max(s.stop - samples, s.start)) for s in recording.segments()])
     if not samples or not len(rows):
         return recording
     note = (
-        f"{recording.name}: the effort comes about {1e3 * (late + LEFT):.0f} ms after the motion it belongs to; it is moved. "
+        f"{recording.name}: the effort comes about {1e3 * (delay + LEFT):.0f} ms after the motion it belongs to; it is moved. "
         "Stamp position and effort where they are measured."
     )
     kept = recording.part(rows)
     effort = recording.require_effort()[rows + samples]
     return replace(kept, effort=effort, notes=(*recording.notes, note))
+
+
+def _quicker(recording: Recording, lag: float) -> Recording:
+    """What exponential smoothing made of the efforts taken back: x[k] = y[k] + lag / period (y[k] - y[k - 1])."""
+    rows = np.concatenate([np.arange(s.start + 1, s.stop) for s in recording.segments()])
+    if not len(rows):
+        return recording
+    effort = recording.require_effort()
+    acted = effort[rows] + lag * recording.rate * (effort[rows] - effort[rows - 1])
+    note = (
+        f"{recording.name}: the efforts passed a low-pass of first order, of about {0.5 / np.pi / (lag + LEFT):.1f} Hz, before "
+        "they were recorded; it is taken back. Record them as they are measured."
+    )
+    return replace(recording.part(rows), effort=acted, notes=(*recording.notes, note))

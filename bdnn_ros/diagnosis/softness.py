@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import qr
 
 from bdnn_ros.checks.sampling import lowest, some, telling
+from bdnn_ros.diagnosis.leftover import NEW, basis, beyond, regret
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -34,15 +34,11 @@ BETTER = 1.4
 """Efforts are soft where so many times less of how fast they change is left unexplained by softened steps, mean of the joints."""
 CLEARLY = 1.1
 """Efforts alone were low-passed where so many times less is left by motion as it was recorded than by restored motion."""
-MOST_REGRET = 0.5
-"""Logarithm of what a joint counts for at most, for whom a low-pass is not the best."""
 UNLIKE = 0.1
 """Where the joints regret the best low-pass more they are soft each in its own way: gears, not a low-pass."""
 ENOUGH = 60.0
 """So much motion tells [s]."""
 MOST_ROWS = 3000
-NEW = 1e-6
-"""Columns that add less than this share to others say nothing of their own."""
 TINY = 1e-30
 COMPARED = 0.7
 """Motion and effort are compared behind a low-pass at most this share of what is left of the one they had passed."""
@@ -69,12 +65,12 @@ def softness(signals: Signals, robot: Robot) -> Softness | None:
     changes = _Changes(signals, robot)
     left = np.array([changes.left(one) for one in (None, *(Lowpass(cutoff, 0) for cutoff in CUTOFFS))])
     sharp, *soft = left.mean(axis=1)
-    if sharp - min(soft) <= np.log(BETTER) or _regret(left).min() > UNLIKE:
+    if sharp - min(soft) <= np.log(BETTER) or regret(left).min() > UNLIKE:
         return None
-    gaussian = Lowpass(CUTOFFS[0] * (CUTOFFS[1] / CUTOFFS[0]) ** lowest(_regret(left[1:])), 0)
+    gaussian = Lowpass(CUTOFFS[0] * (CUTOFFS[1] / CUTOFFS[0]) ** lowest(regret(left[1:])), 0)
     signals = replace(signals, cutoff=min(signals.cutoff, DECIDED_BEHIND))
     found = [_refined(signals, robot, Softness(gaussian, motion)) for motion in (True, False)]
-    both, efforts = _regret(np.array([_Changes(signals, robot, one).left(one.lowpass) for one in found]))
+    both, efforts = regret(np.array([_Changes(signals, robot, one).left(one.lowpass) for one in found]))
     return found[int(both - efforts > np.log(CLEARLY))]
 
 
@@ -85,21 +81,13 @@ def _refined(signals: Signals, robot: Robot, near: Softness) -> Softness:
     for steps in (NEAR, NEARER):
         each = zip(changes, ORDERS, cutoffs, strict=True)
         tried = np.array([[own.left(Lowpass(c * k, order)) for k in steps] for own, order, c in each])
-        regret = _regret(tried.reshape(-1, tried.shape[-1])).reshape(tried.shape[:2])
+        regrets = regret(tried.reshape(-1, tried.shape[-1])).reshape(tried.shape[:2])
         ratio = steps[1] / steps[0]
-        cutoffs = [c * steps[0] * ratio ** lowest(row) for c, row in zip(cutoffs, regret, strict=True)]
+        cutoffs = [c * steps[0] * ratio ** lowest(row) for c, row in zip(cutoffs, regrets, strict=True)]
         found = [replace(near, lowpass=Lowpass(c, order)) for c, order in zip(cutoffs, ORDERS, strict=True)]
         if steps is NEAR:
             changes = [_Changes(signals, robot, one) for one in found]
-    return found[int(np.argmin(regret.min(axis=1)))]
-
-
-def _regret(left: np.ndarray) -> np.ndarray:
-    """How much more each of C low-passes leaves than the best one for each of J joints, mean of these, (C, J) to (C,).
-
-    A soft gear asks for another low-pass, and softens what its neighbours bear as well: no joint counts without bound.
-    """
-    return np.asarray(np.minimum(left - left.min(axis=0), MOST_REGRET).mean(axis=1))
+    return found[int(np.argmin(regrets.min(axis=1)))]
 
 
 class _Changes:
@@ -125,8 +113,8 @@ class _Changes:
         smooth = np.concatenate([borne, drives], axis=2)
         changes = self._rates(smooth if own is None else signals.through(smooth, own.lowpass))
         effort = self._rates(signals.effort)
-        self.others = [_basis(changes[:, j]) for j in self.joints]
-        self.target = [_beyond(effort[:, j], o) for j, o in zip(self.joints, self.others, strict=True)]
+        self.others = [basis(changes[:, j]) for j in self.joints]
+        self.target = [beyond(effort[:, j], o) for j, o in zip(self.joints, self.others, strict=True)]
 
     def _rates(self, values: np.ndarray) -> np.ndarray:
         return np.asarray(np.gradient(self.signals.smooth(values), axis=0)[self.rows])
@@ -141,7 +129,7 @@ class _Changes:
 
     def _left(self, sign: np.ndarray, lowpass: Lowpass | None) -> np.ndarray:
         steps = self._rates(sign if lowpass is None else self.signals.through(sign, lowpass))
-        own = (_beyond(steps[:, j], other) for j, other in zip(self.joints, self.others, strict=True))
+        own = (beyond(steps[:, j], other) for j, other in zip(self.joints, self.others, strict=True))
         return np.log([_left(t, s) for t, s in zip(self.target, own, strict=True)])
 
 
@@ -193,17 +181,6 @@ def note(recording: Recording, own: Softness) -> str:
         "through is given back, and no more is compared. Record them as they are measured: what is fast tells most about "
         "friction and gears."
     )
-
-
-def _basis(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal columns that span those (R, k), each counted alike."""
-    size = np.linalg.norm(columns, axis=0)
-    basis, triangle, _ = qr(columns[:, size > 0.0] / size[size > 0.0], mode="economic", pivoting=True)
-    return np.asarray(basis[:, np.abs(np.diagonal(triangle)) > NEW])
-
-
-def _beyond(values: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    return np.asarray(values - basis @ (basis.T @ values))
 
 
 def _left(target: np.ndarray, steps: np.ndarray) -> float:

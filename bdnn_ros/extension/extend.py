@@ -58,14 +58,20 @@ def extend(examination: Examination) -> ExtendedModel:
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
     effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
-    lead, sticking = (
-        parted(examination.pool, fit)[0] - examination.late,
-        examination.pool.nuisances(fit)[equations.sticking],
-    )
+    late = examination.late
+    lead = earlier.lead + parted(examination.pool, fit)[0] - late.delay
+    sticking = examination.pool.nuisances(fit)[equations.sticking]
     if earlier.sticking:
         sticking = sticking + earlier.sticking
     return ExtendedModel(
-        corrected, effects, noise, spreads, earlier.lead + lead, earlier.beyond, tuple(sticking.tolist())
+        corrected,
+        effects,
+        noise,
+        spreads,
+        lead,
+        earlier.lag + late.lag,
+        earlier.beyond,
+        tuple(sticking.tolist()),
     )
 
 

@@ -69,6 +69,7 @@ class ExtendedModel:
         stds: standard deviations of each effect's values, in the order of `effects`; empty if unknown.
         lead: how far the effort's stamps lead the motion's [s]: a property of the recording that only
             `predict` counts.
+        lag: time constant of a low-pass of first order that the measured effort has passed [s]; another such property.
         sticking: each joint's dry friction times how far it turns round before the joint does [N·m·s], (n,); empty
             for none. A joint that sticks leaves slowly; only `predict` counts it.
         beyond: an identified model whose joints add to its robot what no effect says (motors that turn with
@@ -82,6 +83,7 @@ class ExtendedModel:
     noise: np.ndarray
     stds: tuple[Mapping[str, float], ...] = ()
     lead: float = 0.0
+    lag: float = 0.0
     beyond: PhysicalModel | None = None
     sticking: tuple[float, ...] = ()
 
@@ -182,7 +184,7 @@ class ExtendedModel:
         for lead in np.unique(leads):
             later = motion.advanced(acting, float(lead)) if lead else acting
             measured[:, leads == lead] = later[:, leads == lead]
-        return np.asarray((measured - plant.offset) / plant.scale)
+        return np.asarray((signals.lagging(measured, self.lag) - plant.offset) / plant.scale)
 
     def _acting(self, plant: Plant, signals: Signals) -> tuple[Motion, np.ndarray]:
         """A motion with the effort that really acts along it, and that effort, (N, n) [N·m].
@@ -230,6 +232,7 @@ class ExtendedModel:
             "effects": [entry(effect, self.bare) for effect in self.effects],
             "stds": [dict(std) for std in self.stds],
             "lead": self.lead,
+            "lag": self.lag,
             "sticking": list(self.sticking),
         }
         if self.beyond is not None:
@@ -253,6 +256,7 @@ class ExtendedModel:
                 noise=np.asarray(arrays["noise"], float),
                 stds=tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
                 lead=float(info["lead"]),
+                lag=float(info.get("lag", 0.0)),
                 sticking=tuple(float(value) for value in info.get("sticking", ())),
                 beyond=PhysicalModel.from_state(held, info["beyond"]) if held else None,
             )

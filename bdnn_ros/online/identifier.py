@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.lateness import in_time, lateness
+from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.online.chunks import Chunks
 from bdnn_ros.physical.columns import low_passed, sharp_columns, smooth_columns
@@ -177,17 +177,17 @@ class Identifier:
         model = self.model(ITERATIONS)
         if progress:
             progress(1.0, "done")
-        return replace(model, lead=model.lead - late) if late else model
+        return replace(model, lead=model.lead - late.delay, lag=late.lag)
 
-    def _lateness(self, recordings: Sequence[Recording]) -> float:
-        """How late the efforts of recordings are [s], their median; none where they are too short to tell."""
+    def _lateness(self, recordings: Sequence[Recording]) -> Lateness:
+        """How late the efforts of recordings are, the median one; not at all where they are too short to tell."""
         found = []
         for recording in recordings:
             try:
                 found.append(lateness(prepare(recording, self._stream.cutoff), self.robot))
             except RecordingError:
                 continue
-        return float(np.median(found)) if found else 0.0
+        return sorted(found, key=lambda late: late.total)[len(found) // 2] if found else Lateness()
 
     # -- models out ------------------------------------------------------------------------------
 

@@ -38,6 +38,7 @@ class PhysicalModel:
         learned: what the joints' networks add, or None.
         lead: how far the measured effort is ahead of the motion [s]; a command held for a period is by half of it.
         lead_std: its standard deviation [s].
+        lag: time constant of a low-pass of first order that the measured effort has passed [s].
     """
 
     kind: ClassVar[str] = "physical"
@@ -52,6 +53,7 @@ class PhysicalModel:
     learned: LocalResiduals | None = None
     lead: float = 0.0
     lead_std: float = 0.0
+    lag: float = 0.0
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -143,7 +145,8 @@ class PhysicalModel:
         return self._shifted(load + linear + signals.soften(sharp), signals)
 
     def _shifted(self, effort: np.ndarray, signals: Signals) -> np.ndarray:
-        """The effort as a sensor reports it that is ahead of the motion."""
+        """The effort as a sensor reports it that is ahead of the motion, and as slow as it is."""
+        effort = signals.lagging(effort, self.lag)
         if self.lead == 0.0:
             return effort
         result = np.empty_like(effort)
@@ -179,6 +182,7 @@ class PhysicalModel:
             "breakaway": list(self.breakaway),
             "lead": self.lead,
             "lead_std": self.lead_std,
+            "lag": self.lag,
             "motors": pairs,
         }
         if self.learned is not None:
@@ -207,6 +211,7 @@ class PhysicalModel:
                 breakaway=breakaway,
                 lead=float(info["lead"]),
                 lead_std=float(info.get("lead_std", 0.0)),
+                lag=float(info.get("lag", 0.0)),
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )

@@ -40,6 +40,7 @@ def as_json(
             for one in combinations(model.robot)
         ],
         "lead": {"value": model.lead, "std": model.lead_std, "unit": "s"},
+        "lag": {"value": model.lag, "unit": "s"},
         "terms": [_terms(model, k) for k in range(model.robot.width)],
         "remarks": [{"about": one.about, "problem": one.problem, "remedy": one.remedy} for one in remarks],
         "agreement": [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import oaconvolve
+from scipy.signal import lfilter, oaconvolve
 
 KERNEL_WIDTHS = 4.0
 """Half length of the kernel in standard deviations."""
@@ -46,6 +46,12 @@ def convolved(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     padded = np.pad(np.asarray(values, float), [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="edge")
     kernel = weights.reshape(-1, *[1] * (values.ndim - 1))
     return np.asarray(oaconvolve(padded, kernel, mode="valid", axes=0))
+
+
+def lagging(values: np.ndarray, lag: float, rate: float) -> np.ndarray:
+    """Values (N, ...) at a rate [Hz] behind a low-pass of first order of a time constant [s] that rests at the first."""
+    passed, kept = [1.0, 1.0], [1.0 + 2.0 * lag * rate, 1.0 - 2.0 * lag * rate]
+    return np.asarray(values[:1] + lfilter(passed, kept, values - values[:1], axis=0))
 
 
 def convolved_at(values: np.ndarray, weights: np.ndarray, samples: np.ndarray, within: slice) -> np.ndarray:

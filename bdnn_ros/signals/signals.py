@@ -13,7 +13,14 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import convolve1d
 
-from bdnn_ros.signals.kernels import convolved, convolved_at, gaussian_kernel, gaussian_std, passed_noise
+from bdnn_ros.signals.kernels import (
+    convolved,
+    convolved_at,
+    gaussian_kernel,
+    gaussian_std,
+    lagging,
+    passed_noise,
+)
 from bdnn_ros.signals.lowpasses import Lowpass, Response, Restored, kernel_of
 
 UNSEEN = 0.02
@@ -96,6 +103,11 @@ class Signals:
         """Values (N, ...) behind one more filter without delay, segment by segment."""
         weights = kernel_of(response, self.rate)
         return np.concatenate([convolved(values[rows], weights) for rows in self.segments])
+
+    def lagging(self, values: np.ndarray, lag: float) -> np.ndarray:
+        """Values (N, ...) behind a low-pass of first order of a time constant [s], as sensors have, segment by segment."""
+        parts = [lagging(values[rows], lag, self.rate) for rows in self.segments]
+        return np.concatenate(parts) if lag else values
 
     def passed(self, values: np.ndarray, cutoff: float) -> np.ndarray:
         """Values (N, ...) behind a flattened low-pass, see `flattened`, of another cut-off [Hz]."""
