@@ -13,10 +13,12 @@ from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model
 from bdnn_ros.signals import prepare
+from bdnn_ros.signals.kernels import lagging
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.simulate import simulate
 
@@ -126,3 +128,24 @@ def test_what_is_identified_predicts_efforts_as_late_as_they_came():
     model = Identifier(robot).fit([late(recording, 0.06)])
     assert model.lead == pytest.approx(-0.06, abs=0.004)
     assert score_model(model, [prepare(late(recording, 0.06))]).nrmse_mean < before + 0.02
+
+
+def test_what_is_identified_predicts_efforts_as_slow_as_they_came(tmp_path):
+    robot = Robot.bundled("arm6")
+    recording = Scenario(robot, seed=6, duration=20.0, worn=True, wrong=0.05).run()[0].recording
+    slow = smoothed(recording, 0.06)
+    before = score_model(Identifier(robot).fit([recording]), [prepare(recording)]).nrmse_mean
+    model = Identifier(robot).fit([slow])
+    assert model.lag == pytest.approx(0.06, abs=0.004)
+    again = load_model(save_model(tmp_path, model))
+    assert score_model(again, [prepare(slow)]).nrmse_mean < before + 0.02
+
+
+def test_a_lag_is_a_low_pass_of_first_order():
+    time = np.arange(0.0, 20.0, 0.005)
+    wave = np.sin(2.0 * np.pi * 1.5 * time)[:, None]
+    slow = lagging(wave, 0.08, 200.0)[2000:, 0]
+    gain = 1.0 / (1.0 + 2j * np.pi * 1.5 * 0.08)
+    expected = np.imag(gain * np.exp(2j * np.pi * 1.5 * time))[2000:]
+    np.testing.assert_allclose(slow, expected, atol=2e-3)
+    np.testing.assert_allclose(lagging(np.full((50, 2), 3.0), 0.08, 200.0), 3.0)  # at rest from the first

@@ -174,12 +174,14 @@ def test_files_keep_everything(robot: Robot, tmp_path) -> None:
         noise=np.arange(7.0),
         stds=({"coulomb": 0.1},),
         lead=0.003,
+        lag=0.02,
     )
     again = load_model(save_model(tmp_path, model))
     assert isinstance(again, ExtendedModel)
     np.testing.assert_array_equal(again.predict(signals), model.predict(signals))
     np.testing.assert_array_equal(again.noise, model.noise)
-    assert again.stds == model.stds and again.lead == model.lead
+    assert again.stds == model.stds and (again.lead, again.lag) == (model.lead, model.lag)
+    assert not np.allclose(replace(again, lag=0.0).predict(signals), again.predict(signals))
 
 
 def test_a_damaged_file_is_refused(robot: Robot, tmp_path) -> None:
