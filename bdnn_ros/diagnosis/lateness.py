@@ -20,7 +20,7 @@ from bdnn_ros.signals import Signals, mended
 
 LATEST = 0.2
 """Efforts may be so late [s]."""
-LEAST = 0.015
+LEAST = 0.008
 """Less is left to the regression [s]."""
 LEFT = 0.001
 """So much is left to it of what is more, too: an effort that is moved too far would act later than it was measured."""
