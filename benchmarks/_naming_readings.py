@@ -31,6 +31,8 @@ SLOW = 50.0
 """Rate of a slow driver [Hz]."""
 SENSOR_CUTOFF = 10.0
 """Of a first-order low-pass in the effort sensors [Hz]."""
+EXPONENTIAL = 2.0
+"""Of exponential smoothing of the efforts by a driver [Hz]."""
 SMOOTHED = 3.0
 """Of the low-pass in both directions of a published recording [Hz]."""
 LATE = 0.05
@@ -78,8 +80,17 @@ def held(recording: Recording, rng: np.random.Generator) -> Recording:
 
 def lagging(recording: Recording, rng: np.random.Generator) -> Recording:
     """Effort sensors behind a low-pass of 10 Hz."""
+    return _of_first_order(recording, SENSOR_CUTOFF)
+
+
+def sluggish(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Efforts that their driver smooths exponentially, at 2 Hz."""
+    return _of_first_order(recording, EXPONENTIAL)
+
+
+def _of_first_order(recording: Recording, cutoff: float) -> Recording:
     effort = recording.require_effort()
-    share = 1.0 - np.exp(-2.0 * np.pi * SENSOR_CUTOFF / recording.rate)
+    share = 1.0 - np.exp(-2.0 * np.pi * cutoff / recording.rate)
     passed = lfilter([share], [1.0, share - 1.0], effort - effort[0], axis=0)
     return replace(recording, effort=passed + effort[0])
 
@@ -91,6 +102,11 @@ def smoothed(recording: Recording, rng: np.random.Generator) -> Recording:
         sosfiltfilt(passes, values, axis=0) for values in (recording.position, recording.require_effort())
     )
     return replace(recording, position=position, velocity=None, effort=effort)
+
+
+def smoothed_efforts(recording: Recording, rng: np.random.Generator) -> Recording:
+    """The efforts alone low-passed at 3 Hz, in both directions."""
+    return replace(recording, effort=smoothed(recording, rng).effort)
 
 
 def wrong_readings(recording: Recording, rng: np.random.Generator) -> Recording:
@@ -138,7 +154,9 @@ WAYS: dict[str, Misread] = {
     "no velocity": without_velocity,
     "each effort published three times": held,
     "effort sensors of 10 Hz": lagging,
+    "efforts smoothed exponentially, at 2 Hz": sluggish,
     "all signals low-passed at 3 Hz": smoothed,
+    "efforts low-passed at 3 Hz": smoothed_efforts,
     "one reading in 5 000 wrong": wrong_readings,
     "sensors at their limit above 75 %": limited,
     "efforts zero for 60 ms, five times": dropping,

@@ -60,7 +60,7 @@ def test_a_kernel_has_the_gain_it_was_made_of(lowpass, become):
     np.testing.assert_allclose(kernel, kernel[::-1], atol=1e-15)
     np.testing.assert_allclose(heard(kernel, FREQUENCIES), become(lowpass).gain(FREQUENCIES), atol=0.03)
     assert kernel.sum() == pytest.approx(1.0)
-    assert 0 < reach_of(become(lowpass), RATE) <= len(kernel) // 2
+    assert 0 < reach_of(become(lowpass), RATE, 0.01) <= len(kernel) // 2
 
 
 def test_convolution_goes_on_beyond_the_ends_and_takes_values_of_any_shape():
@@ -69,5 +69,9 @@ def test_convolution_goes_on_beyond_the_ends_and_takes_values_of_any_shape():
     np.testing.assert_allclose(convolved(still, kernel), still, atol=1e-12)  # shorter than the kernel, too
     values = np.random.default_rng(0).standard_normal((900, 2))
     half = len(kernel) // 2
-    by_hand = np.convolve(np.pad(values[:, 1], half, mode="edge"), kernel, mode="valid")
+    by_hand = np.convolve(
+        np.pad(values[:, 1], half, mode="reflect", reflect_type="odd"), kernel, mode="valid"
+    )
     np.testing.assert_allclose(convolved(values, kernel)[:, 1], by_hand, atol=1e-12)
+    line = np.linspace(-1.0, 4.0, 500)[:, None]
+    np.testing.assert_allclose(convolved(line, kernel), line, atol=1e-12)

@@ -18,7 +18,7 @@ from bdnn_ros.diagnosis.leftover import NEW, basis, beyond, regret
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
-from bdnn_ros.signals.lowpasses import Lowpass, Restored, Restoring, reach_of
+from bdnn_ros.signals.lowpasses import Lowpass, Response, Restored, Restoring, reach_of
 
 CUTOFFS = tuple(2.0 ** ((k - 1) / 2.0) for k in range(8))
 """Gaussian low-passes tried [Hz]; wider ones soften less than a diagnosis' own."""
@@ -40,6 +40,8 @@ ENOUGH = 60.0
 """So much motion tells [s]."""
 MOST_ROWS = 3000
 TINY = 1e-30
+HARDLY, LITTLE = 0.01, 0.05
+"""Of a filter that reaches beyond a segment's ends, where low-passes are told from one another and where motion is compared."""
 COMPARED = 0.7
 """Motion and effort are compared behind a low-pass at most this share of what is left of the one they had passed."""
 
@@ -104,8 +106,8 @@ class _Changes:
         self.signs = [signals.sign] if motion is signals else [signals.sign, motion.sign]
         moves = telling(signals)
         self.rows = signals.interior & moves.any(axis=1)
-        if own is not None:
-            self.rows &= _untouched(signals, own)
+        response = Lowpass(CUTOFFS[0], 0) if own is None else Restoring(own.lowpass)
+        self.rows &= _untouched(signals, response, HARDLY)
         self.rows = some(np.flatnonzero(self.rows), MOST_ROWS)
         self.joints = np.flatnonzero(moves[self.rows].any(axis=0))
         borne = robot.regressor(motion.position, motion.velocity, motion.acceleration)
@@ -133,7 +135,7 @@ class _Changes:
         return np.log([_left(t, s) for t, s in zip(self.target, own, strict=True)])
 
 
-def _moved(signals: Signals, response: Restored | Restoring) -> Signals:
+def _moved(signals: Signals, response: Response) -> Signals:
     """The signals with their motion behind one more filter."""
     return replace(
         signals,
@@ -143,9 +145,9 @@ def _moved(signals: Signals, response: Restored | Restoring) -> Signals:
     )
 
 
-def _untouched(signals: Signals, own: Softness) -> np.ndarray:
-    """Samples on which no segment's end tells where what was let through is given back, (N,) bool; of short ones half."""
-    reach = reach_of(Restoring(own.lowpass), signals.rate)
+def _untouched(signals: Signals, response: Response, share: float) -> np.ndarray:
+    """Samples on which a segment's ends tell by no more than a share of a filter, (N,) bool; of short segments half."""
+    reach = reach_of(response, signals.rate, share)
     inside = np.zeros(len(signals), bool)
     for rows in signals.segments:
         margin = min(reach, (rows.stop - rows.start) // 4)
@@ -165,7 +167,7 @@ def softened(signals: Signals, own: Softness) -> Signals:
         own=restored,
         cutoff=min(signals.cutoff, COMPARED * restored.edge),
     )
-    return whole.rows(_untouched(signals, own))
+    return whole.rows(_untouched(signals, restoring, LITTLE))
 
 
 def noted(recordings: Sequence[Recording], own: Softness) -> list[Recording]:

@@ -41,9 +41,10 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
 
 
 def convolved(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Convolution of values (N, ...) with a long symmetric kernel (K,); first and last values go on beyond the ends."""
+    """Convolution of values (N, ...) with a long symmetric kernel (K,); they go on beyond an end as before it, turned by 180°."""
     half = len(weights) // 2
-    padded = np.pad(np.asarray(values, float), [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="edge")
+    margins = [(half, half)] + [(0, 0)] * (values.ndim - 1)
+    padded = np.pad(np.asarray(values, float), margins, mode="reflect", reflect_type="odd")
     kernel = weights.reshape(-1, *[1] * (values.ndim - 1))
     return np.asarray(oaconvolve(padded, kernel, mode="valid", axes=0))
 

@@ -15,8 +15,6 @@ GRID = 1 << 14
 """Samples of the longest kernel."""
 TAIL = 1e-3
 """Share of a kernel's sum of magnitudes that is cut off at its ends."""
-FAR = 1e-2
-"""Beyond a kernel's reach is so much of it."""
 
 
 @dataclass(frozen=True)
@@ -99,9 +97,9 @@ def kernel_of(response: Response, rate: float) -> np.ndarray:
     return np.asarray(kept)
 
 
-def reach_of(response: Response, rate: float) -> int:
-    """How many samples about each one what becomes of it hangs on."""
-    return _reach(kernel_of(response, rate), FAR)
+def reach_of(response: Response, rate: float, share: float) -> int:
+    """How many samples about each one what becomes of it hangs on, but for a share of the kernel."""
+    return _reach(kernel_of(response, rate), share)
 
 
 def _reach(kernel: np.ndarray, share: float) -> int:
