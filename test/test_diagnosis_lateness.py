@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from bdnn_ros import bags
+from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.effects.registry import parse_spec
@@ -105,6 +107,20 @@ def test_the_same_is_named_and_the_extended_model_predicts_what_is_recorded():
     assert finding.parameters["viscous"].value == pytest.approx(8.0, rel=0.02)
     assert any("after the motion it belongs to" in note for note in examination.recordings[0].notes)
     assert score_model(extend(examination), [prepare(recording)]).nrmse_mean < 0.02
+
+
+def test_info_tells_of_it(tmp_path, capsys):
+    robot = Robot.bundled("arm2")
+    recording = Scenario(robot, seed=11, duration=15.0, worn=True).run()[0].recording
+    for name, one, words in (
+        ("as-it-is", recording, ""),
+        ("late", late(recording, 0.05), "after the motion it belongs to"),
+        ("slow", smoothed(recording, 0.05), "a low-pass of first order"),
+    ):
+        assert main(["info", str(bags.write(one, tmp_path / name))]) == 0
+        out = " ".join(capsys.readouterr().out.split())
+        assert words in out
+        assert words or not ("after the motion" in out or "first order" in out)
 
 
 def test_friction_behind_a_slow_effort_sensor_is_named_as_what_it_is():

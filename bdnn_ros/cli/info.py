@@ -16,7 +16,7 @@ from bdnn_ros.checks.data import unread
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import loading, options
 from bdnn_ros.cli.describing import unusable
-from bdnn_ros.diagnosis.softness import note, softness
+from bdnn_ros.diagnosis import lateness, softness
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
@@ -90,6 +90,7 @@ def run(args: argparse.Namespace) -> int:
         report["concerns"] = [
             *concerns(recording, joints),
             *_of_the_description(recording, signals, robot),
+            *_of_the_efforts(recording, signals, robot),
         ]
         loading.require_motion(recording)
         recording.require_effort()
@@ -107,9 +108,18 @@ def _of_the_description(recording: Recording, signals: Signals, robot: Robot | N
     if robot is None:
         problem = unusable([recording])
         return [problem] if problem else []
-    own = softness(signals, robot) if signals.effort is not None else None
-    found = [str(remark) for remark in (*doubts(robot), *breaches(signals, robot))]
-    return found if own is None else [*found, note(recording, own)]
+    return [str(remark) for remark in (*doubts(robot), *breaches(signals, robot))]
+
+
+def _of_the_efforts(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:
+    """What the efforts had passed before they were recorded."""
+    if robot is None or signals.effort is None:
+        return []
+    late = lateness.lateness(signals, robot)
+    if late.total:
+        return [lateness.note(recording, late)]
+    own = softness.softness(signals, robot)
+    return [] if own is None else [softness.note(recording, own)]
 
 
 def timing(recording: Recording) -> dict[str, Any]:

@@ -133,33 +133,41 @@ def _refined(signals: Signals, robot: Robot, efforts: _Efforts, samples: int, la
 def in_time(recordings: Sequence[Recording], late: Lateness) -> list[Recording]:
     """Recordings with efforts as they acted, with a note."""
     if late.lag:
-        return [_quicker(mended(recording), late.lag) for recording in recordings]
-    return [_earlier(recording, late.delay) for recording in recordings] if late.delay else list(recordings)
+        return [_quicker(mended(recording), late) for recording in recordings]
+    return [_earlier(recording, late) for recording in recordings] if late.delay else list(recordings)
 
 
-def _earlier(recording: Recording, delay: float) -> Recording:
-    samples = round(delay * recording.rate)
+def note(recording: Recording, late: Lateness) -> str:
+    """What a user should know of a recording whose efforts come late."""
+    if late.lag:
+        return (
+            f"{recording.name}: the efforts passed a low-pass of first order, of about {0.5 / np.pi / (late.lag + LEFT):.1f} "
+            "Hz, before they were recorded; it is taken back. Record them as they are measured."
+        )
+    return (
+        f"{recording.name}: the effort comes about {1e3 * (late.delay + LEFT):.0f} ms after the motion it belongs to; it is "
+        "moved. Stamp position and effort where they are measured."
+    )
+
+
+def _earlier(recording: Recording, late: Lateness) -> Recording:
+    samples = round(late.delay * recording.rate)
     rows = np.concatenate([np.arange(s.start, max(s.stop - samples, s.start)) for s in recording.segments()])
     if not samples or not len(rows):
         return recording
-    note = (
-        f"{recording.name}: the effort comes about {1e3 * (delay + LEFT):.0f} ms after the motion it belongs to; it is moved. "
-        "Stamp position and effort where they are measured."
-    )
-    kept = recording.part(rows)
     effort = recording.require_effort()[rows + samples]
-    return replace(kept, effort=effort, notes=(*recording.notes, note))
+    return _with(recording, rows, effort, late)
 
 
-def _quicker(recording: Recording, lag: float) -> Recording:
+def _quicker(recording: Recording, late: Lateness) -> Recording:
     """What exponential smoothing made of the efforts taken back: x[k] = y[k] + lag / period (y[k] - y[k - 1])."""
     rows = np.concatenate([np.arange(s.start + 1, s.stop) for s in recording.segments()])
     if not len(rows):
         return recording
     effort = recording.require_effort()
-    acted = effort[rows] + lag * recording.rate * (effort[rows] - effort[rows - 1])
-    note = (
-        f"{recording.name}: the efforts passed a low-pass of first order, of about {0.5 / np.pi / (lag + LEFT):.1f} Hz, before "
-        "they were recorded; it is taken back. Record them as they are measured."
-    )
-    return replace(recording.part(rows), effort=acted, notes=(*recording.notes, note))
+    acted = effort[rows] + late.lag * recording.rate * (effort[rows] - effort[rows - 1])
+    return _with(recording, rows, acted, late)
+
+
+def _with(recording: Recording, rows: np.ndarray, effort: np.ndarray, late: Lateness) -> Recording:
+    return replace(recording.part(rows), effort=effort, notes=(*recording.notes, note(recording, late)))
