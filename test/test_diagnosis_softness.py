@@ -81,6 +81,15 @@ def test_what_is_soft_in_the_robot_is_no_lowpass(specs):
     assert softness(seen(recording), robot) is None
 
 
+def test_a_joint_that_moves_at_the_end_alone_hides_no_lowpass():
+    robot = Robot.bundled("arm2")
+    recording = Scenario(robot, seed=11, duration=15.0, worn=True, wrong=0.05).run()[0].recording
+    position, late = recording.position.copy(), int(0.95 * len(recording))
+    position[:late, 1] = position[late, 1]
+    found = softness(seen(lowpassed(replace(recording, position=position, velocity=None), 3.0)), robot)
+    assert found is not None and found.lowpass.cutoff == pytest.approx(3.0, rel=0.1)
+
+
 @pytest.mark.parametrize("cutoff, order", [(1.5, 2), (3.0, 4), (5.0, 2)])
 def test_what_was_let_through_is_given_back(cutoff, order):
     robot = Robot.bundled("arm2")

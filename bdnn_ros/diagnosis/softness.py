@@ -104,12 +104,11 @@ class _Changes:
         self.signals = signals
         motion = signals if own is None or not own.motion else _moved(signals, Restoring(own.lowpass))
         self.signs = [signals.sign] if motion is signals else [signals.sign, motion.sign]
-        moves = telling(signals)
-        self.rows = signals.interior & moves.any(axis=1)
         response = Lowpass(CUTOFFS[0], 0) if own is None else Restoring(own.lowpass)
-        self.rows &= _untouched(signals, response, HARDLY)
-        self.rows = some(np.flatnonzero(self.rows), MOST_ROWS)
-        self.joints = np.flatnonzero(moves[self.rows].any(axis=0))
+        moves = telling(signals) & signals.interior[:, None]
+        inside = moves.any(axis=1) & _untouched(signals, response, HARDLY)
+        self.rows = some(np.flatnonzero(inside if inside.any() else moves.any(axis=1)), MOST_ROWS)
+        self.joints = np.flatnonzero(moves.any(axis=0))  # the same ones whatever is left out at the ends
         borne = robot.regressor(motion.position, motion.velocity, motion.acceleration)
         drives = np.stack([motion.acceleration, motion.velocity], axis=2)
         smooth = np.concatenate([borne, drives], axis=2)
