@@ -36,6 +36,8 @@ OUTDONE = 0.05
 """What is less than this share of another push at its time is what a constant wrench leaves of that one."""
 CREEPING = 0.1
 """Below this share of its usual speed a joint has any dry friction, up to that of standing."""
+ENDS = 0.6
+"""So near its ends a recording that was filtered both ways before it was published shows what was never there [s]."""
 
 
 def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
@@ -122,7 +124,9 @@ def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     if not push.effect.timed:
         return False
     others = [c for c in chosen if c != one]
-    if _of_creeping(pool, chosen, others):
+    motion, rows = pool.equations.motion, pool.equations.rows
+    creeping = np.abs(motion.velocity[rows]) < CREEPING * motion.usual_velocity
+    if _mostly(creeping, pool, chosen, others):
         return True
     pushes = [c for c in others if together(push, pool.terms[c])]
     return any(_crossed(pool, chosen, c, push) for c in others) or any(
@@ -139,12 +143,17 @@ def _outdone(pool: Pool, chosen: Sequence[int], one: int, other: int) -> bool:
     return bool(less < (1.0 if apart < TOUCHING else OUTDONE**2) * more)
 
 
-def _of_creeping(pool: Pool, chosen: Sequence[int], others: Sequence[int]) -> bool:
-    """Whether most of what a set explains better than some others of it is what creeping joints do."""
-    motion, rows = pool.equations.motion, pool.equations.rows
+def at_an_end(pool: Pool, chosen: Sequence[int], one: int) -> bool:
+    """Whether most of what a push explains is at a recording's ends, where a filter may have made it of the motion's own."""
+    time = pool.equations.motion.time[pool.equations.rows]
+    ends = (time < time[0] + ENDS) | (time > time[-1] - ENDS)
+    return pool.terms[one].effect.timed and _mostly(ends, pool, chosen, [c for c in chosen if c != one])
+
+
+def _mostly(where: np.ndarray, pool: Pool, chosen: Sequence[int], others: Sequence[int]) -> bool:
+    """Whether most of what a set explains better than some others of it is in some rows, (R,) or (R, n) bool."""
     better = pool.white_residual(pool.fit(others)) ** 2 - pool.white_residual(pool.fit(chosen)) ** 2
-    creeping = np.abs(motion.velocity[rows]) < CREEPING * motion.usual_velocity
-    return bool(better[creeping].sum() > 0.5 * better.sum() > 0.0)
+    return bool(better[where].sum() > 0.5 * better.sum() > 0.0)
 
 
 def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:

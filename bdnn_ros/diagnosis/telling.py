@@ -15,7 +15,7 @@ from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import leftover, together
+from bdnn_ros.diagnosis.pushes import ENDS, at_an_end, leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
@@ -38,6 +38,10 @@ ALONE = (
 BRIEFLY = (
     "No joint moves for more than {seconds:.1f} s, where a low-pass of {cutoff:.1f} Hz asks for {least:.1f} s: what changes with "
     "time, a push or a drift, cannot be told from what differs from place to place, so none is named. Record more motion."
+)
+AT_AN_END = (
+    f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
+    "it is not named. Record on until the robot rests."
 )
 MUCH_LEFT = 0.3
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
@@ -90,6 +94,8 @@ def told(
             *(note for recording in recordings for note in recording.notes),
             *([] if equations.alone is None else [ALONE.format(joint=robot.joints[equations.alone])]),
             *_briefly(equations),
+            *[AT_AN_END]
+            * any(at_an_end(attempt.fitted, range(len(found)), one) for one in range(len(found))),
             *[FAR_OFF] * far_off,
         ),
     )
@@ -118,7 +124,8 @@ def _findings(
         borne_out = gone or float(np.sum(less / scale**2)) > 0.0
         borne_out &= held_out.brief or judgement.steady
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
-        if not (large_enough and borne_out) or leftover(attempt.fitted, every, one):
+        unsure = leftover(attempt.fitted, every, one) or at_an_end(attempt.fitted, every, one)
+        if not (large_enough and borne_out) or unsure:
             continue
         shown = estimate.shown or _alone(estimate, found)
         where = estimate.term.target
