@@ -145,6 +145,7 @@ def findings_of(
     ever = Removal(np.array([0.1]), True, True, held_out.brief)
     monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
     monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
+    monkeypatch.setattr(telling, "at_an_end", lambda fitted, every, one: False)
     monkeypatch.setattr(telling, "_finding", tell)
     equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
     test = np.arange(9) < 2
