@@ -145,9 +145,8 @@ def findings_of(
     ever = Removal(np.array([0.1]), True, True, held_out.brief)
     monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
     monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
-    monkeypatch.setattr(telling, "at_an_end", lambda fitted, every, one: False)
     monkeypatch.setattr(telling, "_finding", tell)
     equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
     test = np.arange(9) < 2
     attempt = SimpleNamespace(test=test, judgements=[judgement], fitted=None, extended=None)
-    return telling._findings(Robot.bundled("arm2"), equations, attempt, [estimate], np.zeros(1, bool))
+    return telling._findings(Robot.bundled("arm2"), equations, attempt, [estimate], np.zeros(1, bool), set())

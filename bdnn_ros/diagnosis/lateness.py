@@ -29,8 +29,9 @@ BETTER = 1.25
 LAGS = tuple(0.005 * 1.15**k for k in range(27))
 """Time constants of low-passes that are tried [s]."""
 NEAR = tuple(1.08**k for k in range(-3, 6))
-"""Those tried in the end, per the best one; and delays, in samples from the best one."""
+"""Those tried in the end, per the best one."""
 NEARBY = range(-2, 4)
+"""Delays tried in the end, in samples from the best one."""
 MOST_ROWS = 500
 TOLD_BY = 1500
 """So many rows tell in the end how late efforts are."""
@@ -89,8 +90,7 @@ class _Efforts:
         )
         self.rows = rows[inside[rows]]
         self._effort = signals.effort
-        self._change = np.concatenate([np.gradient(self._effort[s], axis=0) for s in signals.segments])
-        self._rate = signals.rate
+        self._change = signals.derivative(signals.effort)
 
     def earlier(self, rows: np.ndarray, samples: int) -> np.ndarray:
         """Stamped so many samples earlier, (R, n)."""
@@ -98,7 +98,7 @@ class _Efforts:
 
     def quicker(self, rows: np.ndarray, lag: float) -> np.ndarray:
         """Without a low-pass of a time constant [s], (R, n)."""
-        return np.asarray(self._effort[rows] + lag * self._rate * self._change[rows])
+        return np.asarray(self._effort[rows] + lag * self._change[rows])
 
 
 def _refined(signals: Signals, robot: Robot, efforts: _Efforts, samples: int, lag: float) -> Lateness:
@@ -107,7 +107,7 @@ def _refined(signals: Signals, robot: Robot, efforts: _Efforts, samples: int, la
     Joints stick while they turn round, so that their friction turns early: the direction's rate is free, too.
     """
     rows = some(efforts.rows, TOLD_BY)
-    direction = np.concatenate([np.gradient(signals.sign[s], axis=0) for s in signals.segments])[rows]
+    direction = signals.derivative(signals.sign)[rows]
     position, velocity, acceleration = (
         signals.position[rows],
         signals.velocity[rows],

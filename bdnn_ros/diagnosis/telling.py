@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -70,7 +70,8 @@ def told(
     floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
     near_floor = _near(after, floor, equations.effort_scale)
     unfit = _unfit(equations, simulation, after, near_floor)
-    findings, doubtful = _findings(robot, equations, attempt, found, unfit)
+    at_ends = {one for one in range(len(found)) if at_an_end(attempt.fitted, range(len(found)), one)}
+    findings, doubtful = _findings(robot, equations, attempt, found, unfit, at_ends)
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
@@ -94,20 +95,25 @@ def told(
             *(note for recording in recordings for note in recording.notes),
             *([] if equations.alone is None else [ALONE.format(joint=robot.joints[equations.alone])]),
             *_briefly(equations),
-            *[AT_AN_END]
-            * any(at_an_end(attempt.fitted, range(len(found)), one) for one in range(len(found))),
+            *[AT_AN_END] * bool(at_ends),
             *[FAR_OFF] * far_off,
         ),
     )
 
 
 def _findings(
-    robot: Robot, equations: Equations, attempt: Attempt, found: Sequence[Estimate], unfit: np.ndarray
+    robot: Robot,
+    equations: Equations,
+    attempt: Attempt,
+    found: Sequence[Estimate],
+    unfit: np.ndarray,
+    unnamed: Container[int],
 ) -> tuple[list[Finding], bool]:
     """What is sure and large enough for a name, and whether something large is likely without being sure.
 
     Args:
         unfit: joints of which nothing is named, (n,) bool.
+        unnamed: terms that have no name, whatever they explain.
     """
     held = equations.usable & attempt.test[:, None]
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
@@ -124,8 +130,7 @@ def _findings(
         borne_out = gone or float(np.sum(less / scale**2)) > 0.0
         borne_out &= held_out.brief or judgement.steady
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
-        unsure = leftover(attempt.fitted, every, one) or at_an_end(attempt.fitted, every, one)
-        if not (large_enough and borne_out) or unsure:
+        if not (large_enough and borne_out) or one in unnamed or leftover(attempt.fitted, every, one):
             continue
         shown = estimate.shown or _alone(estimate, found)
         where = estimate.term.target

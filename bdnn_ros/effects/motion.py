@@ -185,10 +185,7 @@ class Motion:
 
     def derivative(self, values: np.ndarray) -> np.ndarray:
         """Time derivative along each gap-free segment, same shape."""
-        result = np.empty_like(values)
-        for rows in self.signals.segments:
-            result[rows] = np.gradient(values[rows], 1.0 / self.signals.rate, axis=0)
-        return result
+        return self.signals.derivative(values)
 
     def shifted(self, target: int, change: np.ndarray) -> np.ndarray:
         """Change of the rigid effort per unit of a small change of one joint's motion, (N, n) [N·m].

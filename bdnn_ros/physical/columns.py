@@ -18,7 +18,8 @@ def smooth_columns(robot: Robot, signals: Signals) -> np.ndarray:
     q, v, a = signals.position, signals.velocity * moves, signals.acceleration * moves
     own = np.stack([a, v, np.ones_like(q)], axis=-1)
     motors = np.stack([coupled(a), coupled(v)], axis=-1)
-    rate = _derivative(signals)[:, :, None]
+    assert signals.effort is not None
+    rate = signals.derivative(signals.effort)[:, :, None]  # what a sensor that is a second ahead would add
     return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors), rate], axis=-1)
 
 
@@ -58,15 +59,6 @@ def _filter(signals: Signals, kernel: np.ndarray, rows: np.ndarray) -> np.ndarra
         inside = np.flatnonzero((rows >= segment.start) & (rows < segment.stop))
         taps = np.clip(rows[inside, None] + np.arange(-half, half + 1), segment.start, segment.stop - 1)
         np.add.at(result, (inside[:, None], taps), kernel)
-    return result
-
-
-def _derivative(signals: Signals) -> np.ndarray:
-    """Rate of the measured effort, (N, n) [N·m/s]: what a sensor that is a second ahead would add."""
-    assert signals.effort is not None
-    result = np.empty_like(signals.effort)
-    for segment in signals.segments:
-        result[segment] = np.gradient(signals.effort[segment], 1.0 / signals.rate, axis=0)
     return result
 
 

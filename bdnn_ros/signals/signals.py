@@ -7,6 +7,7 @@ unbiased. A Gaussian never overshoots, which matters beside the steps of dry fri
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -96,18 +97,26 @@ class Signals:
     def behind(self, values: np.ndarray, cutoff: float) -> np.ndarray:
         """Values (N, ...) behind one more low-pass, a Gaussian of a cut-off [Hz], segment by segment."""
         weights = gaussian_kernel(gaussian_std(cutoff), self.rate)[0]
-        parts = [np.asarray(values[rows], float) for rows in self.segments]
-        return np.concatenate([convolve1d(part, weights, axis=0, mode="nearest") for part in parts])
+        return self._along(
+            values, lambda part: convolve1d(np.asarray(part, float), weights, axis=0, mode="nearest")
+        )
 
     def through(self, values: np.ndarray, response: Response) -> np.ndarray:
         """Values (N, ...) behind one more filter without delay, segment by segment."""
         weights = kernel_of(response, self.rate)
-        return np.concatenate([convolved(values[rows], weights) for rows in self.segments])
+        return self._along(values, lambda part: convolved(part, weights))
 
     def lagging(self, values: np.ndarray, lag: float) -> np.ndarray:
         """Values (N, ...) behind a low-pass of first order of a time constant [s], as sensors have, segment by segment."""
-        parts = [lagging(values[rows], lag, self.rate) for rows in self.segments]
-        return np.concatenate(parts) if lag else values
+        return self._along(values, lambda part: lagging(part, lag, self.rate)) if lag else values
+
+    def derivative(self, values: np.ndarray) -> np.ndarray:
+        """Time derivative of values (N, ...), segment by segment."""
+        return self._along(values, lambda part: np.gradient(part, 1.0 / self.rate, axis=0))
+
+    def _along(self, values: np.ndarray, each: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """What becomes of each segment of values (N, ...), one after the other."""
+        return np.concatenate([each(values[rows]) for rows in self.segments])
 
     def passed(self, values: np.ndarray, cutoff: float) -> np.ndarray:
         """Values (N, ...) behind a flattened low-pass, see `flattened`, of another cut-off [Hz]."""
