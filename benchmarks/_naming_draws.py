@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 import traceback
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from _naming_judging import judge
 from _naming_odds import evidence
+from _naming_robots import robot_of
 from _naming_tables import NOT_DRAWN
 
 from bdnn_ros import bags
@@ -22,9 +21,9 @@ from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS
-from bdnn_ros.errors import BdnnError, DataError
+from bdnn_ros.errors import BdnnError
 from bdnn_ros.extension.extended import IN_ROBOT
-from bdnn_ros.robot import BUNDLED, Robot
+from bdnn_ros.robot import Robot
 from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.simulate import Simulated
@@ -32,18 +31,6 @@ from bdnn_ros.simulation.simulate import Simulated
 HIDDEN = {0: 0.15, 1: 0.6, 2: 0.15, 3: 0.1}
 WRONG = {0.0: 0.2, 0.05: 0.5, 0.1: 0.3}
 DURATIONS = {15.0: 0.15, 30.0: 0.7, 60.0: 0.15}
-ROMEO = "ShoulderPitch ShoulderYaw ElbowRoll ElbowYaw WristRoll WristYaw WristPitch"
-G1 = "shoulder_pitch shoulder_roll shoulder_yaw elbow wrist_roll wrist_pitch wrist_yaw"
-EXAMPLES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "romeo": ("romeo_description/urdf/romeo_small.urdf", tuple(f"L{name}" for name in ROMEO.split())),
-    "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", tuple(f"left_{name}_joint" for name in G1.split())),
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", ()),
-    "kinova": ("kinova_description/robots/kinova.urdf", ()),
-    "z1": ("z1_description/urdf/z1.urdf", ()),
-    "xarm7": ("xarm_description/urdf/xarm7.urdf", ()),
-    "so100": ("so_arm_description/urdf/so100.urdf", ()),
-}
-"""Arms of example-robot-data, files and joints, none for all: nothing in the diagnosis was chosen by them."""
 WORN, COLOURED, POOR = 0.4, 0.5, 0.15
 """What is drawn how often, where the command line does not fix it."""
 
@@ -179,30 +166,6 @@ def noise_floor(simulated: Simulated, examination: Examination) -> np.ndarray:
     error = (left[0] - left[1])[equations.rows]
     held = equations.usable & examination.test[:, None]
     return np.sqrt(np.sum(np.where(held, error, 0.0) ** 2, axis=0) / np.maximum(held.sum(axis=0), 1))
-
-
-@cache
-def robot_of(name: str) -> Robot:
-    """A bundled robot, one of example-robot-data, or one of a URDF file."""
-    if name in BUNDLED:
-        return Robot.bundled(name)
-    if name in EXAMPLES:
-        file, joints = EXAMPLES[name]
-        return Robot.from_file(example(file), joints)
-    return Robot.from_file(Path(name))
-
-
-def example(file: str) -> Path:
-    """A description of example-robot-data.
-
-    Raises:
-        DataError: example-robot-data is not installed.
-    """
-    for folder in map(Path, sys.path):
-        path = folder / "cmeel.prefix" / "share" / "example-robot-data" / "robots" / file
-        if path.is_file():
-            return path
-    raise DataError(f"There is no {Path(file).name} here.", 'Install it: pip install ".[bench-extra]".')
 
 
 def scenario(draw: Draw) -> Scenario:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 from _naming_motions import planned
 from _naming_mujoco_robot import STEP, Real, moved, reported
+from _naming_robots import bare
 
 from bdnn_ros.effects.environment import FORCE, POINT
 from bdnn_ros.recording import Recording
@@ -94,13 +96,13 @@ class Usual:
     per_acceleration: np.ndarray
 
 
-def drawn(seed: int, motion: str = "fourier") -> Drawn:
+def drawn(seed: int, motion: str = "fourier", robots: Sequence[str] = ROBOTS) -> Drawn:
     """The recording of a seed; robots and effects take turns."""
     rng = np.random.default_rng([seed, *b"mujoco"])
     return Drawn(
         seed,
-        ROBOTS[seed % len(ROBOTS)],
-        HIDDEN[(seed // len(ROBOTS)) % len(HIDDEN)],
+        robots[seed % len(robots)],
+        HIDDEN[(seed // len(robots)) % len(HIDDEN)],
         float(rng.choice([0.0, 0.03, 0.05])),
         bool(rng.random() < WORN),
         int(rng.choice([100, 125, 200, 250, 500])),
@@ -113,7 +115,7 @@ def drawn(seed: int, motion: str = "fourier") -> Drawn:
 
 def made(draw: Drawn) -> tuple[Recording, dict[str, Any]]:
     """The recording of a draw, and its truth in the form of truth.yaml."""
-    robot = Robot.bundled(draw.robot)
+    robot = bare(draw.robot)
     rng = np.random.default_rng([draw.seed, *b"robot"])
     time = np.arange(round(draw.duration / STEP)) * STEP
     plan = planned(draw.motion, robot, time, rng)

@@ -11,6 +11,7 @@ from _naming_text import Rows, markdown
 
 RECORDS = Path(__file__).resolve().parent / "results" / "naming_mujoco.jsonl"
 OF_MOTIONS = RECORDS.with_name("naming_motions.jsonl")
+OF_STRANGERS = RECORDS.with_name("naming_strangers.jsonl")
 NOTHING = "nothing"
 
 

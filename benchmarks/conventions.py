@@ -21,7 +21,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _naming_draws import Choices, robot_of, scenario
+from _naming_draws import Choices, scenario
+from _naming_robots import robot_of
 from _naming_text import text
 
 from bdnn_ros.checks.conventions import breaches

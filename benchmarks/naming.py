@@ -25,11 +25,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from _naming_draws import EXAMPLES, Choices, Draw, done
+from _naming_draws import Choices, Draw, done
 from _naming_options import run_options
 from _naming_readings import section as readings
 from _naming_recordings import in_words, recorded, tables
 from _naming_records import latest
+from _naming_robots import EXAMPLES
 from _naming_simulator import section
 from _naming_tables import by_condition, by_effect, confusion, counted, shows, summary
 from _naming_text import markdown, text

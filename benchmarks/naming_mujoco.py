@@ -17,7 +17,7 @@ import multiprocessing
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -25,9 +25,10 @@ from typing import Any
 
 from _naming_judging import judge
 from _naming_motions import MOTIONS
-from _naming_mujoco import drawn, made
+from _naming_mujoco import ROBOTS, drawn, made
 from _naming_options import run_options
-from _naming_simulator import OF_MOTIONS, RECORDS, in_words, table
+from _naming_robots import EXAMPLES, bare
+from _naming_simulator import OF_MOTIONS, OF_STRANGERS, RECORDS, in_words, table
 from _naming_tables import NOT_DRAWN, counted
 from _naming_text import text
 from naming import fingerprint, rounded, said
@@ -35,7 +36,6 @@ from naming import fingerprint, rounded, said
 from bdnn_ros import bags
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.robot import Robot
 
 FIRST_SEED, DRAWS, BUDGET = 20000, 69, 120.0
 
@@ -57,11 +57,11 @@ def main() -> None:
         print(f"\n{in_words(records)}\n\n{text(table(records))}")
 
 
-def done(deadline: float, motion: str, seed: int) -> dict[str, Any] | None:
+def done(deadline: float, motion: str, robots: Sequence[str], seed: int) -> dict[str, Any] | None:
     """The record of a draw: moved by MuJoCo, written as a bag, diagnosed from the bag; None after the deadline."""
     if time.monotonic() > deadline:
         return None
-    draw = drawn(seed, motion)
+    draw = drawn(seed, motion, robots)
     try:
         recording, truth = made(draw)
     except BdnnError as error:
@@ -71,10 +71,10 @@ def done(deadline: float, motion: str, seed: int) -> dict[str, Any] | None:
     with tempfile.TemporaryDirectory(prefix="naming") as folder:
         bag = bags.write(recording, Path(folder) / "bag")
         try:
-            report = diagnose([bags.read(bag)], Robot.bundled(draw.robot)).as_json()
+            report = diagnose([bags.read(bag)], bare(draw.robot)).as_json()
         except BdnnError as error:
             return {**record, "status": "refused", "why": str(error)}
-    outcome = judge(truth, report["findings"], Robot.bundled(draw.robot))
+    outcome = judge(truth, report["findings"], bare(draw.robot))
     seconds = round(time.process_time() - start, 2)
     return {
         **record,
@@ -89,11 +89,11 @@ def _finished(args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
     seeds = range(args.seed0, args.seed0 + args.draws)
     if args.jobs == 1:
-        records = map(partial(done, deadline, args.motion), seeds)
+        records = map(partial(done, deadline, args.motion, args.robots), seeds)
         yield from (record for record in records if record is not None)
         return
     with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
-        for record in pool.imap(partial(done, deadline, args.motion), seeds):
+        for record in pool.imap(partial(done, deadline, args.motion, args.robots), seeds):
             if record is not None:
                 yield record
 
@@ -112,10 +112,20 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--draws", type=int, default=DRAWS, help="default: %(default)s")
     parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="first seed (default: %(default)s)")
     parser.add_argument("--motion", choices=list(MOTIONS), default="fourier", help="default: %(default)s")
+    parser.add_argument(
+        "--robots",
+        type=lambda names: tuple(names.split(",")),
+        default=ROBOTS,
+        help=f"a,b of {', '.join(ROBOTS)} (default: these), {', '.join(EXAMPLES)}",
+    )
     run_options(parser, RECORDS, BUDGET)
     args = parser.parse_args()
-    if args.motion != "fourier" and args.results == RECORDS:
+    if unknown := set(args.robots) - {*ROBOTS, *EXAMPLES}:
+        parser.error(f"no robot {', '.join(sorted(unknown))}")
+    if args.results == RECORDS and args.motion != "fourier":
         args.results = OF_MOTIONS
+    if args.results == RECORDS and set(args.robots) & set(EXAMPLES):
+        args.results = OF_STRANGERS
     return args
 
 

@@ -23,10 +23,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from _naming_draws import Choices, robot_of, scenario
+from _naming_draws import Choices, scenario
 from _naming_judging import judge
 from _naming_options import run_options
 from _naming_readings import RECORDS, WAYS, table
+from _naming_robots import robot_of
 from _naming_tables import NOT_DRAWN
 from _naming_text import text
 from naming import fingerprint, rounded
