@@ -13,6 +13,7 @@ from bdnn_ros.checks.description import require_mass
 from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, best_attempt
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.creep import creeping, remarked
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
@@ -108,21 +109,9 @@ def examine(
     if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
         raise _too_short(recordings)
     say("filtering")
-    recordings = excerpts(recordings)
-    signals = _signals(recordings, robot, cutoff)
-    predicted = None if model is None else model.predict(signals)
-    for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted, robot):
-        raise ConventionError(breach.problem, breach.remedy)
-    late = lateness(signals, robot) if model is None else Lateness()
-    if late.total:
-        recordings = in_time(recordings, late)
-        signals = _signals(recordings, robot, cutoff)
-    own = softness(signals, robot)
-    if own is not None:
-        recordings, signals = noted(recordings, own), softened(signals, own)
-        predicted = None if model is None else model.predict(signals)
+    recordings, signals, late = _as_measured(excerpts(recordings), robot, cutoff, model)
     known = getattr(model, "covariance", None)
-    equations = build(signals, robot, predicted, known)
+    equations = build(signals, robot, None if model is None else model.predict(signals), known)
     equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
     if equations.blocks < EVERY_TEST_BLOCK:
         raise _too_short(recordings)
@@ -148,6 +137,34 @@ def examine(
         model,
         late,
     )
+
+
+def _as_measured(
+    recordings: Sequence[Recording], robot: Robot, cutoff: float | None, model: Predicts | None
+) -> tuple[Sequence[Recording], Signals, Lateness]:
+    """Recordings that go together with the robot, with what they had passed taken back, their motion, and how late they were.
+
+    What changed since a model was identified is as late as it was, and its friction comes on as it did.
+
+    Raises:
+        ConventionError: they do not go together.
+    """
+    signals = _signals(recordings, robot, cutoff)
+    wrong = breaches(signals, robot) if model is None else unlike(signals, model.predict(signals), robot)
+    for breach in wrong:
+        raise ConventionError(breach.problem, breach.remedy)
+    late = lateness(signals, robot) if model is None else Lateness()
+    if late.total:
+        recordings = in_time(recordings, late)
+        signals = _signals(recordings, robot, cutoff)
+    own = softness(signals, robot)
+    if own is not None:
+        recordings, signals = noted(recordings, own), softened(signals, own)
+    known = getattr(model, "creep", ())
+    creep = np.array(known) if known else creeping(signals, robot)
+    if creep is not None:
+        recordings, signals = remarked(recordings, robot.joints, creep), replace(signals, creep=creep)
+    return recordings, signals, late
 
 
 def _too_short(recordings: Sequence[Recording]) -> RecordingError:

@@ -160,8 +160,7 @@ class AsymmetricFriction(Effect):
         )
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        sign = motion.direction[:, target]
-        return motion.sharp_column(target, 0.5 * (sign + 1.0), 0.5 * (sign - 1.0))
+        return motion.sharp_column(target, *motion.ways(target))
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"positive": float(coefficients[0]), "negative": float(coefficients[1])}

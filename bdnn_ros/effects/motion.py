@@ -66,6 +66,13 @@ class Motion:
         """Direction of each joint, averaged over the sample period, (N, n)."""
         return self.signals.direction
 
+    def ways(self, target: int) -> tuple[np.ndarray, np.ndarray]:
+        """How much of a joint's dry friction is there ahead, from 0 to 1, and back, from -1 to 0, (N,) each."""
+        way, creep = self.direction[:, target], self.signals.creep
+        if creep is None or not creep[target].any():
+            return 0.5 * (way + 1.0), 0.5 * (way - 1.0)
+        return np.maximum(way, 0.0), np.minimum(way, 0.0)
+
     @cached_property
     def load_rate(self) -> np.ndarray:
         """Time derivative of the load, (N, n) [N·m/s]."""

@@ -61,6 +61,7 @@ def extend(examination: Examination) -> ExtendedModel:
     late = examination.late
     lead = earlier.lead + parted(examination.pool, fit)[0] - late.delay
     sticking = examination.pool.nuisances(fit)[equations.sticking]
+    creep = equations.motion.signals.creep
     if earlier.sticking:
         sticking = sticking + earlier.sticking
     return ExtendedModel(
@@ -72,6 +73,7 @@ def extend(examination: Examination) -> ExtendedModel:
         earlier.lag + late.lag,
         earlier.beyond,
         tuple(sticking.tolist()),
+        () if creep is None else tuple(map(tuple, creep.tolist())),
     )
 
 

@@ -72,6 +72,8 @@ class ExtendedModel:
         lag: time constant of a low-pass of first order that the measured effort has passed [s]; another such property.
         sticking: each joint's dry friction times how far it turns round before the joint does [N·m·s], (n,); empty
             for none. A joint that sticks leaves slowly; only `predict` counts it.
+        creep: velocities under which each joint's dry friction comes on little by little, ahead and back [rad/s], and
+            how early it does [s], which only `predict` counts, n triples; empty for at once.
         beyond: an identified model whose joints add to its robot what no effect says (motors that turn with
             two joints, learned friction), or None; its offset is not counted.
     """
@@ -86,6 +88,7 @@ class ExtendedModel:
     lag: float = 0.0
     beyond: PhysicalModel | None = None
     sticking: tuple[float, ...] = ()
+    creep: tuple[tuple[float, ...], ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -166,11 +169,13 @@ class ExtendedModel:
         for joint, effort in self.plant.efforts:
             for k in range(len(q)):
                 result[k, joint] += effort(0.0, q[k][joint], v[k][joint], u[k][joint])
+        creep = self.creep or ((0.0, 0.0, 0.0),) * width
         for joint, dry in self.plant.dry:
             for k in range(len(q)):
                 if v[k][joint]:
-                    sign = 1.0 if v[k][joint] > 0.0 else -1.0
-                    result[k, joint] += sign * dry(0.0, abs(v[k][joint]), u[k][joint], sign)
+                    sign, speed = math.copysign(1.0, v[k][joint]), abs(v[k][joint])
+                    whole = sign * dry(0.0, speed, u[k][joint], sign)
+                    result[k, joint] += whole * speed / max(creep[joint][sign < 0.0], speed)
         return result.reshape(np.shape(position))
 
     # -- along a motion --------------------------------------------------------------------------------------
@@ -178,7 +183,8 @@ class ExtendedModel:
     def predict(self, signals: Signals) -> np.ndarray:
         """Measured effort along a motion, (N, n) [N·m], not low-passed; every effect counts."""
         plant = plant_of(self.bare, [e for e in self.effects if e.effect.name in IN_PLANT])
-        motion, acting = self._acting(plant, signals)
+        creep = np.array(self.creep) if self.creep else None
+        motion, acting = self._acting(plant, replace(signals, creep=creep))
         measured = np.empty_like(acting)
         leads = plant.delay + self.lead
         for lead in np.unique(leads):
@@ -234,6 +240,7 @@ class ExtendedModel:
             "lead": self.lead,
             "lag": self.lag,
             "sticking": list(self.sticking),
+            "creep": [list(ways) for ways in self.creep],
         }
         if self.beyond is not None:
             held, info["beyond"] = self.beyond.to_state()
@@ -258,6 +265,7 @@ class ExtendedModel:
                 lead=float(info["lead"]),
                 lag=float(info.get("lag", 0.0)),
                 sticking=tuple(float(value) for value in info.get("sticking", ())),
+                creep=tuple(tuple(map(float, ways)) for ways in info.get("creep", ())),
                 beyond=PhysicalModel.from_state(held, info["beyond"]) if held else None,
             )
         except (KeyError, TypeError, ValueError, AttributeError, BdnnError) as error:

@@ -48,6 +48,8 @@ class Signals:
         effort_noise: standard deviation of the white noise on the measured effort, (n,) [N·m], or None.
         unmeasured: where the effort says nothing of what acts, (N, n) bool, or None.
         own: low-pass that the efforts had passed before they were recorded, or what is left of it, or None.
+        creep: velocities under which dry friction comes on little by little, ahead and back [rad/s], and how early it does
+            [s], (n, 3), or None where it does at once.
     """
 
     time: np.ndarray
@@ -66,6 +68,7 @@ class Signals:
     effort_noise: np.ndarray | None = None
     unmeasured: np.ndarray | None = None
     own: Lowpass | Restored | None = None
+    creep: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -134,9 +137,13 @@ class Signals:
 
     @cached_property
     def direction(self) -> np.ndarray:
-        """Mean of sign(velocity) over each sample period, (N, n): a reversal in between counts in part."""
-        change = np.abs(self.acceleration) / self.rate
-        return np.clip(2.0 * self.velocity / np.maximum(change, 1e-12), -1.0, 1.0)
+        """Mean of dry friction's direction over each sample period, (N, n): a reversal in between counts in part."""
+        velocity, turning = self.velocity, np.abs(self.acceleration) / self.rate
+        if self.creep is not None:
+            ahead, back, early = self.creep.T
+            velocity = velocity + early * self.acceleration
+            turning = np.maximum(turning, 2.0 * np.where(velocity > 0.0, ahead, back))
+        return np.clip(2.0 * velocity / np.maximum(turning, 1e-12), -1.0, 1.0)
 
     @cached_property
     def sign(self) -> np.ndarray:

@@ -1,0 +1,174 @@
+"""Dry friction that comes on little by little as a joint gets faster, as in simulators that regularise it.
+
+It passes for viscous friction, hysteresis or a drift, and what is fitted to it has no right size. The velocity at which all of
+it is there is found beforehand, joint by joint, and every law of dry friction turns round over it (`Signals.creep`). A MuJoCo
+joint has it where its friction is large beside its inertia: the force is (q̈ + b q̇) / R before it is clipped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.checks.sampling import lowest, some, telling
+from bdnn_ros.diagnosis.leftover import basis, beyond
+from bdnn_ros.effects.friction import bristle
+from bdnn_ros.errors import listed
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+SHARES = tuple(0.02 * 1.5**k for k in range(10))
+"""Velocities tried, per root mean square velocity of the joint."""
+NEARER = tuple(1.15**k for k in range(-5, 6))
+"""Those tried in the end, per the best of these."""
+LEAST = 0.03
+"""Friction that is all there at less than this share of the usual velocity turns round at once."""
+BREAKAWAYS = tuple(0.001 * 2.0**k for k in range(8))
+"""Travels tried of friction that gives way little by little instead [rad]."""
+FALLS = tuple(0.02 * 2.0**k for k in range(6))
+"""Velocities tried of friction that falls instead, per usual velocity."""
+CLEARLY = 1.3
+"""Friction creeps where so many times less is left unexplained than by any law that turns round at once."""
+MOST_ROWS = 2000
+LEADS = tuple(0.002 * k for k in range(11))
+"""By so much it may come on early [s]."""
+ROUNDS = 2
+"""In which the velocities ahead and back and the lead are found in turn."""
+AT_ONCE = (0.0, 0.0, 0.0)
+TINY = 1e-30
+Creep = tuple[float, float, float]
+"""Velocities at which all of it is there, ahead and back [rad/s], and how early it comes [s]."""
+
+
+def creeping(signals: Signals, robot: Robot) -> np.ndarray | None:
+    """Velocities under which each joint's dry friction comes on little by little, ahead and back [rad/s], and how early [s].
+
+    They are (n, 3), zero where it does at once.
+
+    None where no joint's does.
+    """
+    rows = some(np.flatnonzero(signals.interior & telling(signals).any(axis=1)), MOST_ROWS)
+    if not len(rows):
+        return None
+    regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
+    bodies = signals.smooth_at(regressor, rows)
+    found = np.array([_Joint.of(signals, rows, bodies[:, j], j).creep() for j in range(signals.width)])
+    return found if found.any() else None
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """A joint's effort beside its bodies, rotor, fluid friction, offset and a lead, and what dry friction explains of it.
+
+    Attributes:
+        rows: of the motion, in order, (R,).
+        spanned: orthonormal columns of what is beside dry friction, (R, b).
+        target: what they leave of the effort, (R,).
+    """
+
+    signals: Signals
+    rows: np.ndarray
+    joint: int
+    spanned: np.ndarray
+    target: np.ndarray
+
+    @classmethod
+    def of(cls, signals: Signals, rows: np.ndarray, bodies: np.ndarray, joint: int) -> _Joint:
+        """The joint of a motion.
+
+        Args:
+            bodies: its low-passed regressor at the rows, (R, k).
+        """
+        assert signals.effort is not None
+        v, effort = signals.velocity[:, joint], signals.effort[:, joint]
+        own = [signals.acceleration[:, joint], v, np.abs(v) * v, np.ones_like(v), signals.derivative(effort)]
+        spanned = basis(np.concatenate([bodies, signals.smooth_at(np.stack(own, axis=1), rows)], axis=1))
+        return cls(signals, rows, joint, spanned, beyond(signals.smooth_at(effort, rows), spanned))
+
+    def creep(self) -> Creep:
+        """How its dry friction comes on."""
+        usual = float(np.sqrt(np.mean(self.signals.velocity[:, self.joint] ** 2)))
+        tried = [self._left(self._way((usual * share, usual * share, 0.0))) for share in SHARES]
+        sharp, clearly = self._way(AT_ONCE), np.log(CLEARLY)
+        if min(tried) > self._left(sharp) - clearly:
+            return AT_ONCE
+        ahead, back, early = usual * SHARES[int(np.argmin(tried))] * np.array([1.0, 1.0, 0.0])
+        for _ in range(ROUNDS):
+            ahead = self._best([(ahead * k, back, early) for k in NEARER])[0]
+            back = self._best([(ahead, back * k, early) for k in NEARER])[1]
+            early = self._best([(ahead, back, lead) for lead in LEADS], in_time=True)[2]
+        left = self._left(self._way((ahead, back, early)))
+        others = [self._left(self._bent(breakaway)) for breakaway in BREAKAWAYS]
+        others += [self._left(sharp, self._falling(usual * share)) for share in FALLS]
+        if left > min(others) - clearly or min(ahead, back) < LEAST * usual:
+            return AT_ONCE
+        return ahead, back, early
+
+    def _best(self, tried: Sequence[Creep], in_time: bool = False) -> Creep:
+        """What leaves least, between those tried in order.
+
+        Args:
+            in_time: friction turns round neither early nor late besides.
+        """
+        at = lowest(np.array([self._left(self._way(one), in_time=in_time) for one in tried]))
+        ahead, back, early = (
+            float(np.interp(at, range(len(tried)), each)) for each in zip(*tried, strict=True)
+        )
+        return ahead, back, early
+
+    def _left(self, way: np.ndarray, falling: np.ndarray | None = None, in_time: bool = False) -> float:
+        """Logarithm of the mean square that dry friction leaves, of its own size either way and turning round early or late.
+
+        Args:
+            way: direction of the friction, (N,).
+            falling: what it has more of while slow, (N,); it may only be more.
+            in_time: it turns round neither early nor late.
+        """
+        columns = [np.maximum(way, 0.0), np.minimum(way, 0.0)]
+        columns += [] if in_time else [self.signals.derivative(way)]
+        own = self._own(columns)
+        left = self.target - own @ _fitted(own, self.target)
+        if falling is not None:
+            more = self._own([*columns, falling])
+            size = _fitted(more, self.target)
+            left = self.target - more @ size if size[-1] * (size[0] + size[1]) > 0.0 else left
+        return float(np.log(max(float(np.mean(left**2)), TINY)))
+
+    def _own(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+        """Columns (N,) behind both low-passes, without what is beside them, (R, k)."""
+        soft = self.signals.soften(np.stack(columns, axis=1))
+        return beyond(self.signals.smooth_at(soft, self.rows), self.spanned)
+
+    def _way(self, creep: Creep) -> np.ndarray:
+        """Direction of friction that comes on so, (N,)."""
+        every = np.tile(creep, (self.signals.width, 1))
+        return np.asarray(replace(self.signals, creep=every).direction[:, self.joint])
+
+    def _bent(self, breakaway: float) -> np.ndarray:
+        position = self.signals.position[:, self.joint]
+        return np.concatenate([bristle(position[rows], breakaway) for rows in self.signals.segments])
+
+    def _falling(self, velocity: float) -> np.ndarray:
+        v = self.signals.velocity[:, self.joint]
+        return np.asarray(self._way(AT_ONCE) * np.exp(-((v / velocity) ** 2)))
+
+
+def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Least squares of a target (R,) on columns (R, k), each counted alike; zero of one that is empty."""
+    size = np.linalg.norm(columns, axis=0)
+    scale = np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale)
+
+
+def remarked(recordings: Sequence[Recording], joints: Sequence[str], creep: np.ndarray) -> list[Recording]:
+    """The recordings with a note on friction that comes on little by little."""
+    all_at = zip(joints, creep[:, :2].max(axis=1), strict=True)
+    where = listed([f"{joint} (all there at {v:.2g} rad/s)" for joint, v in all_at if v])
+    said = (
+        f"dry friction comes on little by little with the velocity at {where}, as in a simulator that regularises it; "
+        "it is taken as it is, and its size is what it comes to"
+    )
+    return [replace(one, notes=(*one.notes, f"{one.name}: {said}.")) for one in recordings]
