@@ -175,10 +175,11 @@ def _same_physics(
         return False
     if {finding["effect"], one.name} == {"payload", "link_inertia"}:
         return True
+    true = {t.name for t in truths if t.target == target}
     if one.name == "asymmetric_friction":
         there = {f["effect"] for f in found if _target(f, robot) == target}
-        return finding["effect"] in HALVES and there >= HALVES
-    true = {t.name for t in truths if t.target == target}
+        dry = {"coulomb_friction"} | ({"stribeck_friction"} & true)
+        return finding["effect"] in HALVES and "effort_offset" in there and bool(there & dry)
     return finding["effect"] == "asymmetric_friction" and one.name in HALVES and true >= HALVES
 
 

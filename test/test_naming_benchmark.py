@@ -117,6 +117,21 @@ def test_one_half_may_list_for_both(robot):
     assert outcome["hidden"][0]["named"] and outcome["false"] == []
 
 
+@pytest.mark.parametrize("falls", [True, False])
+def test_uneven_friction_that_falls_as_well_is_an_offset_beside_it(robot, falls):
+    rivals = ({"effect": "asymmetric_friction", "joint": J1},)
+    halves = [
+        finding("stribeck_friction", J1, coulomb=1.0, static=1.3, velocity=0.1),
+        finding("effort_offset", J1, rivals=rivals, offset=-0.25),
+    ]
+    falling = [hidden("stribeck_friction", J1, coulomb=0.25, static=0.55, velocity=0.1)] if falls else []
+    outcome = judge(
+        truth(hidden("asymmetric_friction", J1, positive=1.0, negative=0.5), *falling), halves, robot
+    )
+    assert all(one["named"] for one in outcome["hidden"]) is falls
+    assert outcome["false"] == ([] if falls else ["stribeck_friction", "effort_offset"])
+
+
 @pytest.mark.parametrize("listed", [True, False])
 def test_two_halves_as_asymmetric_friction(robot, listed):
     rivals = ({"effect": "effort_offset", "joint": J1},) if listed else ()

@@ -159,7 +159,11 @@ def _as_measured(
         signals = _signals(recordings, robot, cutoff)
     own = softness(signals, robot)
     if own is not None:
-        recordings, signals = noted(recordings, own), softened(signals, own)
+        return (
+            noted(recordings, own),
+            softened(signals, own),
+            late,
+        )  # how sharp friction is cannot be told any more
     known = getattr(model, "creep", ())
     creep = np.array(known) if known else creeping(signals, robot)
     if creep is not None:

@@ -1,0 +1,145 @@
+"""Dry friction that comes on little by little, as simulators regularise it, is taken for what it is, and no other law is."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.creep import creeping
+from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.effects.friction import bristle
+from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.scores import score_model
+from bdnn_ros.signals import Signals, flattened, prepare
+from bdnn_ros.simulation.excitation import fourier
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+import _naming_mujoco
+from _naming_mujoco import drawn, made
+from _naming_mujoco_robot import Real, _model
+
+ROBOT, JOINT, RATE = Robot.bundled("arm6"), 1, 200.0
+IMPEDANCE = 0.9
+"""MuJoCo's of a friction constraint, by its default solimp; and the stiffness of its damping by solref, [1/s]."""
+DAMPING = 2.0 / (0.95 * 0.02)
+
+
+def recorded(friction, seed=1, duration=20.0):
+    """A recording of a robot of which one joint has a friction, given its position and velocity, (N,) each [N·m]."""
+    rng = np.random.default_rng(seed)
+    plan = fourier(ROBOT, np.arange(0.0, duration, 1.0 / RATE), rng)
+    effort = ROBOT.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+    effort[:, JOINT] += friction(plan.position[:, JOINT], plan.velocity[:, JOINT])
+    noise = rng.standard_normal((2, *effort.shape))
+    position = plan.position + 1e-5 * noise[0]
+    return Recording(
+        plan.time,
+        ROBOT.joints,
+        position,
+        None,
+        effort + 0.003 * effort.std(axis=0) * noise[1],
+        urdf=ROBOT.urdf,
+    )
+
+
+def soft(ahead, back, positive, negative=None):
+    """Friction that is all there at a velocity."""
+    negative = positive if negative is None else negative
+    return lambda q, v: positive * np.clip(v / ahead, 0.0, 1.0) + negative * np.clip(v / back, -1.0, 0.0)
+
+
+def seen(recording) -> Signals:
+    return flattened(prepare(recording), 7.0)
+
+
+@pytest.mark.parametrize("creep", [0.05, 0.1, 0.3])
+def test_the_velocity_at_which_all_of_it_is_there_is_found(creep):
+    found = creeping(seen(recorded(soft(creep, creep, 8.0))), ROBOT)
+    assert found[JOINT, :2] == pytest.approx([creep, creep], rel=0.05)
+    assert found[JOINT, 2] <= 0.002
+    assert not np.delete(found, JOINT, axis=0).any()
+
+
+def test_each_direction_has_its_own():
+    found = creeping(seen(recorded(soft(0.2, 0.08, 10.0, 4.0))), ROBOT)
+    assert found[JOINT, :2] == pytest.approx([0.2, 0.08], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "friction",
+    [
+        lambda q, v: 8.0 * np.sign(v),
+        lambda q, v: 8.0 * bristle(q, 0.02),
+        lambda q, v: (5.0 + 8.0 * np.exp(-((v / 0.1) ** 2))) * np.sign(v),
+        lambda q, v: 12.0 * v,
+        lambda q, v: 12.0 * np.abs(v) * v,
+        lambda q, v: 0.0 * v,
+    ],
+    ids=["at once", "gives way", "falls", "viscous", "drag", "none"],
+)
+def test_no_other_law_creeps(friction):
+    assert creeping(seen(recorded(friction)), ROBOT) is None
+
+
+@pytest.fixture(scope="module")
+def examined():
+    return examine([recorded(soft(0.15, 0.15, 8.0))], ROBOT)
+
+
+def test_friction_that_creeps_is_named_by_its_size_and_predicted(examined):
+    (finding,) = examined.diagnosis.findings
+    assert (finding.effect, finding.joint) == ("coulomb_friction", ROBOT.joints[JOINT])
+    assert finding.parameters["coulomb"].value == pytest.approx(8.0, rel=0.02)
+    assert [note for note in examined.diagnosis.notes if "little by little" in note]
+    model = ExtendedModel.from_state(*extend(examined).to_state())
+    others = [prepare(recorded(soft(0.15, 0.15, 8.0), seed=5))]
+    assert score_model(model, others).nmse[JOINT] < 1e-3
+    at_once = replace(model, creep=())
+    assert score_model(at_once, others).nmse[JOINT] > 10.0 * score_model(model, others).nmse[JOINT]
+
+
+def test_a_point_has_as_much_of_it_as_its_velocity_asks_for():
+    model = extend(examine([recorded(soft(0.2, 0.08, 10.0, 4.0))], ROBOT))
+    still, moves = np.zeros((4, ROBOT.width)), np.zeros((4, ROBOT.width))
+    moves[:, JOINT] = 0.1, 0.5, -0.04, -0.5
+    rest = ROBOT.coriolis(still, moves) + ROBOT.gravity(still)
+    own = (model.inverse_dynamics(still, moves, still) - rest)[:, JOINT]
+    assert own - own[[1, 1, 3, 3]] == pytest.approx([-5.0, 0.0, 2.0, 0.0], abs=0.3)
+    assert own[1] - own[3] == pytest.approx(14.0, rel=0.03)
+
+
+def test_what_changed_since_comes_on_as_it_did(examined):
+    before = extend(examined)
+    same = examine([recorded(soft(0.15, 0.15, 8.0), seed=5)], before.robot, model=before)
+    assert same.diagnosis.verdict == "nothing_wrong"
+    grown = examine([recorded(soft(0.15, 0.15, 14.0), seed=5)], before.robot, model=before)
+    (finding,) = grown.diagnosis.findings
+    assert (finding.effect, finding.joint) == ("coulomb_friction", ROBOT.joints[JOINT])
+    assert finding.parameters["coulomb"].value == pytest.approx(6.0, rel=0.05)
+
+
+def test_friction_of_a_light_mujoco_joint_creeps_as_its_constraint_does(monkeypatch):
+    """What MuJoCo takes for the joint's inertia is that of its first pose."""
+    monkeypatch.setattr(_naming_mujoco, "SHARE", (3.0, 3.001))
+    monkeypatch.setattr(_naming_mujoco, "_among", lambda name, n: (5, 6))
+    draw = replace(
+        drawn(3), robot="arm7", hidden="coulomb_friction", wrong=0.0, worn=False, rate=200, duration=20.0
+    )
+    recording, truth = made(draw)
+    (one,) = truth["effects"]
+    robot = Robot.bundled("arm7")
+    model = _model(robot, Real.like(robot.width), 0.0, np.random.default_rng(0))
+    soft_by = (1.0 - IMPEDANCE) / IMPEDANCE * model.dof_invweight0[5]
+    ahead, back, early = creeping(seen(recording), robot)[5]
+    assert [ahead, back] == pytest.approx([one["parameters"]["coulomb"] * soft_by / DAMPING] * 2, rel=0.1)
+    assert early == pytest.approx(1.0 / DAMPING, abs=0.003)
+    (finding,) = examine([recording], robot).diagnosis.findings
+    assert (finding.effect, finding.joint) == ("coulomb_friction", one["joint"])
+    assert finding.parameters["coulomb"].value == pytest.approx(one["parameters"]["coulomb"], rel=0.02)
