@@ -55,19 +55,38 @@ def section(code: str) -> list[str]:
         f"{in_words(records)} {now} by the sources as they stand.\n",
         markdown(table(records)),
         *_of_motions(code),
+        *_of_strangers(code),
     ]
 
 
 def _of_motions(code: str) -> list[str]:
-    """The part on other motions than Fourier series; nothing without results."""
-    if not OF_MOTIONS.is_file():
-        return []
-    records = latest(OF_MOTIONS, lambda record: (record["draw"]["seed"], record["draw"]["motion"]))
-    now = sum(record["code"] == code for record in records)
-    return [
+    """The part on other motions than Fourier series."""
+    words = (
         "\nThe same robots on other motions (`--motion NAME`): all joints from point to point with pauses, one sine a joint,\n"
         "one joint after the other, of which each then moves for some seconds only, and what `bdnn excite` makes of the\n"
-        "description.\n",
+        "description.\n"
+    )
+    return _part(OF_MOTIONS, words, "motion", code)
+
+
+def _of_strangers(code: str) -> list[str]:
+    """The part on robots that nothing was chosen by."""
+    words = (
+        "\nArms of example-robot-data (`--robots NAMES`), by their descriptions of links and joints alone. Payloads and pushes\n"
+        "are as large as on the robots above. Where a joint is light in its first pose, MuJoCo's dry friction comes on little\n"
+        "by little (see [what is corrected](diagnosis.md#what-is-corrected-with-a-note)).\n"
+    )
+    return _part(OF_STRANGERS, words, "robot", code)
+
+
+def _part(path: Path, words: str, by: str, code: str) -> list[str]:
+    """A part of the document on draws of another kind; nothing without results."""
+    if not path.is_file():
+        return []
+    records = latest(path, lambda record: (record["draw"]["seed"], record["draw"][by]))
+    now = sum(record["code"] == code for record in records)
+    return [
+        words,
         f"{in_words(records)} {now} by the sources as they stand.\n",
-        markdown(table(records, "motion")),
+        markdown(table(records, by)),
     ]

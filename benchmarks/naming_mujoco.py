@@ -1,6 +1,7 @@
 """Naming causes hidden in MuJoCo's robots: another simulator's joints, integrator and friction.
 
-Every finished draw is appended to results/naming_mujoco.jsonl at once, those of other motions to naming_motions.jsonl;
+Every finished draw is appended to results/naming_mujoco.jsonl at once, those of other motions to naming_motions.jsonl, of
+other robots to naming_strangers.jsonl;
 docs/naming.md shows what they add up to.
 """
 

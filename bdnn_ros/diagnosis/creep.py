@@ -32,7 +32,7 @@ FALLS = tuple(0.02 * 2.0**k for k in range(6))
 """Velocities tried of friction that falls instead, per usual velocity."""
 CLEARLY = 1.3
 """Friction creeps where so many times less is left unexplained than by any law that turns round at once."""
-MOST_ROWS = 2000
+MOST_ROWS = 1000
 LEADS = tuple(0.002 * k for k in range(11))
 """By so much it may come on early [s]."""
 ROUNDS = 2
@@ -140,7 +140,7 @@ class _Joint:
     def _own(self, columns: Sequence[np.ndarray]) -> np.ndarray:
         """Columns (N,) behind both low-passes, without what is beside them, (R, k)."""
         soft = self.signals.soften(np.stack(columns, axis=1))
-        return beyond(self.signals.smooth_at(soft, self.rows), self.spanned)
+        return beyond(self.signals.smooth(soft)[self.rows], self.spanned)
 
     def _way(self, creep: Creep) -> np.ndarray:
         """Direction of friction that comes on so, (N,)."""
