@@ -55,7 +55,9 @@ def creeping(signals: Signals, robot: Robot) -> np.ndarray | None:
         return None
     regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
     bodies = signals.smooth_at(regressor, rows)
-    found = np.array([_Joint.of(signals, rows, bodies[:, j], j).creep() for j in range(signals.width)])
+    load = np.abs(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
+    joints = (_Joint.of(signals, rows, bodies[:, j], load[:, j], j) for j in range(signals.width))
+    found = np.array([joint.creep() for joint in joints])
     return found if found.any() else None
 
 
@@ -65,6 +67,7 @@ class _Joint:
 
     Attributes:
         rows: of the motion, in order, (R,).
+        load: what the bodies ask of the joint, whichever way, (N,) [N·m]: dry friction may grow with it.
         spanned: orthonormal columns of what is beside dry friction, (R, b).
         target: what they leave of the effort, (R,).
     """
@@ -72,11 +75,14 @@ class _Joint:
     signals: Signals
     rows: np.ndarray
     joint: int
+    load: np.ndarray
     spanned: np.ndarray
     target: np.ndarray
 
     @classmethod
-    def of(cls, signals: Signals, rows: np.ndarray, bodies: np.ndarray, joint: int) -> _Joint:
+    def of(
+        cls, signals: Signals, rows: np.ndarray, bodies: np.ndarray, load: np.ndarray, joint: int
+    ) -> _Joint:
         """The joint of a motion.
 
         Args:
@@ -86,7 +92,7 @@ class _Joint:
         v, effort = signals.velocity[:, joint], signals.effort[:, joint]
         own = [signals.acceleration[:, joint], v, np.abs(v) * v, np.ones_like(v), signals.derivative(effort)]
         spanned = basis(np.concatenate([bodies, signals.smooth_at(np.stack(own, axis=1), rows)], axis=1))
-        return cls(signals, rows, joint, spanned, beyond(signals.smooth_at(effort, rows), spanned))
+        return cls(signals, rows, joint, load, spanned, beyond(signals.smooth_at(effort, rows), spanned))
 
     def creep(self) -> Creep:
         """How its dry friction comes on."""
@@ -127,7 +133,7 @@ class _Joint:
             falling: what it has more of while slow, (N,); it may only be more.
             in_time: it turns round neither early nor late.
         """
-        columns = [np.maximum(way, 0.0), np.minimum(way, 0.0)]
+        columns = [np.maximum(way, 0.0), np.minimum(way, 0.0), self.load * way]
         columns += [] if in_time else [self.signals.derivative(way)]
         own = self._own(columns)
         left = self.target - own @ _fitted(own, self.target)
