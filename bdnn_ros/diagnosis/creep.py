@@ -19,13 +19,14 @@ from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
+from bdnn_ros.signals.signals import friction_direction
 
-SHARES = tuple(0.02 * 1.5**k for k in range(10))
+SHARES = tuple(0.005 * 1.6**k for k in range(12))
 """Velocities tried, per root mean square velocity of the joint."""
 NEARER = tuple(1.15**k for k in range(-5, 6))
 """Those tried in the end, per the best of these."""
-LEAST = 0.03
-"""Friction that is all there at less than this share of the usual velocity turns round at once."""
+SEEN = 0.03
+"""What is all there at less than this share of the usual velocity is not worth a word."""
 BREAKAWAYS = tuple(0.001 * 2.0**k for k in range(8))
 """Travels tried of friction that gives way little by little instead [rad]."""
 FALLS = tuple(0.02 * 2.0**k for k in range(6))
@@ -97,11 +98,12 @@ class _Joint:
     def creep(self) -> Creep:
         """How its dry friction comes on."""
         usual = float(np.sqrt(np.mean(self.signals.velocity[:, self.joint] ** 2)))
-        tried = [self._left(self._way((usual * share, usual * share, 0.0))) for share in SHARES]
+        begun = [(usual * share, usual * share, lead) for lead in LEADS[::5] for share in SHARES]
+        tried = [self._left(self._way(one)) for one in begun]
         sharp, clearly = self._way(AT_ONCE), np.log(CLEARLY)
         if min(tried) > self._left(sharp) - clearly:
             return AT_ONCE
-        ahead, back, early = usual * SHARES[int(np.argmin(tried))] * np.array([1.0, 1.0, 0.0])
+        ahead, back, early = begun[int(np.argmin(tried))]
         for _ in range(ROUNDS):
             ahead = self._best([(ahead * k, back, early) for k in NEARER])[0]
             back = self._best([(ahead, back * k, early) for k in NEARER])[1]
@@ -109,9 +111,7 @@ class _Joint:
         left = self._left(self._way((ahead, back, early)))
         others = [self._left(self._bent(breakaway)) for breakaway in BREAKAWAYS]
         others += [self._left(sharp, self._falling(usual * share)) for share in FALLS]
-        if left > min(others) - clearly or min(ahead, back) < LEAST * usual:
-            return AT_ONCE
-        return ahead, back, early
+        return AT_ONCE if left > min(others) - clearly else (ahead, back, early)
 
     def _best(self, tried: Sequence[Creep], in_time: bool = False) -> Creep:
         """What leaves least, between those tried in order.
@@ -150,8 +150,9 @@ class _Joint:
 
     def _way(self, creep: Creep) -> np.ndarray:
         """Direction of friction that comes on so, (N,)."""
-        every = np.tile(creep, (self.signals.width, 1))
-        return np.asarray(replace(self.signals, creep=every).direction[:, self.joint])
+        one = slice(self.joint, self.joint + 1)
+        motion = self.signals.velocity[:, one], self.signals.acceleration[:, one]
+        return friction_direction(*motion, self.signals.rate, np.array([creep]))[:, 0]
 
     def _bent(self, breakaway: float) -> np.ndarray:
         position = self.signals.position[:, self.joint]
@@ -169,10 +170,14 @@ def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale)
 
 
-def remarked(recordings: Sequence[Recording], joints: Sequence[str], creep: np.ndarray) -> list[Recording]:
-    """The recordings with a note on friction that comes on little by little."""
-    all_at = zip(joints, creep[:, :2].max(axis=1), strict=True)
-    where = listed([f"{joint} (all there at {v:.2g} rad/s)" for joint, v in all_at if v])
+def remarked(recordings: Sequence[Recording], signals: Signals) -> list[Recording]:
+    """The recordings with a note on friction that comes on little by little, where there is any to speak of."""
+    assert signals.creep is not None
+    all_at = signals.creep[:, :2].max(axis=1)
+    seen = np.flatnonzero(all_at > SEEN * np.sqrt(np.mean(signals.velocity**2, axis=0)))
+    if not len(seen):
+        return list(recordings)
+    where = listed([f"{signals.joints[j]} (all there at {all_at[j]:.2g} rad/s)" for j in seen])
     said = (
         f"dry friction comes on little by little with the velocity at {where}, as in a simulator that regularises it; "
         "it is taken as it is, and its size is what it comes to"

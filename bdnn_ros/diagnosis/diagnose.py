@@ -167,7 +167,8 @@ def _as_measured(
     known = getattr(model, "creep", ())
     creep = np.array(known) if known else creeping(signals, robot)
     if creep is not None:
-        recordings, signals = remarked(recordings, robot.joints, creep), replace(signals, creep=creep)
+        signals = replace(signals, creep=creep)
+        recordings = remarked(recordings, signals)
     return recordings, signals, late
 
 

@@ -30,6 +30,22 @@ REST_WIDTHS = 5.0
 """A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
 
 
+def friction_direction(
+    velocity: np.ndarray, acceleration: np.ndarray, rate: float, creep: np.ndarray
+) -> np.ndarray:
+    """Dry friction of joints per its full size, from -1 to 1, mean over each sample period, (N, n).
+
+    Args:
+        velocity, acceleration: [rad/s], [rad/s²], (N, n).
+        rate: samples per second [Hz].
+        creep: see `Signals`, (n, 3).
+    """
+    ahead, back, early = creep.T
+    coming = velocity + early * acceleration
+    turning = np.maximum(np.abs(acceleration) / rate, 2.0 * np.where(coming > 0.0, ahead, back))
+    return np.asarray(np.clip(2.0 * coming / np.maximum(turning, 1e-12), -1.0, 1.0))
+
+
 @dataclass(frozen=True)
 class Signals:
     """Evenly sampled, low-passed motion of a recording, at the working rate.
@@ -138,12 +154,8 @@ class Signals:
     @cached_property
     def direction(self) -> np.ndarray:
         """Mean of dry friction's direction over each sample period, (N, n): a reversal in between counts in part."""
-        velocity, turning = self.velocity, np.abs(self.acceleration) / self.rate
-        if self.creep is not None:
-            ahead, back, early = self.creep.T
-            velocity = velocity + early * self.acceleration
-            turning = np.maximum(turning, 2.0 * np.where(velocity > 0.0, ahead, back))
-        return np.clip(2.0 * velocity / np.maximum(turning, 1e-12), -1.0, 1.0)
+        creep = np.zeros((self.width, 3)) if self.creep is None else self.creep
+        return friction_direction(self.velocity, self.acceleration, self.rate, creep)
 
     @cached_property
     def sign(self) -> np.ndarray:
