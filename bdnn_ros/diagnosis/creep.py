@@ -1,8 +1,9 @@
-"""Dry friction that comes on little by little as a joint gets faster, as in simulators that regularise it.
+"""Dry friction that comes on little by little as a joint gets faster, or early, as in simulators that regularise it.
 
 It passes for viscous friction, hysteresis or a drift, and what is fitted to it has no right size. The velocity at which all of
-it is there is found beforehand, joint by joint, and every law of dry friction turns round over it (`Signals.creep`). A MuJoCo
-joint has it where its friction is large beside its inertia: the force is (q̈ + b q̇) / R before it is clipped.
+it is there is found beforehand, joint by joint, and so is how early it comes; every law of dry friction then turns round so
+(`Signals.creep`). In MuJoCo it is (q̈ + b q̇) / R before it is clipped: early by 1 / b, and little by little where it is large
+beside the joint's inertia.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 from bdnn_ros.signals.signals import friction_direction
 
-SHARES = tuple(0.005 * 1.6**k for k in range(12))
+SHARES = tuple(0.005 * 1.75**k for k in range(12))
 """Velocities tried, per root mean square velocity of the joint."""
 NEARER = tuple(1.15**k for k in range(-5, 6))
 """Those tried in the end, per the best of these."""
 SEEN = 0.03
-"""What is all there at less than this share of the usual velocity is not worth a word."""
+"""What is all there at less than this share of the usual velocity comes on at once."""
+EARLY = 0.006
+"""So early friction comes that does: a joint that sticks leaves late, which the regression has a nuisance for [s]."""
 BREAKAWAYS = tuple(0.001 * 2.0**k for k in range(8))
 """Travels tried of friction that gives way little by little instead [rad]."""
 FALLS = tuple(0.02 * 2.0**k for k in range(6))
@@ -37,7 +40,7 @@ MOST_ROWS = 1000
 LEADS = tuple(0.002 * k for k in range(11))
 """By so much it may come on early [s]."""
 ROUNDS = 2
-"""In which the velocities ahead and back and the lead are found in turn."""
+"""In which velocities and lead are found in turn."""
 AT_ONCE = (0.0, 0.0, 0.0)
 TINY = 1e-30
 Creep = tuple[float, float, float]
@@ -99,19 +102,47 @@ class _Joint:
         """How its dry friction comes on."""
         usual = float(np.sqrt(np.mean(self.signals.velocity[:, self.joint] ** 2)))
         begun = [(usual * share, usual * share, lead) for lead in LEADS[::5] for share in SHARES]
-        tried = [self._left(self._way(one)) for one in begun]
-        sharp, clearly = self._way(AT_ONCE), np.log(CLEARLY)
-        if min(tried) > self._left(sharp) - clearly:
+        found = min(begun, key=self._left_by)
+        if self._left_by(found) > self._left_by(AT_ONCE) - np.log(CLEARLY):
             return AT_ONCE
-        ahead, back, early = begun[int(np.argmin(tried))]
+        found = self._refined(found, apart=False)
+        if found[0] > SEEN * usual:
+            found = self._apart(found, usual)
+        if self._left_by(found) > self._left_by_others(usual) - np.log(CLEARLY):
+            return AT_ONCE
+        return found if max(found[:2]) > SEEN * usual or found[2] > EARLY else AT_ONCE
+
+    def _apart(self, alike: Creep, usual: float) -> Creep:
+        """What comes on otherwise ahead than back, where that leaves clearly less than what comes on alike."""
+        slow = [usual * share for share in SHARES if share > SEEN]
+        begun = min([(ahead, back, alike[2]) for ahead in slow for back in slow], key=self._left_by)
+        apart = self._refined(begun, apart=True)
+        return apart if self._left_by(apart) < self._left_by(alike) - np.log(CLEARLY) else alike
+
+    def _left_by(self, creep: Creep) -> float:
+        return self._left(self._way(creep))
+
+    def _left_by_others(self, usual: float) -> float:
+        """What the best law leaves that comes on at once, gives way or falls."""
+        sharp = self._way(AT_ONCE)
+        bent = [self._left(self._bent(breakaway)) for breakaway in BREAKAWAYS]
+        return min(*bent, *(self._left(sharp, self._falling(usual * share)) for share in FALLS))
+
+    def _refined(self, near: Creep, apart: bool) -> Creep:
+        """How friction comes on that leaves least, from something near.
+
+        Args:
+            apart: it may come on otherwise ahead than back.
+        """
+        ahead, back, early = near
         for _ in range(ROUNDS):
-            ahead = self._best([(ahead * k, back, early) for k in NEARER])[0]
-            back = self._best([(ahead, back * k, early) for k in NEARER])[1]
+            if apart:
+                ahead = self._best([(ahead * k, back, early) for k in NEARER])[0]
+                back = self._best([(ahead, back * k, early) for k in NEARER])[1]
+            else:
+                ahead, back, _ = self._best([(ahead * k, back * k, early) for k in NEARER])
             early = self._best([(ahead, back, lead) for lead in LEADS], in_time=True)[2]
-        left = self._left(self._way((ahead, back, early)))
-        others = [self._left(self._bent(breakaway)) for breakaway in BREAKAWAYS]
-        others += [self._left(sharp, self._falling(usual * share)) for share in FALLS]
-        return AT_ONCE if left > min(others) - clearly else (ahead, back, early)
+        return ahead, back, early
 
     def _best(self, tried: Sequence[Creep], in_time: bool = False) -> Creep:
         """What leaves least, between those tried in order.
