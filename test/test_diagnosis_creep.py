@@ -18,6 +18,7 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model
 from bdnn_ros.signals import Signals, flattened, prepare
+from bdnn_ros.signals.signals import friction_direction
 from bdnn_ros.simulation.excitation import fourier
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -59,6 +60,20 @@ def seen(recording) -> Signals:
     return flattened(prepare(recording), 7.0)
 
 
+@pytest.mark.parametrize("creep", [(0.0, 0.0, 0.0), (0.2, 0.05, 0.0), (1e-3, 1e-3, 0.01)])
+def test_direction_is_the_mean_over_a_sample_period(creep):
+    """Within a period the velocity changes in proportion to time."""
+    rng, rate = np.random.default_rng(0), 50.0
+    velocity, acceleration = rng.uniform(-0.3, 0.3, (500, 1)), rng.uniform(-4.0, 4.0, (500, 1))
+    ahead, back, early = np.maximum(creep, [1e-9, 1e-9, 0.0])
+    within = (np.arange(2000) + 0.5) / 2000 - 0.5
+    coming = velocity + acceleration * (early + within / rate)
+    mean = np.clip(np.where(coming > 0.0, coming / ahead, coming / back), -1.0, 1.0).mean(axis=1)
+    found = friction_direction(velocity, acceleration, rate, np.array([creep]))[:, 0]
+    slow = np.abs(acceleration[:, 0]) / rate < 0.5 * min(ahead, back)
+    assert found[slow | (ahead < 0.01)] == pytest.approx(mean[slow | (ahead < 0.01)], abs=0.05)
+
+
 @pytest.mark.parametrize("creep", [0.05, 0.1, 0.3])
 def test_the_velocity_at_which_all_of_it_is_there_is_found(creep):
     found = creeping(seen(recorded(soft(creep, creep, 8.0))), ROBOT)
@@ -70,6 +85,14 @@ def test_the_velocity_at_which_all_of_it_is_there_is_found(creep):
 def test_each_direction_has_its_own():
     found = creeping(seen(recorded(soft(0.2, 0.08, 10.0, 4.0))), ROBOT)
     assert found[JOINT, :2] == pytest.approx([0.2, 0.08], rel=0.05)
+
+
+def test_a_smooth_law_is_taken_for_the_nearest_of_these():
+    """As simulators write it: tanh of the velocity."""
+    examined = examine([recorded(lambda q, v: 8.0 * np.tanh(v / 0.1))], ROBOT)
+    (finding,) = examined.diagnosis.findings
+    assert (finding.effect, finding.joint) == ("coulomb_friction", ROBOT.joints[JOINT])
+    assert finding.parameters["coulomb"].value == pytest.approx(8.0, rel=0.01)
 
 
 @pytest.mark.parametrize(
