@@ -86,7 +86,14 @@ def test_extended_models() -> None:
         "hysteresis@arm7_joint1:force=0.9,breakaway=0.03",
     )
     effects = tuple(parse_spec(spec, robot) for spec in specs)
-    assert error(ExtendedModel(robot.with_inertials(1.1 * robot.inertials), effects, np.zeros(7))) < 1e-9
+    model = ExtendedModel(robot.with_inertials(1.1 * robot.inertials), effects, np.zeros(7))
+    assert error(model) < 1e-9
+    creep = ((0.0, 0.0, 0.01), *((1.0, 2.0, 0.0),) * 5, (0.0, 0.0, 0.0))  # slower than half of the states
+    creeping = replace(model, creep=creep)
+    assert error(creeping) < 1e-9
+    still, slow = np.zeros((1, 7)), np.full((1, 7), 0.5)
+    apart = (model.inverse_dynamics(still, slow, still) - creeping.inverse_dynamics(still, slow, still))[0]
+    assert apart[[0, 2, 3]] == pytest.approx([0.0, 0.4, 0.65]) and apart[6] == 0.0
 
 
 def test_every_pointwise_effect_is_known() -> None:

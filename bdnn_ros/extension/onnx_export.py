@@ -75,7 +75,7 @@ def _formula(model: Dynamics) -> Formula:
 def extended_effort(model: ExtendedModel, q: Array, v: Array, a: Array) -> Array:
     """As `ExtendedModel.inverse_dynamics`."""
     plant, width = model.plant, len(model.joints)
-    sign = np.sign(v)
+    way = _way(model, v)
     acting = robot_effort(plant.robot, q - plant.position_offset, v, a)
     if model.beyond is not None and (model.beyond.motors.couplings or model.beyond.learned):
         load = rigid_effort(model.beyond.robot, q, v, 0.0 * v)
@@ -90,11 +90,23 @@ def extended_effort(model: ExtendedModel, q: Array, v: Array, a: Array) -> Array
             continue
         if name not in RESISTANCE:
             raise DataError(f"No ONNX graph is known for {name}.", "")
-        at, speed, side = q[:, [effect.target]], v[:, [effect.target]], sign[:, [effect.target]]
+        at, speed, side = q[:, [effect.target]], v[:, [effect.target]], way[:, [effect.target]]
         acting = acting + RESISTANCE[name](at, speed, side, values) * np.eye(width)[effect.target]
     if ratio.any():  # u = x + r |u| s has the sign of x, because r < 1
-        acting = acting / (1.0 - ratio * sign * np.sign(acting))
+        acting = acting / (1.0 - ratio * way * np.sign(acting))
     return (acting - plant.offset) / plant.scale
+
+
+def _way(model: ExtendedModel, v: Array) -> Array:
+    """How much of its dry friction each joint has, from -1 to 1."""
+    if not model.creep:
+        return np.sign(v)
+    ahead, back, _ = np.array(model.creep).T
+    soft = np.minimum(ahead, back) > 0.0
+    forth = np.minimum(np.maximum(v / np.where(soft, ahead, 1.0), 0.0), 1.0)
+    return soft * (
+        forth + np.maximum(np.minimum(v / np.where(soft, back, 1.0), 0.0), -1.0)
+    ) + ~soft * np.sign(v)
 
 
 def _stribeck(q: Any, v: Any, sign: Any, p: dict[str, float]) -> Any:
@@ -111,4 +123,4 @@ RESISTANCE: dict[str, Callable[[Any, Any, Any, dict[str, float]], Any]] = {
     "joint_spring": lambda q, v, s, p: p["stiffness"] * (q - p["rest"]),
     "cogging": lambda q, v, s, p: p["amplitude"] * np.sin(p["periods_per_rev"] * q + p["phase"]),
 }
-"""Effort of an effect from its joint's position, velocity and direction, (N, 1) each."""
+"""Effort of an effect from its joint's position, velocity and share of dry friction, (N, 1) each."""
