@@ -19,6 +19,7 @@ from bdnn_ros.effects.friction import bristle
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.units import along
 from bdnn_ros.signals import Signals
 from bdnn_ros.signals.signals import friction_direction
 
@@ -201,14 +202,15 @@ def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale)
 
 
-def remarked(recordings: Sequence[Recording], signals: Signals) -> list[Recording]:
+def remarked(recordings: Sequence[Recording], signals: Signals, robot: Robot) -> list[Recording]:
     """The recordings with a note on friction that comes on little by little, where there is any to speak of."""
     assert signals.creep is not None
     all_at = signals.creep[:, :2].max(axis=1)
     seen = np.flatnonzero(all_at > SEEN * np.sqrt(np.mean(signals.velocity**2, axis=0)))
     if not len(seen):
         return list(recordings)
-    where = listed([f"{signals.joints[j]} (all there at {all_at[j]:.2g} rad/s)" for j in seen])
+    units = [along("rad/s", slides) for slides in robot.slides]
+    where = listed([f"{robot.joints[j]} (all there at {all_at[j]:.2g} {units[j]})" for j in seen])
     said = (
         f"dry friction comes on little by little with the velocity at {where}, as in a simulator that regularises it; "
         "it is taken as it is, and its size is what it comes to"

@@ -168,7 +168,7 @@ def _as_measured(
     creep = np.array(known) if known else creeping(signals, robot)
     if creep is not None:
         signals = replace(signals, creep=creep)
-        recordings = remarked(recordings, signals)
+        recordings = remarked(recordings, signals, robot)
     return recordings, signals, late
 
 
