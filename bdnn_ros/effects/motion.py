@@ -67,9 +67,12 @@ class Motion:
         return self.signals.direction
 
     def ways(self, target: int) -> tuple[np.ndarray, np.ndarray]:
-        """How much of a joint's dry friction is there ahead, from 0 to 1, and back, from -1 to 0, (N,) each."""
+        """How much of a joint's dry friction is there ahead, from 0 to 1, and back, from -1 to 0, (N,) each.
+
+        Friction that comes on alike either way is that of a joint that turns round: the share of time that it goes ahead.
+        """
         way, creep = self.direction[:, target], self.signals.creep
-        if creep is None or not creep[target].any():
+        if creep is None or creep[target, 0] == creep[target, 1]:
             return 0.5 * (way + 1.0), 0.5 * (way - 1.0)
         return np.maximum(way, 0.0), np.minimum(way, 0.0)
 
