@@ -12,6 +12,23 @@ from _naming_text import Rows, markdown
 RECORDS = Path(__file__).resolve().parent / "results" / "naming_mujoco.jsonl"
 OF_MOTIONS = RECORDS.with_name("naming_motions.jsonl")
 OF_STRANGERS = RECORDS.with_name("naming_strangers.jsonl")
+OTHERS = (
+    (
+        OF_MOTIONS,
+        "motion",
+        "\nThe same robots on other motions (`--motion NAME`): all joints from point to point with pauses, one sine a joint,\n"
+        "one joint after the other, of which each then moves for some seconds only, and what `bdnn excite` makes of the\n"
+        "description.\n",
+    ),
+    (
+        OF_STRANGERS,
+        "robot",
+        "\nArms of example-robot-data (`--robots NAMES`), by their descriptions of links and joints alone. Payloads and pushes\n"
+        "are as large as on the robots above. Where a joint is light in its first pose, MuJoCo's dry friction comes on little\n"
+        "by little (see [what is corrected](diagnosis.md#what-is-corrected-with-a-note)).\n",
+    ),
+)
+"""Draws of other kinds: where they are, what they differ in, and in words."""
 NOTHING = "nothing"
 
 
@@ -54,32 +71,11 @@ def section(code: str) -> list[str]:
         "swings at 25 to 45 rad/s. Gap and soft gear are second joints of MuJoCo's, between rotor and link, on worn robots.\n",
         f"{in_words(records)} {now} by the sources as they stand.\n",
         markdown(table(records)),
-        *_of_motions(code),
-        *_of_strangers(code),
+        *(line for part in OTHERS for line in _part(*part, code)),
     ]
 
 
-def _of_motions(code: str) -> list[str]:
-    """The part on other motions than Fourier series."""
-    words = (
-        "\nThe same robots on other motions (`--motion NAME`): all joints from point to point with pauses, one sine a joint,\n"
-        "one joint after the other, of which each then moves for some seconds only, and what `bdnn excite` makes of the\n"
-        "description.\n"
-    )
-    return _part(OF_MOTIONS, words, "motion", code)
-
-
-def _of_strangers(code: str) -> list[str]:
-    """The part on robots that nothing was chosen by."""
-    words = (
-        "\nArms of example-robot-data (`--robots NAMES`), by their descriptions of links and joints alone. Payloads and pushes\n"
-        "are as large as on the robots above. Where a joint is light in its first pose, MuJoCo's dry friction comes on little\n"
-        "by little (see [what is corrected](diagnosis.md#what-is-corrected-with-a-note)).\n"
-    )
-    return _part(OF_STRANGERS, words, "robot", code)
-
-
-def _part(path: Path, words: str, by: str, code: str) -> list[str]:
+def _part(path: Path, by: str, words: str, code: str) -> list[str]:
     """A part of the document on draws of another kind; nothing without results."""
     if not path.is_file():
         return []
