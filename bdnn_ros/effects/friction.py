@@ -18,7 +18,8 @@ ARMSTRONG = (
 BONA = "Bona, Indri, Friction compensation in robotics: an overview, CDC 2005"
 RESOLVED = 0.25
 """A Stribeck velocity that is passed within this share of the low-pass's standard deviation cannot be told from sticking."""
-
+FALLING = 2.0
+"""Friction falls where it is there: its Stribeck velocity is no less than this many times that at which all of it is."""
 KNOWN = 4.0
 """Standard deviations by which a bristle's force and travel must exceed nothing: a joint that creeps looks like a short one."""
 
@@ -120,9 +121,11 @@ class StribeckFriction(Effect):
         return [shape for shape in tried if self.resolved(motion, target, shape)] or tried[-1:]
 
     def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
-        """Whether the joint takes a good part of the low-pass's width to pass the velocity."""
-        usual = motion.usual_acceleration[target]
-        return bool(shape["velocity"] >= RESOLVED * usual * motion.signals.kernel_std)
+        """Whether the joint takes a good part of the low-pass's width to pass the velocity, and all of its friction is there by
+        then."""
+        usual, creep = motion.usual_acceleration[target], motion.signals.creep
+        least = 0.0 if creep is None else FALLING * float(creep[target, :2].max())
+        return bool(shape["velocity"] >= max(RESOLVED * usual * motion.signals.kernel_std, least))
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         coulomb, extra = (float(c) for c in coefficients)
