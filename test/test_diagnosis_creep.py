@@ -12,6 +12,8 @@ import pytest
 from bdnn_ros.diagnosis.creep import creeping
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.effects.friction import bristle
+from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.registry import get
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.recording import Recording
@@ -85,6 +87,25 @@ def test_the_velocity_at_which_all_of_it_is_there_is_found(creep):
 def test_each_direction_has_its_own():
     found = creeping(seen(recorded(soft(0.2, 0.08, 10.0, 4.0))), ROBOT)
     assert found[JOINT, :2] == pytest.approx([0.2, 0.08], rel=0.05)
+
+
+def test_friction_falls_only_where_it_is_there():
+    signals, falls = seen(recorded(soft(0.1, 0.1, 8.0))), get("stribeck_friction")
+    sharp = Motion(signals, ROBOT, signals.effort)
+    creeping_one = replace(sharp, signals=replace(signals, creep=np.full((ROBOT.width, 3), [0.1, 0.1, 0.0])))
+    assert falls.resolved(sharp, JOINT, {"velocity": 0.19})
+    assert not falls.resolved(creeping_one, JOINT, {"velocity": 0.19})
+    assert falls.resolved(creeping_one, JOINT, {"velocity": 0.21})
+
+
+def test_friction_that_creeps_alike_is_uneven_by_an_offset_alone():
+    """Or the two would be told apart by what happens while the joint turns round."""
+    signals = seen(recorded(soft(0.1, 0.1, 8.0)))
+    for creep, same in (([0.1, 0.1, 0.0], True), ([0.1, 0.05, 0.0], False)):
+        motion = Motion(replace(signals, creep=np.full((ROBOT.width, 3), creep)), ROBOT, signals.effort)
+        ahead, back = motion.ways(JOINT)
+        assert ahead + back == pytest.approx(motion.direction[:, JOINT])
+        assert np.allclose(ahead - back, 1.0) is same
 
 
 def test_a_smooth_law_is_taken_for_the_nearest_of_these():
