@@ -51,9 +51,7 @@ Creep = tuple[float, float, float]
 def creeping(signals: Signals, robot: Robot) -> np.ndarray | None:
     """Velocities under which each joint's dry friction comes on little by little, ahead and back [rad/s], and how early [s].
 
-    They are (n, 3), zero where it does at once.
-
-    None where no joint's does.
+    They are (n, 3), zero where it does at once; None where no joint's does.
     """
     rows = some(np.flatnonzero(signals.interior & telling(signals).any(axis=1)), MOST_ROWS)
     if not len(rows):
@@ -167,8 +165,7 @@ class _Joint:
         """
         columns = [np.maximum(way, 0.0), np.minimum(way, 0.0), self.load * way]
         columns += [] if in_time else [self.signals.derivative(way)]
-        own = self._own(columns)
-        left = self.target - own @ _fitted(own, self.target)
+        left = beyond(self.target, basis(self._own(columns)))
         if falling is not None:
             more = self._own([*columns, falling])
             size = _fitted(more, self.target)

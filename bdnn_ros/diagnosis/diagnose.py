@@ -109,9 +109,16 @@ def examine(
     if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
         raise _too_short(recordings)
     say("filtering")
-    recordings, signals, late = _as_measured(excerpts(recordings), robot, cutoff, model)
+    recordings = excerpts(recordings)
+    signals = _signals(recordings, robot, cutoff)
+    predicted = None if model is None else model.predict(signals)
+    for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted, robot):
+        raise ConventionError(breach.problem, breach.remedy)
+    recordings, signals, late = _as_measured(recordings, signals, robot, cutoff, model)
+    if model is not None and signals.own is not None:
+        predicted = model.predict(signals)
     known = getattr(model, "covariance", None)
-    equations = build(signals, robot, None if model is None else model.predict(signals), known)
+    equations = build(signals, robot, predicted, known)
     equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
     if equations.blocks < EVERY_TEST_BLOCK:
         raise _too_short(recordings)
@@ -140,30 +147,23 @@ def examine(
 
 
 def _as_measured(
-    recordings: Sequence[Recording], robot: Robot, cutoff: float | None, model: Predicts | None
+    recordings: Sequence[Recording],
+    signals: Signals,
+    robot: Robot,
+    cutoff: float | None,
+    model: Predicts | None,
 ) -> tuple[Sequence[Recording], Signals, Lateness]:
-    """Recordings that go together with the robot, with what they had passed taken back, their motion, and how late they were.
+    """Recordings and their motion with what they had passed taken back, and how late they were.
 
     What changed since a model was identified is as late as it was, and its friction comes on as it did.
-
-    Raises:
-        ConventionError: they do not go together.
     """
-    signals = _signals(recordings, robot, cutoff)
-    wrong = breaches(signals, robot) if model is None else unlike(signals, model.predict(signals), robot)
-    for breach in wrong:
-        raise ConventionError(breach.problem, breach.remedy)
     late = lateness(signals, robot) if model is None else Lateness()
     if late.total:
         recordings = in_time(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     own = softness(signals, robot)
-    if own is not None:
-        return (
-            noted(recordings, own),
-            softened(signals, own),
-            late,
-        )  # how sharp friction is cannot be told any more
+    if own is not None:  # how sharp friction is cannot be told any more
+        return noted(recordings, own), softened(signals, own), late
     known = getattr(model, "creep", ())
     creep = np.array(known) if known else creeping(signals, robot)
     if creep is not None:
