@@ -104,9 +104,8 @@ def _way(model: ExtendedModel, v: Array) -> Array:
     ahead, back, _ = np.array(model.creep).T
     soft = np.minimum(ahead, back) > 0.0
     forth = np.minimum(np.maximum(v / np.where(soft, ahead, 1.0), 0.0), 1.0)
-    return soft * (
-        forth + np.maximum(np.minimum(v / np.where(soft, back, 1.0), 0.0), -1.0)
-    ) + ~soft * np.sign(v)
+    hither = np.maximum(np.minimum(v / np.where(soft, back, 1.0), 0.0), -1.0)
+    return soft * (forth + hither) + ~soft * np.sign(v)
 
 
 def _stribeck(q: Any, v: Any, sign: Any, p: dict[str, float]) -> Any:
