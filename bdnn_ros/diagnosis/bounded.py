@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import lsq_linear
 
 EXACT = 1e-12
 """Coefficients may leave their bounds by this much."""
+MOST_SETS = 10
+"""So many sets of held coefficients are tried before the general solver is asked."""
 
 
 def outside(coefficients: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -26,10 +28,34 @@ def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarr
     root = np.tril(factor[first:, first:]).T
     size = np.linalg.norm(root, axis=0)
     low, high = low[first:], high[first:]
-    solution = lsq_linear(root / size, target[first:], (low * size, high * size), method="bvls")
-    held = np.clip(solution.x / size, low, high)
+    root /= size
+    found = _active_set(root.T @ root, root.T @ target[first:], low * size, high * size)
+    if found is None:
+        found = lsq_linear(root, target[first:], (low * size, high * size), method="bvls").x
+    held = np.clip(found / size, low, high)
     free = target[:first] - factor[first:, :first].T @ held
     return np.concatenate([solve_triangular(factor[:first, :first].T, free), held])
+
+
+def _active_set(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
+    """The same minimum, by changing at once all that is held wrongly; None where that does not end.
+
+    It ends where nothing leaves its bounds and all that is held there is pushed against them, which is the minimum
+    (primal-dual active set; Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
+    """
+    best = np.linalg.solve(a, moment)
+    at_low, at_high = best < low, best > high
+    for _ in range(MOST_SETS):
+        best = np.where(at_low, low, np.where(at_high, high, 0.0))
+        free = ~(at_low | at_high)
+        best[free] = np.linalg.solve(a[np.ix_(free, free)], (moment - a @ best)[free])
+        pull = moment - a @ best
+        now_low = (free & (best < low)) | (at_low & (pull < 0.0))
+        now_high = (free & (best > high)) | (at_high & (pull > 0.0))
+        if (now_low == at_low).all() and (now_high == at_high).all():
+            return best
+        at_low, at_high = now_low, now_high
+    return None
 
 
 def bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -62,9 +88,10 @@ def held_out_losses(
         precision, low, high: prior precisions and bounds of the coefficients, (P,).
     """
     gram, moment = grams.sum(axis=0) + np.diag(precision), moments.sum(axis=0)
-    best = np.linalg.solve(gram - grams, (moment - moments)[..., None])[..., 0]
+    factors, others = np.linalg.cholesky(gram - grams), moment - moments
+    best = np.array([cho_solve((factor, True), other) for factor, other in zip(factors, others, strict=True)])
     for b in np.flatnonzero(outside(best, low, high)):
-        best[b] = held(np.linalg.cholesky(gram - grams[b]), moment - moments[b], low, high)
+        best[b] = held(factors[b], others[b], low, high)
     squared = np.einsum("bi,bij,bj->b", best, grams, best, optimize=True)
     return np.asarray(0.5 * (powers - 2.0 * np.sum(best * moments, axis=1) + squared))
 
@@ -79,10 +106,10 @@ def gains_of(
         left: their moments with what the rest leaves, (c, k).
         prior: precisions of the coefficients, (c, k).
     """
-    best = np.linalg.solve(schur, left[..., None])[..., 0]
     if left.shape[1] == 1:
-        best = np.clip(best, low, high)
+        best = np.clip(left / schur[..., 0], low, high)
     else:
+        best = np.linalg.solve(schur, left[..., None])[..., 0]
         for i in np.flatnonzero(outside(best, low, high)):
             best[i] = bounded(schur[i], left[i], low[i], high[i])
     explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)

@@ -21,6 +21,8 @@ FARTHEST = 1.0
 """No hand reaches further from its link's origin [m]."""
 REACH = 0.3
 """Most touch nearer to the points that are tried first than this; the evidence decides, this where it cannot [m]."""
+STEP = 1.5e-8
+"""Of finite differences [m]."""
 GRID = np.linspace(-0.4, 0.4, 9)
 """First points along each axis of the link, about one that is tried first [m]."""
 
@@ -43,8 +45,12 @@ def contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
     def against(points: np.ndarray) -> np.ndarray:
         return 0.5 * np.sum(((points - usual) / REACH) ** 2, axis=-1) - pull.gains(points)
 
+    def with_slope(point: np.ndarray) -> tuple[float, np.ndarray]:
+        here, *there = against(point + np.vstack([np.zeros(3), STEP * np.eye(3)]))
+        return float(here), (np.array(there) - here) / STEP
+
     start = around[np.argmin(against(around))]
-    found = minimize(lambda x: float(against(x[None])[0]), start, method="BFGS")
+    found = minimize(with_slope, start, jac=True, method="BFGS")
     if not np.isfinite(found.fun) or np.linalg.norm(found.x) > FARTHEST:
         return None
     return term.shaped({**dict(term.shape), **dict(zip(POINT, found.x.tolist(), strict=True))})

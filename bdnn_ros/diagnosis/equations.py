@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting
 from bdnn_ros.diagnosis.term import COMMON, Term
@@ -109,13 +110,19 @@ class Equations:
 
     def reduced(self, values: np.ndarray) -> np.ndarray:
         """Values at the working rate (N, ...) as rows: low-passed and thinned, (R, ...)."""
-        signals, result = self.motion.signals, np.zeros((len(self.rows), *values.shape[1:]))
-        for j in range(values.shape[1]):
-            if not self.lead:
-                result[:, j] = signals.smooth_at(values[:, j], self.rows)
-            elif values[:, j].any():
-                result[:, j] = self.motion.advanced(signals.smooth(values[:, j]), self.lead)[self.rows]
-        return result
+        flat = values.reshape(len(values), -1)
+        acting, result = np.ones(len(flat)) @ np.abs(flat) != 0.0, np.zeros((len(self.rows), flat.shape[1]))
+        if self.lead:
+            smooth = self.motion.advanced(self.motion.signals.smooth(flat[:, acting]), self.lead)
+            result[:, acting] = smooth[self.rows]
+        else:
+            result[:, acting] = self._smoothing @ flat[:, acting]
+        return result.reshape(-1, *values.shape[1:])
+
+    @cached_property
+    def _smoothing(self) -> csr_array:
+        """The low-pass at the rows, (R, N)."""
+        return self.motion.signals.smoothing_at(self.rows)
 
     def columns(self, term: Term) -> np.ndarray:
         """Columns of a term as rows, (R, n, k) [N·m per unit]."""

@@ -217,12 +217,12 @@ class Pool:
         """What rows (R, n, k) tell of their coefficients beside a fit: information (k, k), moments with what is left (k,)."""
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
         white = self.equations.whiten(columns[:, joints], self.noise, joints)
-        tall, known = white.reshape(-1, white.shape[2]), self._known(fit, joints)
+        tall, known = white.reshape(-1, white.shape[2]), self.known(fit, joints)
         cross = known.T @ tall
         left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
         return tall.T @ tall - cross.T @ fit.covariance @ cross, left
 
-    def _known(self, fit: Fit, joints: np.ndarray) -> np.ndarray:
+    def known(self, fit: Fit, joints: np.ndarray) -> np.ndarray:
         """Whitened columns of a fit on some joints, (R * joints, P); kept for the next term that is tried beside it."""
         key = (fit.terms, tuple(joints.tolist()))
         if self._tall is None or self._tall[0] != key:

@@ -39,13 +39,15 @@ class _Sums:
 
     Attributes:
         grams: of a wrench's k columns, (R + 1, k, k).
-        seen: their products with the fit's columns, in units in which those are independent, (R + 1, k, P).
+        cross: their products with the fit's columns, (R + 1, k, P).
+        factor: lower Cholesky factor of the precision of the fit's coefficients, (P, P).
         moments: their products with what the fit leaves, (R + 1, k).
         prior: precision of their coefficients, (k,).
     """
 
     grams: np.ndarray
-    seen: np.ndarray
+    cross: np.ndarray
+    factor: np.ndarray
     moments: np.ndarray
     prior: np.ndarray
 
@@ -53,14 +55,13 @@ class _Sums:
     def of(cls, pool: Pool, fit: Fit, term: Term, columns: np.ndarray) -> _Sums:
         """Of columns that act all the time, rows (R, n, k)."""
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
-        white = pool.equations.whiten(columns, pool.noise)[:, joints]
-        known = pool.white[:, joints][:, :, pool.columns_of(fit.terms)]
+        white = pool.equations.whiten(columns[:, joints], pool.noise, joints)
+        known = pool.known(fit, joints).reshape(len(white), len(joints), -1)
         left = pool.white_target[:, joints] - known @ fit.coefficients
-        cross = _running(np.einsum("rjk,rjp->rkp", white, known))
-        seen = solve_triangular(fit.factor, cross.reshape(-1, cross.shape[2]).T, lower=True).T
         return cls(
             _running(np.einsum("rjk,rjl->rkl", white, white)),
-            seen.reshape(cross.shape),
+            _running(np.swapaxes(white, 1, 2) @ known),
+            fit.factor,
             _running(np.einsum("rjk,rj->rk", white, left)),
             pool.equations.spread(term, columns) ** -2.0,
         )
@@ -83,8 +84,9 @@ class _Sums:
         """Gram matrices of what the fit's columns see from row to row, (W, k, k) of rows (W,): of few rows many windows."""
         marks, at = np.unique(np.concatenate([a, b]), return_inverse=True)
         start, end = at[: len(a)], at[len(a) :]
-        count, size = len(marks), self.seen.shape[1]
-        tall = self.seen[marks].reshape(count * size, -1)
+        count, size = len(marks), self.cross.shape[1]
+        # in units in which the fit's columns are independent
+        tall = solve_triangular(self.factor, self.cross[marks].reshape(count * size, -1).T, lower=True).T
         of = np.ascontiguousarray((tall @ tall.T).reshape(count, size, count, size).swapaxes(1, 2))
         return np.asarray(of[end, end] + of[start, start] - of[start, end] - of[end, start])
 

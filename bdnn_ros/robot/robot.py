@@ -227,7 +227,7 @@ class Robot:
         bodies = self._bodies + 1
         return np.array([np.isin(bodies, list(self._model.subtrees[int(body)])) for body in bodies])
 
-    @property
+    @cached_property
     def carried(self) -> np.ndarray:
         """How many of the other joints each joint carries, (n,) int."""
         return np.asarray(self.carries.sum(axis=1) - 1)

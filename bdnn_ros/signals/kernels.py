@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from scipy.signal import lfilter, oaconvolve
+from scipy.sparse import csr_array
 
 KERNEL_WIDTHS = 4.0
 """Half length of the kernel in standard deviations."""
@@ -55,22 +57,21 @@ def lagging(values: np.ndarray, lag: float, rate: float) -> np.ndarray:
     return np.asarray(values[:1] + lfilter(passed, kept, values - values[:1], axis=0))
 
 
-def convolved_at(values: np.ndarray, weights: np.ndarray, samples: np.ndarray, within: slice) -> np.ndarray:
-    """Convolution of values (N, ...) with a symmetric kernel at those samples that lie within a segment, (R, ...).
+def convolving_at(weights: np.ndarray, samples: np.ndarray, segments: Sequence[slice]) -> csr_array:
+    """The convolution with a symmetric kernel (K,) at some samples (R,), segment by segment, as a sparse matrix (R, N).
 
-    The segment's first and last value go on beyond its ends. What is zero all around a sample is not added up.
+    A segment's first and last value go on beyond its ends.
     """
-    inside = samples[(samples >= within.start) & (samples < within.stop)]
-    result = np.zeros((len(inside), *values.shape[1:]))
-    filled = (values[within] != 0.0).ravel()
-    first, after = int(filled.argmax()), len(filled) - int(filled[::-1].argmax())
-    if filled[first]:
-        half, width = len(weights) // 2, len(filled) // (within.stop - within.start)
-        low, high = within.start + first // width - half, within.start + (after - 1) // width + half
-        touched = (inside >= low) & (inside <= high)
-        near = np.clip(inside[touched, None] + np.arange(len(weights)) - half, within.start, within.stop - 1)
-        result[touched] = np.einsum("rt...,t->r...", np.asarray(values, float)[near], weights)
-    return result
+    half = len(weights) // 2
+    inside = [samples[(samples >= rows.start) & (samples < rows.stop)] for rows in segments]
+    taken = [
+        np.clip(part[:, None] + np.arange(len(weights)) - half, rows.start, rows.stop - 1)
+        for part, rows in zip(inside, segments, strict=True)
+    ]
+    columns = np.concatenate(taken)
+    row = np.repeat(np.arange(len(columns)), len(weights))
+    values = np.tile(weights, len(columns))
+    return csr_array((values, (row, columns.ravel())), shape=(len(columns), max(s.stop for s in segments)))
 
 
 def passed_noise(

@@ -13,10 +13,11 @@ from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import convolve1d
+from scipy.sparse import csr_array
 
 from bdnn_ros.signals.kernels import (
     convolved,
-    convolved_at,
+    convolving_at,
     gaussian_kernel,
     gaussian_std,
     lagging,
@@ -105,8 +106,13 @@ class Signals:
 
     def smooth_at(self, values: np.ndarray, samples: np.ndarray) -> np.ndarray:
         """What `smooth` gives at some samples, in order, (R, ...): no more is computed."""
-        weights = gaussian_kernel(self.kernel_std, self.rate)[0]
-        return np.concatenate([convolved_at(values, weights, samples, rows) for rows in self.segments])
+        return np.asarray(self.smoothing_at(samples) @ values.reshape(len(values), -1)).reshape(
+            -1, *values.shape[1:]
+        )
+
+    def smoothing_at(self, samples: np.ndarray) -> csr_array:
+        """The same as a sparse matrix (R, N), for samples that are asked for again and again."""
+        return convolving_at(gaussian_kernel(self.kernel_std, self.rate)[0], samples, self.segments)
 
     def soften(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""

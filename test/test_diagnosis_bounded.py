@@ -1,0 +1,46 @@
+"""Least squares inside bounds against the general solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from bdnn_ros.diagnosis.bounded import held, held_out_losses
+
+
+def _drawn(seed: int, size: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Columns (rows, size) of very unlike sizes, a target, and bounds on all but the first two."""
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((rows, size)) * 10.0 ** rng.uniform(-3.0, 3.0, size)
+    low = np.where(rng.random(size) < 0.6, 0.0, -np.inf)
+    high = np.where(rng.random(size) < 0.2, 1e-3, np.inf)
+    low[:2], high[:2] = -np.inf, np.inf
+    low[2] = 0.0
+    return columns, rng.standard_normal(rows), low, high
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_held_minimum_is_the_general_solvers(seed: int) -> None:
+    columns, target, low, high = _drawn(seed, 12, 30)
+    found = held(np.linalg.cholesky(columns.T @ columns), columns.T @ target, low, high)
+    wanted = lsq_linear(columns, target, (low, high), method="bvls", tol=1e-14).x
+    assert ((found >= low) & (found <= high)).all()
+    losses = [float(np.sum((columns @ x - target) ** 2)) for x in (found, wanted)]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_each_block_is_predicted_by_a_fit_to_the_others(seed: int) -> None:
+    columns, target, low, high = _drawn(seed, 8, 60)
+    blocks = np.arange(60) % 3
+    parts = [(columns[blocks == b], target[blocks == b]) for b in range(3)]
+    grams, moments = np.array([c.T @ c for c, _ in parts]), np.array([c.T @ t for c, t in parts])
+    powers = np.array([t @ t for _, t in parts])
+    prior = 1e-6 * np.diag(grams.sum(axis=0))
+    losses = held_out_losses(grams, moments, powers, prior, low, high)
+    for b, (own, wanted) in enumerate(parts):
+        tall = np.concatenate([columns[blocks != b], np.diag(np.sqrt(prior))])
+        flat = np.concatenate([target[blocks != b], np.zeros(8)])
+        best = lsq_linear(tall, flat, (low, high), method="bvls", tol=1e-14).x
+        assert losses[b] == pytest.approx(0.5 * np.sum((own @ best - wanted) ** 2), rel=1e-6)
