@@ -249,10 +249,12 @@ def _hidden(
         case "external_wrench":
             force, start = rng.standard_normal(3), float(rng.uniform(3.0, 15.0))
             force *= rng.uniform(5.0, 15.0) / np.linalg.norm(force)
-            real.push = (force, start, start + float(rng.uniform(2.0, 6.0)))
+            end = start + float(rng.uniform(2.0, 6.0))
             mass, *moment = robot.inertials[-1][:4]
-            there = zip(FORCE + POINT, (*force, *(np.array(moment) / mass)), strict=True)
-            return {"start": start, "end": real.push[2], **{name: float(value) for name, value in there}}
+            point = np.array(moment) / mass
+            real.push = force, point, start, end
+            there = zip(FORCE + POINT, (*force, *point), strict=True)
+            return {"start": start, "end": end, **{name: float(value) for name, value in there}}
     raise ValueError(name)
 
 

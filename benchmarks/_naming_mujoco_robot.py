@@ -38,7 +38,7 @@ class Real:
     """What the robot in MuJoCo is like, beyond its description, (n,) each.
 
     Attributes:
-        push: force on the last body's centre of mass in the world's axes, its start and its end.
+        push: force in the world's axes, the point of the last body that it acts at, its start and its end.
         ripple: amplitude, periods a revolution and phase of each joint's cogging, (n, 3).
         late: steps after which a command acts.
         shift: of the measured position [rad].
@@ -62,7 +62,7 @@ class Real:
     payload: pin.Inertia | None = None
     gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
     late: int = 0
-    push: tuple[np.ndarray, float, float] | None = None
+    push: tuple[np.ndarray, np.ndarray, float, float] | None = None
     level: tuple[int, Level] | None = None
     bristle: tuple[int, float, float] | None = None
     give: tuple[int, float, float] | None = None
@@ -116,7 +116,11 @@ def moved(
             model.dof_frictionloss[to[j]] = real.friction[j] + level(time, speed, float(waiting[0][j]))
         data.qfrc_applied[to] = acting
         if real.push is not None:
-            data.xfrc_applied[-1, :3] = real.push[0] * (real.push[1] <= time < real.push[2])
+            force, point, start, end = real.push
+            pushing = force * (start <= time < end)
+            turn = data.xmat[-1].reshape(3, 3)
+            arm = data.xpos[-1] + turn @ point - data.xipos[-1]
+            data.xfrc_applied[-1] = np.concatenate([pushing, np.cross(arm, pushing)])
         mujoco.mj_step(model, data)
     if any(data.warning[kind].number for kind in LOST):
         raise DataError("MuJoCo lost the robot: its simulation is unstable.")

@@ -21,6 +21,7 @@ from bdnn_ros.diagnosis.pushes import (
     distance,
     leftover,
     nearest,
+    refined_push,
     reshaped,
     together,
 )
@@ -98,6 +99,38 @@ def test_times_and_a_point_of_its_own_are_found_together():
     fine = between_rows(pool, fit, rough, ARM)
     for one, within in ((rough, False), (fine, True)):
         assert (max(abs(dict(one.shape)[name] - value) for name, value in true.items()) < 5e-4) is within
+
+
+def test_a_push_is_refined_though_other_terms_are_held_at_their_bounds_without_it():
+    """Friction would have to push forwards to do what the push does; it is none the less what friction leaves."""
+    push = "external_wrench@arm6_link6:start=3.317,end=6.571,force_x=12,force_y=-20,force_z=-6"
+    worn = [f"coulomb_friction@arm6_joint{k}:coulomb=0.02" for k in range(1, 7)]
+    worn += [f"viscous_friction@arm6_joint{k}:viscous=0.02" for k in range(1, 7)]
+    equations = equations_of([push, *worn], "arm6")
+    noise, model = white(equations, 1e-3)
+    equations.target = equations.target + noise
+    pool = Pool(equations, model, [term(spec, ARM)[0] for spec in worn], TRUSTING)
+    without, true = pool.whole, term(push, ARM)[0]
+    assert (without.coefficients[pool.base :] == 0.0).sum() > 3
+    rough = true.shaped({**dict(true.shape), "start": 3.4, "end": 6.5})
+    found = dict(refined_push(pool, without, rough, ARM).shape)
+    assert max(abs(found[name] - value) for name, value in true.shape) < 1e-3
+
+
+def test_how_strong_a_push_may_be_does_not_follow_from_how_weak_the_last_joint_is():
+    push = term("external_wrench@arm6_link6:start=3,end=8,force_x=12", ARM)[0]
+    equations = equations_of([], "arm6")
+    columns = equations.columns(push)
+    usual = equations.spread(push, columns)
+    equations.effort_scale = equations.effort_scale * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-4])
+    np.testing.assert_allclose(equations.spread(push, columns), usual, rtol=0.05)
+    assert usual[:3].min() > 1.0
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_nothing_pushes_a_link_further_from_it_than_a_wrench_may_act(far):
+    push = term("external_wrench@arm6_link6:start=3,end=8,force_x=12", ARM)[0]
+    assert push.effect.shape_allowed({**dict(push.shape), "point_z": 1.5 if far else 0.5}) is not far
 
 
 def test_which_link_of_two_that_a_push_says_as_much_of_stays_open():

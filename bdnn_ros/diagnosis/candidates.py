@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.pushes import best_push, between_rows, piece_of
+from bdnn_ros.diagnosis.pushes import best_push, piece_of, refined_push
 from bdnn_ros.diagnosis.term import COMMON, Term
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import ALL
@@ -105,7 +105,7 @@ class Candidates:
         rest = pool.fit([c for c in fit.terms if c != chosen and not piece_of(pool.terms[c], term)])
         term = _relinearised(equations, pool, rest, term)
         if term.effect.timed:
-            return between_rows(pool, rest, best_push(pool, rest, term, self.robot), self.robot)
+            return refined_push(pool, rest, term, self.robot)
         free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
         return _refined(equations, pool, rest, term, free) if free else term
 

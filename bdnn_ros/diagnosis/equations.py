@@ -237,9 +237,8 @@ class Equations:
 
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
-        seen = np.where(self.ever_usable[..., None], columns / self.effort_scale[:, None], 0.0)
-        power = np.sqrt(np.mean(seen**2, axis=0))
-        strongest = power.max(axis=0)
+        seen = np.where(self.ever_usable[..., None], columns, 0.0)
+        strongest = term.effect.strength(np.sqrt(np.mean(seen**2, axis=0)), self.effort_scale)
         strongest = np.maximum(strongest, HARDLY_SEEN * strongest.max())
         return term.effect.spread(TYPICAL_SHARE / np.maximum(strongest, 1e-9), self.motion, term.target)
 

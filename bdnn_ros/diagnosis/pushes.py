@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import cho_solve
 
 from bdnn_ros.diagnosis.contact import contact, point_of
 from bdnn_ros.diagnosis.evidence import Fit, Pool
@@ -43,8 +45,10 @@ ENDS = 0.6
 def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
     """A push with the times, and a wrench with the point of its link, that add most evidence to a fit.
 
-    A wrench that explains nothing at the points that are tried first is not looked for at others.
+    A wrench that explains nothing at the points that are tried first is not looked for at others. What the fit has at its
+    bounds for want of the push is free to leave them.
     """
+    fit = _unbound(pool, fit)
     tried = [best_window(pool, fit, term.shaped(point)) for point in term.effect.points(robot, term.link)]
     gain, best = max(((pool.gain_of(fit, one)[0], one) for one in tried), key=lambda pair: pair[0])
     touched = contact(pool, fit, best) if gain > 0.0 else None
@@ -54,9 +58,16 @@ def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
     return touched if pool.gain_of(fit, touched)[0] > gain + max(WORTH, toss(best, gain)) else best
 
 
+def refined_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
+    """A push where it adds most evidence to a fit: sought everywhere, or moved from where it is."""
+    fit = _unbound(pool, fit)
+    ends = [between_rows(pool, fit, start, robot) for start in (best_push(pool, fit, term, robot), term)]
+    return max(ends, key=lambda end: pool.gain_of(fit, end)[0])
+
+
 def reshaped(pool: Pool, rest: Sequence[int], robot: Robot) -> Pool:
     """The pool with all pushes but those among the rest where each explains most beside the rest."""
-    fit = pool.fit(rest)
+    fit = _unbound(pool, pool.fit(rest))
     others = [c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest]
     found = {c: best_push(pool, fit, pool.terms[c], robot) for c in others}
     gains = {c: pool.gain_of(fit, term)[0] for c, term in found.items()}
@@ -168,8 +179,11 @@ def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:
 
 
 def between_rows(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
-    """A push with its times between rows, and a point of its own, where they add most evidence to a fit, by Gauss-Newton."""
-    effect = term.effect
+    """A push with its times between rows, and a point of its own, where they add most evidence to a fit, by Gauss-Newton.
+
+    What the fit has at its bounds is free to leave them.
+    """
+    effect, fit = term.effect, _unbound(pool, fit)
     if not isinstance(effect, Push):
         return term
     gain, coefficients = pool.gain_of(fit, term)
@@ -213,6 +227,12 @@ def _edge_rates(motion: Motion, shape: dict[str, float]) -> np.ndarray:
         for by in (step, -step)
     )
     return (later - earlier) / (2.0 * step)
+
+
+def _unbound(pool: Pool, fit: Fit) -> Fit:
+    """A fit whose coefficients may leave their bounds: without a push among the terms they are held at what it does."""
+    moment = pool.total[1][pool.columns_of(fit.terms)]
+    return replace(fit, coefficients=cho_solve((fit.factor, True), moment))
 
 
 def _edges(term: Term) -> list[float]:

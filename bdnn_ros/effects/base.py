@@ -197,6 +197,10 @@ class Effect(ABC):
         """Whether a finding with these values and their standard deviations may be named."""
         return True
 
+    def strength(self, unit: np.ndarray, usual: np.ndarray) -> np.ndarray:
+        """What units of the coefficients do (n, k) of the usual efforts (n,), at the joint where that is most, (k,)."""
+        return np.asarray((unit / usual[:, None]).max(axis=0))
+
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         """Prior standard deviations of the coefficients (k,): what the effect's nature tells of them.
 

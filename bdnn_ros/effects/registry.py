@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from bdnn_ros.effects import actuation, backlash, environment, friction, rigid, sensing, transmission
+from bdnn_ros.effects import actuation, backlash, drift, environment, friction, rigid, sensing, transmission
 from bdnn_ros.effects.base import Effect, Parameter, Where
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError, listed
@@ -41,9 +41,9 @@ ALL: tuple[Effect, ...] = (
     sensing.VelocityFilter(),
     environment.ExternalWrench(),
     environment.ExternalTorque(),
-    environment.DriftingCoulomb(),
-    environment.DriftingViscous(),
-    environment.DriftingOffset(),
+    drift.DriftingCoulomb(),
+    drift.DriftingViscous(),
+    drift.DriftingOffset(),
 )
 """Every effect; those of one name are variants of it."""
 

@@ -1,0 +1,139 @@
+"""Parameters that drift: what changes slowly over a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot.units import printed
+
+
+class Drift(Effect):
+    """A parameter that changes linearly from the start of the recording to its end (warm-up, wear)."""
+
+    name = "drift"
+    on = "joint"
+    changing = True
+    excess = np.array((-1.0, 1.0))
+    shown_by = "the same motion early and late in a long recording"
+    source = (
+        "Carvalho Bittencourt, Axelsson, Modeling and experiment design for identification of wear in a "
+        "robot joint under load and temperature uncertainties, IEEE/ASME TMech 19(5), 2014"
+    )
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"start": float(motion.time[0]), "end": float(motion.time[-1])}]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {
+            "start_value": float(coefficients[0]),
+            "end_value": float(coefficients[1]),
+            "start": float(shape["start"]),
+            "end": float(shape["end"]),
+        }
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        shape = {key: values[key] for key in ("start", "end")}
+        return np.array([values["start_value"], values["end_value"]]), shape
+
+    def sentence(self, where: str, values: Values) -> str:
+        unit = printed(self.parameters[0].unit_at(self.slides))
+        return (
+            f"{where} drifts: its {self.title} goes from {values['start_value']:.3g} "
+            f"to {values['end_value']:.3g} {unit} over the recording."
+        )
+
+
+TIMES = (Parameter("start", "s", default=0.0), Parameter("end", "s", default=np.inf))
+
+
+class DriftingCoulomb(Drift):
+    """Coulomb friction that changes over the recording."""
+
+    variant = "coulomb"
+    in_drive = True
+    title = "Coulomb friction"
+    parameters = (
+        Parameter("start_value", "N*m", 0.0, plausible=(0.0, 0.4), of_effort=True),
+        Parameter("end_value", "N*m", 0.0, plausible=(0.1, 0.6), of_effort=True),
+        *TIMES,
+    )
+    equation = "(start_value + (end_value - start_value) * (t - start) / (end - start)) * sign(qd)"
+    confused_with = ("coulomb_friction", "external_wrench")
+    coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+    contains = ("coulomb_friction",)
+    settles_into = "coulomb_friction"
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        level = ramp(values, plant.duration)
+        plant.dry.append((target, lambda time, speed, load, direction: level(time)))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.sharp_column(target, *_ramped(motion, shape, motion.direction[:, target]))
+
+
+class DriftingViscous(Drift):
+    """Viscous friction that changes over the recording."""
+
+    variant = "viscous"
+    in_drive = True
+    title = "viscous friction"
+    parameters = (
+        Parameter("start_value", "N*m*s/rad", 0.0, plausible=(0.0, 0.4), of_effort=True),
+        Parameter("end_value", "N*m*s/rad", 0.0, plausible=(0.1, 0.6), of_effort=True),
+        *TIMES,
+    )
+    equation = "(start_value + (end_value - start_value) * (t - start) / (end - start)) * qd"
+    confused_with = ("viscous_friction",)
+    coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
+    contains = ("viscous_friction",)
+    settles_into = "viscous_friction"
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        level = ramp(values, plant.duration)
+        plant.efforts.append((target, lambda time, position, velocity, load: level(time) * velocity))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, *_ramped(motion, shape, motion.velocity[:, target]))
+
+
+class DriftingOffset(Drift):
+    """An effort offset that changes over the recording; effort that acts = measured + offset."""
+
+    variant = "offset"
+    title = "effort offset"
+    parameters = (
+        Parameter("start_value", "N*m", plausible=(-0.4, 0.4), of_effort=True),
+        Parameter("end_value", "N*m", plausible=(-0.4, 0.4), of_effort=True),
+        *TIMES,
+    )
+    equation = "-(start_value + (end_value - start_value) * (t - start) / (end - start))"
+    confused_with = ("effort_offset", "external_wrench")
+    coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
+    contains = ("effort_offset",)
+    settles_into = "effort_offset"
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        level = ramp(values, plant.duration)
+        plant.efforts.append((target, lambda time, position, velocity, load: -level(time)))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, *_ramped(motion, shape, -np.ones(len(motion.time))))
+
+
+def ramp(values: Values, duration: float) -> Callable[[float], float]:
+    """The drifting parameter against time [s]; `end` defaults to the end of the recording."""
+    first, last = values["start_value"], values["end_value"]
+    start, end = values["start"], min(values["end"], duration)
+    slope = (last - first) / max(end - start, 1e-9)
+    return lambda time: first + slope * (time - start)
+
+
+def _ramped(motion: Motion, shape: Values, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A column weighted towards the start and towards the end of the ramp."""
+    progress = (motion.time - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
+    return (1.0 - progress) * column, progress * column
