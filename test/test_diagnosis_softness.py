@@ -127,7 +127,7 @@ def test_what_a_filter_made_of_a_recording_s_end_is_no_push():
     robot = Robot.bundled("arm7")
     spec = parse_spec("hysteresis@arm7_joint3:force=2.5,breakaway=0.034", robot)
     whole = simulate(robot, [spec], seed=3, duration=30.0).recording
-    recording = lowpassed(whole.part(whole.time < 24.0), 3.0)  # cut off while it moves
+    recording = lowpassed(whole.part(whole.time < 26.0), 3.0)  # cut off while it moves
     diagnosis = examine([recording], robot).diagnosis
     assert ("hysteresis", "arm7_joint3") in {(f.effect, f.joint) for f in diagnosis.findings}
     assert "external_wrench" not in {f.effect for f in diagnosis.findings}
