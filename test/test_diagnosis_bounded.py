@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from bdnn_ros.diagnosis.bounded import held, held_out_losses
+from bdnn_ros.diagnosis.bounded import factored, held, held_out_losses, solved
 
 
 def _drawn(seed: int, size: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -44,3 +44,25 @@ def test_each_block_is_predicted_by_a_fit_to_the_others(seed: int) -> None:
         flat = np.concatenate([target[blocks != b], np.zeros(8)])
         best = lsq_linear(tall, flat, (low, high), method="bvls", tol=1e-14).x
         assert losses[b] == pytest.approx(0.5 * np.sum((own @ best - wanted) ** 2), rel=1e-6)
+
+
+def _one_direction(size: int) -> np.ndarray:
+    """A matrix that says so much of one direction that what is believed of the others is lost in rounding."""
+    return 1e20 * np.ones((size, size)) + 1e-3 * np.eye(size)
+
+
+def test_what_is_singular_by_rounding_alone_is_solved() -> None:
+    a, right = np.array([_one_direction(6), np.eye(6)]), np.ones((2, 6))
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.solve(a, right[..., None])
+    found, volume = solved(a, right)
+    np.testing.assert_allclose(a @ found[..., None], right[..., None], rtol=1e-6)
+    assert np.isfinite(volume).all() and volume[1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_is_indefinite_by_rounding_alone_has_a_factor() -> None:
+    a = np.array([_one_direction(6), np.eye(6)])
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(a)
+    factor = factored(a)
+    np.testing.assert_allclose(factor @ np.swapaxes(factor, 1, 2), a, rtol=1e-9)

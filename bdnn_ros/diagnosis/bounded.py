@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import lsq_linear
 
 EXACT = 1e-12
 """Coefficients may leave their bounds by this much."""
+ROUNDING = 1e-12
+"""Share of a diagonal that rounding may have taken of it."""
 MOST_SETS = 10
 """So many sets of held coefficients are tried before the general solver is asked."""
 
@@ -15,6 +18,33 @@ MOST_SETS = 10
 def outside(coefficients: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Whether coefficients (..., P) leave their bounds (P,), (...) bool."""
     return np.asarray(((coefficients < low - EXACT) | (coefficients > high + EXACT)).any(axis=-1))
+
+
+def firm(a: np.ndarray) -> np.ndarray:
+    """Matrices (..., k, k) with diagonals raised by what rounding may have taken.
+
+    Where the data say much of some combination of columns and nothing of others, what is believed of these is lost in the
+    rounding of that.
+    """
+    return np.asarray(a * (1.0 + ROUNDING * np.eye(a.shape[-1])))
+
+
+def factored(a: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factors of matrices (..., k, k) that are positive-definite but for rounding."""
+    try:
+        return np.asarray(np.linalg.cholesky(a))
+    except LinAlgError:
+        return np.asarray(np.linalg.cholesky(firm(a)))
+
+
+def solved(a: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Solutions (..., k) of systems (..., k, k) that are regular but for rounding, and the logarithms of their determinants."""
+    try:
+        found = np.linalg.solve(a, right[..., None])
+    except LinAlgError:
+        a = firm(a)
+        found = np.linalg.solve(a, right[..., None])
+    return found[..., 0], np.linalg.slogdet(a)[1]
 
 
 def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -88,7 +118,7 @@ def held_out_losses(
         precision, low, high: prior precisions and bounds of the coefficients, (P,).
     """
     gram, moment = grams.sum(axis=0) + np.diag(precision), moments.sum(axis=0)
-    factors, others = np.linalg.cholesky(gram - grams), moment - moments
+    factors, others = factored(gram - grams), moment - moments
     best = np.array([cho_solve((factor, True), other) for factor, other in zip(factors, others, strict=True)])
     for b in np.flatnonzero(outside(best, low, high)):
         best[b] = held(factors[b], others[b], low, high)
@@ -109,7 +139,7 @@ def gains_of(
     if left.shape[1] == 1:
         best = np.clip(left / schur[..., 0], low, high)
     else:
-        best = np.linalg.solve(schur, left[..., None])[..., 0]
+        best, _ = solved(schur, left)
         for i in np.flatnonzero(outside(best, low, high)):
             best[i] = bounded(schur[i], left[i], low[i], high[i])
     explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)

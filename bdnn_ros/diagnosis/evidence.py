@@ -15,7 +15,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from bdnn_ros.diagnosis.bounded import gains_of, held, held_out_losses, outside
+from bdnn_ros.diagnosis.bounded import factored, gains_of, held, held_out_losses, outside
 from bdnn_ros.diagnosis.equations import BLURS, Equations
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.term import Term
@@ -147,14 +147,14 @@ class Pool:
         gram, moment, power = self.total
         index = self.columns_of(chosen)
         a = gram[np.ix_(index, index)] + np.diag(self.precision[index])
-        factor = cho_factor(a, lower=True)
-        best = cho_solve(factor, moment[index])
+        factor = factored(a)
+        best = cho_solve((factor, True), moment[index])
         low, high = self.lower[index], self.upper[index]
         if outside(best, low, high):
-            best = held(factor[0], moment[index], low, high)
+            best = held(factor, moment[index], low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
-        volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor[0])))
-        return Fit(chosen, best, factor[0], float(volume - loss - self._scale), float(loss))
+        volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor)))
+        return Fit(chosen, best, factor, float(volume - loss - self._scale), float(loss))
 
     def most(self, candidates: Sequence[int]) -> float:
         """What the evidence of any set of some terms, with these shapes, cannot exceed: all of them at once and for nothing.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from bdnn_ros.diagnosis.bounded import solved
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import SHORTEST
@@ -76,8 +77,8 @@ class _Sums:
         a, b = a[allowed], b[allowed]
         inner = self.grams[b] - self.grams[a] + np.diag(self.prior) - self._seen_between(a, b)
         moment = self.moments[b] - self.moments[a]
-        explained = 0.5 * np.einsum("wk,wk->w", moment, np.linalg.solve(inner, moment[..., None])[..., 0])
-        best = int(np.argmax(explained - 0.5 * np.linalg.slogdet(inner)[1]))
+        coefficients, volume = solved(inner, moment)
+        best = int(np.argmax(0.5 * np.einsum("wk,wk->w", moment, coefficients) - 0.5 * volume))
         return int(a[best]), int(b[best])
 
     def _seen_between(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
