@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from bdnn_ros.diagnosis.bounded import factored, held, held_out_losses, solved
+from bdnn_ros.diagnosis.bounded import factored, gains_of, held, held_out_losses, solved
 
 
 def _drawn(seed: int, size: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -66,3 +66,10 @@ def test_what_is_indefinite_by_rounding_alone_has_a_factor() -> None:
         np.linalg.cholesky(a)
     factor = factored(a)
     np.testing.assert_allclose(factor @ np.swapaxes(factor, 1, 2), a, rtol=1e-9)
+
+
+def test_what_rounding_makes_singular_gains_no_more_than_it_explains() -> None:
+    """The determinant of such a matrix is nothing, which a gain must not be divided by."""
+    a, ends = _one_direction(6)[None], np.full((1, 6), np.inf)
+    gains, _ = gains_of(a, np.ones((1, 6)), np.full((1, 6), 1e-3), -ends, ends)
+    assert gains[0] < 0.0
