@@ -73,6 +73,6 @@ def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(
 
     monkeypatch.setattr(module, "Search", Looking)
     monkeypatch.setattr(module, "attempted", attempted)
-    best = module.best_attempt(equations, None, (0.1,), lambda text: None)
+    best = module.best_attempt(module.Looks(equations, None, (0.1,), lambda text: None))
     assert (looked, attempts) == (looks, tried)
     assert (best.test == (block % 5 == taken)).all() and equations.motion == f"of {taken}"

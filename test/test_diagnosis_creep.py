@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.creep import creeping
+from bdnn_ros.diagnosis.creep import creeping, undisturbed
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.effects.friction import bristle
 from bdnn_ros.effects.motion import Motion
@@ -167,6 +167,35 @@ def test_what_changed_since_comes_on_as_it_did(examined):
     (finding,) = grown.diagnosis.findings
     assert (finding.effect, finding.joint) == ("coulomb_friction", ROBOT.joints[JOINT])
     assert finding.parameters["coulomb"].value == pytest.approx(6.0, rel=0.05)
+
+
+@pytest.fixture(scope="module")
+def pushed() -> Recording:
+    """Friction that creeps, 8 N·m, and something that turns the joint with 40 N·m from 8 s to 12 s."""
+    recording = recorded(soft(0.1, 0.1, 8.0), duration=30.0)
+    effort = recording.effort.copy()
+    effort[(recording.time > 8.0) & (recording.time < 12.0), JOINT] += 40.0
+    return replace(recording, effort=effort)
+
+
+def test_a_push_hides_how_friction_comes_on_but_not_where_it_does_not_act(pushed):
+    signals = seen(pushed)
+    assert creeping(signals, ROBOT) is None
+    around = (signals.time > 7.7) & (signals.time < 12.3)
+    calm = undisturbed(signals, ROBOT, around)
+    assert calm.creep[JOINT, :2] == pytest.approx([0.1, 0.1], rel=0.05)
+    assert undisturbed(calm, ROBOT, around) is calm
+    assert undisturbed(signals, ROBOT, np.zeros(len(signals), bool)) is signals
+    assert undisturbed(signals, ROBOT, signals.time > 10.0) is signals
+
+
+def test_friction_that_creeps_is_named_by_its_size_beside_a_push(pushed):
+    examined = examine([pushed], ROBOT)
+    found = {one.effect: one for one in examined.diagnosis.findings}
+    assert set(found) == {"coulomb_friction", "external_wrench"}
+    assert found["coulomb_friction"].parameters["coulomb"].value == pytest.approx(8.0, rel=0.01)
+    assert found["external_wrench"].parameters["torque"].value == pytest.approx(-40.0, rel=0.01)
+    assert "comes on little by little" in examined.recordings[0].notes[-1]
 
 
 def test_friction_of_a_light_mujoco_joint_creeps_as_its_constraint_does(monkeypatch):

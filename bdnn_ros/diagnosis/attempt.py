@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier, plainer, weighed
+from bdnn_ros.diagnosis.pushes import EDGES
 from bdnn_ros.diagnosis.search import Progress, Search, Selection
 from bdnn_ros.diagnosis.settling import settled, windows_anew
 from bdnn_ros.diagnosis.term import Term
@@ -23,6 +24,8 @@ TEST_PHASES = (2, 4)
 """Which one of them; the second where the first held something out that shows nowhere else."""
 SURPRISING = 2.0
 """Held-out error per error of the rest that says so."""
+AROUND = 0.3
+"""A push is in what was low-passed so long before it begins and after it ends [s]."""
 SWAPS = 5
 """So many findings may give way to a rival that proves likelier."""
 
@@ -45,46 +48,8 @@ class Attempt:
     extended: np.ndarray
 
 
-def best_attempt(
-    equations: Equations, candidates: Candidates, link_errors: Sequence[float], say: Progress
-) -> Attempt:
-    """The first attempt whose held-out rows are like the rest, or the one that they surprise least.
-
-    First looks tell which blocks to begin with: for what acts in held-out rows alone a search looks long, and in vain.
-    """
-    whole, motion, scale = equations.usable, equations.motion, equations.effort_scale
-    looks: dict[int, _Look] = {}
-
-    def look_at(phase: int) -> _Look:
-        if phase not in looks:
-            say("first look")
-            equations.take(motion)
-            search = Search(equations, candidates, say, link_errors)
-            looks[phase] = _looked(search, whole, equations.block % EVERY_TEST_BLOCK == phase)
-        return looks[phase]
-
-    phases = list(TEST_PHASES)
-    if look_at(phases[0]).surprise > SURPRISING:
-        say("what was held out is not like the rest: other blocks as well")
-        phases.sort(key=lambda phase: look_at(phase).surprise)
-    made: list[tuple[float, Attempt, Motion]] = []
-    for phase in phases:
-        if made:
-            say("what was held out is not like the rest: again with other blocks")
-        look = look_at(phase)
-        equations.take(look.motion)
-        attempt = attempted(look.search, look.found, whole, look.test)
-        surprising = surprise(attempt.extended, attempt.fitted.sure, look.test, scale)
-        made.append((surprising, attempt, equations.motion))
-        if surprising <= SURPRISING:
-            break
-    _, attempt, motion = min(made, key=lambda one: one[0])
-    equations.take(motion)
-    return attempt
-
-
 @dataclass(frozen=True)
-class _Look:
+class Look:
     """A first look at all rows but those of a test, (R,) bool.
 
     Attributes:
@@ -100,13 +65,69 @@ class _Look:
     surprise: float
 
 
-def _looked(search: Search, whole: np.ndarray, test: np.ndarray) -> _Look:
-    equations = search.equations
-    equations.count(whole & ~test[:, None])
-    found = search.first()
-    sure = whole & found.pool.noise.sure(equations.doubt)
-    left = found.pool.residual(found.fit, blur=False)
-    return _Look(test, search, found, equations.motion, surprise(left, sure, test, equations.effort_scale))
+class Looks:
+    """First looks at one regression, one for each test that was asked for."""
+
+    def __init__(
+        self, equations: Equations, candidates: Candidates, link_errors: Sequence[float], say: Progress
+    ) -> None:
+        self.equations, self.candidates, self.say = equations, candidates, say
+        self.whole, self._motion = equations.usable, equations.motion
+        self._link_errors = link_errors
+        self._seen: dict[int, Look] = {}
+
+    def at(self, phase: int) -> Look:
+        """The look without the test rows of a phase."""
+        if phase not in self._seen:
+            self.say("first look")
+            self._seen[phase] = self._looked(self.equations.block % EVERY_TEST_BLOCK == phase)
+        return self._seen[phase]
+
+    def pushed(self) -> np.ndarray:
+        """Samples at which something stands out that pushes, by the first of the looks, (N,) bool."""
+        time = self.equations.motion.time
+        pushed = np.zeros(len(time), bool)
+        for term in self.at(TEST_PHASES[0]).found.terms:
+            if term.effect.timed:
+                start, end = (dict(term.shape)[edge] for edge in EDGES)
+                pushed |= (time > start - AROUND) & (time < end + AROUND)
+        return pushed
+
+    def _looked(self, test: np.ndarray) -> Look:
+        equations = self.equations
+        equations.take(self._motion)
+        search = Search(equations, self.candidates, self.say, self._link_errors)
+        equations.count(self.whole & ~test[:, None])
+        found = search.first()
+        sure = self.whole & found.pool.noise.sure(equations.doubt)
+        left = found.pool.residual(found.fit, blur=False)
+        return Look(test, search, found, equations.motion, surprise(left, sure, test, equations.effort_scale))
+
+
+def best_attempt(looks: Looks) -> Attempt:
+    """The first attempt whose held-out rows are like the rest, or the one that they surprise least.
+
+    First looks tell which blocks to begin with: for what acts in held-out rows alone a search looks long, and in vain.
+    """
+    equations, say = looks.equations, looks.say
+    phases = list(TEST_PHASES)
+    if looks.at(phases[0]).surprise > SURPRISING:
+        say("what was held out is not like the rest: other blocks as well")
+        phases.sort(key=lambda phase: looks.at(phase).surprise)
+    made: list[tuple[float, Attempt, Motion]] = []
+    for phase in phases:
+        if made:
+            say("what was held out is not like the rest: again with other blocks")
+        look = looks.at(phase)
+        equations.take(look.motion)
+        attempt = attempted(look.search, look.found, looks.whole, look.test)
+        surprising = surprise(attempt.extended, attempt.fitted.sure, look.test, equations.effort_scale)
+        made.append((surprising, attempt, equations.motion))
+        if surprising <= SURPRISING:
+            break
+    _, attempt, motion = min(made, key=lambda one: one[0])
+    equations.take(motion)
+    return attempt
 
 
 def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndarray) -> Attempt:

@@ -27,6 +27,8 @@ SHARES = tuple(0.005 * 1.75**k for k in range(12))
 """Velocities tried, per root mean square velocity of the joint."""
 NEARER = tuple(1.15**k for k in range(-5, 6))
 """Those tried in the end, per the best of these."""
+ALIKE = 0.3
+"""What differs by less than this share makes no difference to speak of."""
 SEEN = 0.03
 """What is all there at less than this share of the usual velocity comes on at once."""
 EARLY = 0.006
@@ -37,6 +39,8 @@ FALLS = tuple(0.02 * 2.0**k for k in range(6))
 """Velocities tried of friction that falls instead, per usual velocity."""
 CLEARLY = 1.3
 """Friction creeps where so many times less is left unexplained than by any law that turns round at once."""
+MOST_DISTURBED = 0.5
+"""Where something pushes for more of the time than this, too little is left to see friction by."""
 MOST_ROWS = 1000
 LEADS = tuple(0.002 * k for k in range(11))
 """By so much it may come on early [s]."""
@@ -48,12 +52,16 @@ Creep = tuple[float, float, float]
 """Velocities at which all of it is there, ahead and back [rad/s], and how early it comes [s]."""
 
 
-def creeping(signals: Signals, robot: Robot) -> np.ndarray | None:
+def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None) -> np.ndarray | None:
     """Velocities under which each joint's dry friction comes on little by little, ahead and back [rad/s], and how early [s].
 
     They are (n, 3), zero where it does at once; None where no joint's does.
+
+    Args:
+        disturbed: samples that are left out, (N,) bool.
     """
-    rows = some(np.flatnonzero(signals.interior & telling(signals).any(axis=1)), MOST_ROWS)
+    inside = signals.interior & telling(signals).any(axis=1)
+    rows = some(np.flatnonzero(inside if disturbed is None else inside & ~disturbed), MOST_ROWS)
     if not len(rows):
         return None
     regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
@@ -62,6 +70,19 @@ def creeping(signals: Signals, robot: Robot) -> np.ndarray | None:
     joints = (_Joint.of(signals, rows, bodies[:, j], load[:, j], j) for j in range(signals.width))
     found = np.array([joint.creep() for joint in joints])
     return found if found.any() else None
+
+
+def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signals:
+    """The motion with its friction as it comes on where nothing else disturbs it; as it is where that is not clearly otherwise.
+
+    Args:
+        disturbed: samples at which something pushes, (N,) bool: what a push leaves hides how friction comes on.
+    """
+    if not disturbed.any() or disturbed.mean() > MOST_DISTURBED:
+        return signals
+    found = creeping(signals, robot, disturbed)
+    was, now = (np.zeros((signals.width, 3)) if c is None else c for c in (signals.creep, found))
+    return signals if np.allclose(was, now, rtol=ALIKE, atol=0.0) else replace(signals, creep=found)
 
 
 @dataclass(frozen=True)
@@ -201,7 +222,8 @@ def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 def remarked(recordings: Sequence[Recording], signals: Signals, robot: Robot) -> list[Recording]:
     """The recordings with a note on friction that comes on little by little, where there is any to speak of."""
-    assert signals.creep is not None
+    if signals.creep is None:
+        return list(recordings)
     all_at = signals.creep[:, :2].max(axis=1)
     seen = np.flatnonzero(all_at > SEEN * np.sqrt(np.mean(signals.velocity**2, axis=0)))
     if not len(seen):

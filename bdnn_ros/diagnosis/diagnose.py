@@ -10,10 +10,10 @@ import numpy as np
 
 from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.checks.description import require_mass
-from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, best_attempt
+from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, Looks, best_attempt
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.creep import creeping, remarked
+from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
@@ -117,13 +117,14 @@ def examine(
     recordings, signals, late = _as_measured(recordings, signals, robot, cutoff, model)
     if model is not None and signals.own is not None:
         predicted = model.predict(signals)
-    known = getattr(model, "covariance", None)
-    equations = build(signals, robot, predicted, known)
-    equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
-    if equations.blocks < EVERY_TEST_BLOCK:
-        raise _too_short(recordings)
-    candidates = Candidates.shown_by(equations)
-    attempt = best_attempt(equations, candidates, LINK_ERRORS if known is None else DOUBTS, say)
+    looks = _looks(recordings, signals, robot, model, predicted, say)
+    calm = undisturbed(signals, robot, looks.pushed()) if _creep_is_seen(signals, model) else signals
+    if calm is not signals:
+        say("beside what pushes dry friction comes on otherwise")
+        signals, looks = calm, _looks(recordings, calm, robot, model, predicted, say)
+    recordings = remarked(recordings, signals, robot)
+    equations, candidates = looks.equations, looks.candidates
+    attempt = best_attempt(looks)
     beyond = excesses(_in_rows_that_count(equations, attempt.fitted))
     pool = _exact(candidates, equations, attempt.fitted)
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
@@ -166,10 +167,34 @@ def _as_measured(
         return noted(recordings, own), softened(signals, own), late
     known = getattr(model, "creep", ())
     creep = np.array(known) if known else creeping(signals, robot)
-    if creep is not None:
-        signals = replace(signals, creep=creep)
-        recordings = remarked(recordings, signals, robot)
-    return recordings, signals, late
+    return recordings, signals if creep is None else replace(signals, creep=creep), late
+
+
+def _creep_is_seen(signals: Signals, model: Predicts | None) -> bool:
+    """Whether how friction comes on is to be seen in a motion: it is neither known nor softened away."""
+    return signals.own is None and not getattr(model, "creep", ())
+
+
+def _looks(
+    recordings: Sequence[Recording],
+    signals: Signals,
+    robot: Robot,
+    model: Predicts | None,
+    predicted: np.ndarray | None,
+    say: Progress,
+) -> Looks:
+    """First looks at the regression of a motion.
+
+    Raises:
+        RecordingError: too short.
+    """
+    known = getattr(model, "covariance", None)
+    equations = build(signals, robot, predicted, known)
+    equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
+    if equations.blocks < EVERY_TEST_BLOCK:
+        raise _too_short(recordings)
+    errors = LINK_ERRORS if known is None else DOUBTS
+    return Looks(equations, Candidates.shown_by(equations), errors, say)
 
 
 def _too_short(recordings: Sequence[Recording]) -> RecordingError:
