@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.diagnosis.building import build, nominal_effort, relative_inertials
+from bdnn_ros.diagnosis.building import build, nominal_effort
 from bdnn_ros.diagnosis.equations import Equations, Noise
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS, get, parse_spec, variants
+from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, flattened, prepare

@@ -17,7 +17,6 @@ from bdnn_ros.diagnosis.building import (
     build,
     least_motion,
     nominal_effort,
-    relative_inertials,
 )
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of, without_trends
@@ -27,6 +26,7 @@ from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import flattened, prepare, usual_cutoff

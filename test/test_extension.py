@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.bdnn import modelfile
-from bdnn_ros.diagnosis.building import build, relative_inertials
+from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.evidence import Pool
@@ -24,6 +24,7 @@ from bdnn_ros.online.models import Model, load_model, save_model
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.couplings import CoupledMotors, Coupling
 from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS, Scales
+from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot

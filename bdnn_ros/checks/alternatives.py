@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear, nnls
 
 from bdnn_ros.checks.sampling import loud, some, telling
 from bdnn_ros.errors import listed
+from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.physical.remark import Remark
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
@@ -32,6 +33,8 @@ HARDLY = 0.3
 """It is hardly this robot's where it explains less than this, and so does any other reading."""
 BETTER = 4.0
 """And where they leave so many times less unexplained."""
+LINKS_OFF = 0.2
+"""Links may be off by this share; a joint that hardly bears more than that of its link would suit any other zero."""
 STEP = 0.7
 """Each thing read otherwise leaves at most this share of what was unexplained."""
 TIED, MOST_TIED = 1.05, 2
@@ -125,8 +128,12 @@ class Motion:
         self.sign = signals.sign[rows]
         self.loud = loud(signals, robot, rows) if len(rows) else np.zeros(robot.width, bool)
 
-    def explained(self, reading: Reading) -> float:
-        """Share of the efforts' variance, mean of the joints, that bodies, rotors and friction make."""
+    def explained(self, reading: Reading, bent: bool = False) -> float:
+        """Share of the efforts' variance, mean of the joints, that bodies, rotors and friction make.
+
+        Args:
+            bent: bodies of links that are a little off, as suits the efforts best.
+        """
 
         def read(values: np.ndarray) -> np.ndarray:
             return reading.direction * values[:, reading.order]
@@ -134,10 +141,18 @@ class Motion:
         robot = self.robot.tilted(*np.deg2rad(reading.base)) if any(reading.base) else self.robot
         robot = robot if reading.gravity else replace(robot, gravity_vector=np.zeros(3))
         position, velocity = read(self.position) + np.deg2rad(reading.zero), read(self.velocity)
-        acceleration = read(self.acceleration)
+        effort, acceleration, sign = read(self.effort), read(self.acceleration), read(self.sign)
         borne = robot.rigid_effort(position, velocity, acceleration)
-        columns = read(self.effort), borne, acceleration, velocity, read(self.sign)
-        return explained(*(column[:, self.loud[reading.order]] for column in columns))
+        loud = self.loud[reading.order]
+        if bent:
+            columns = robot.regressor(position, velocity, acceleration) @ relative_inertials(robot)
+            tall, target = _shared(
+                (effort - borne)[:, loud],
+                columns[:, loud],
+                *(one[:, loud] for one in (acceleration, velocity, sign)),
+            )
+            borne = borne + columns @ _within(tall, target, LINKS_OFF)
+        return explained(*(column[:, loud] for column in (effort, borne, acceleration, velocity, sign)))
 
     def explained_by_a_load(self) -> float:
         """As `explained`, as recorded, at most: with whatever one of the links may carry or weigh more."""
@@ -147,7 +162,8 @@ class Motion:
         best = 0.0
         for link in range(robot.width):
             of_link = columns[:, :, PER_LINK * link : PER_LINK * (link + 1)]
-            load = _shared(self.effort - borne, of_link, *apart)
+            tall, target = _shared(self.effort - borne, of_link, *apart)
+            load = np.linalg.lstsq(tall, target, rcond=1e-6)[0]
             if np.abs(load[1:4]).max() <= FURTHEST * load[0]:
                 loaded = self.effort, borne + of_link @ load, *apart
                 best = max(best, explained(*(column[:, self.loud] for column in loaded)))
@@ -165,7 +181,8 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
     if loaded > POOR:
         return
     share, readings = _best(motion, recorded)
-    if share > GOOD and BETTER * (1.0 - share) < 1.0 - loaded:
+    bent, otherwise = (motion.explained(one, bent=True) for one in (recorded, readings[0]))
+    if share > GOOD and BETTER * (1.0 - share) < 1.0 - loaded and BETTER * (1.0 - otherwise) < 1.0 - bent:
         words = " or ".join(listed(reading.words(robot.joints)) for reading in readings)
         yield (
             weightless()
@@ -217,8 +234,12 @@ def _better(motion: Motion, readings: Iterable[Reading]) -> tuple[float, list[Re
     return best, [one for share, one in tried if 1.0 - share <= TIED * (1.0 - best)][: 1 + MOST_TIED]
 
 
-def _shared(effort: np.ndarray, columns: np.ndarray, *apart: np.ndarray) -> np.ndarray:
-    """Coefficients of columns (R, n, k) in all joints' efforts (R, n), beside others' (R, n) that each joint has of its own."""
+def _shared(effort: np.ndarray, columns: np.ndarray, *apart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (R, n, k) and all joints' efforts (R, n), each joint's per its spread, beside others' (R, n) of its own, in a row.
+
+    Returns:
+        (R n, k) and (R n,).
+    """
     tall, target = [], []
     for j in range(effort.shape[1]):
         own = np.stack([*(one[:, j] for one in apart), np.ones(len(effort))], axis=1)
@@ -226,7 +247,13 @@ def _shared(effort: np.ndarray, columns: np.ndarray, *apart: np.ndarray) -> np.n
         scale = max(float(np.std(effort[:, j])), 1e-12)
         tall.append((columns[:, j] - basis @ (basis.T @ columns[:, j])) / scale)
         target.append((effort[:, j] - basis @ (basis.T @ effort[:, j])) / scale)
-    return np.asarray(np.linalg.lstsq(np.concatenate(tall), np.concatenate(target), rcond=1e-6)[0])
+    return np.concatenate(tall), np.concatenate(target)
+
+
+def _within(tall: np.ndarray, target: np.ndarray, most: float) -> np.ndarray:
+    """Coefficients of columns (R, k) that explain most of a target (R,), none larger than so much."""
+    q, r = np.linalg.qr(tall)
+    return np.asarray(lsq_linear(r, q.T @ target, (-most, most)).x)
 
 
 def explained(effort: np.ndarray, *columns: np.ndarray) -> float:

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.building import relative_inertials
 from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.excitation.motions import Piece
 from bdnn_ros.excitation.rivals import Case, Suspect
+from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
