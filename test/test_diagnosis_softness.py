@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.softness import Softness, softened, softness
+from bdnn_ros.effects.friction import bristle
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, flattened, prepare
 from bdnn_ros.signals.lowpasses import Lowpass, Restored
+from bdnn_ros.simulation.excitation import smooth_step
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.simulate import simulate
 
@@ -88,6 +91,30 @@ def test_a_joint_that_moves_at_the_end_alone_hides_no_lowpass():
     position[:late, 1] = position[late, 1]
     found = softness(seen(lowpassed(replace(recording, position=position, velocity=None), 3.0)), robot)
     assert found is not None and found.lowpass.cutoff == pytest.approx(3.0, rel=0.1)
+
+
+@pytest.mark.parametrize("travel", [0.0005, 0.002, 0.005])
+def test_what_rests_between_its_moves_is_no_lowpass(travel):
+    """Where it starts a joint bears little by little what friction will ask of it, in time as in travel."""
+    robot, rate, rng = Robot.bundled("arm6"), 200.0, np.random.default_rng(1)
+    low, high = np.maximum(robot.limits.lower, -1.2), np.minimum(robot.limits.upper, 1.2)
+    points = rng.uniform(low, high, (13, robot.width))
+    step, speed, change = smooth_step(np.arange(500) / 500)
+    rest = np.zeros((200, robot.width))
+    position, velocity, acceleration = [], [], []
+    for start, end in pairwise(points):
+        way, lasts = end - start, len(step) / rate
+        position += [start + np.outer(step, way), end + rest]
+        velocity += [np.outer(speed, way) / lasts, rest]
+        acceleration += [np.outer(change, way) / lasts**2, rest]
+    q, v, a = map(np.concatenate, (position, velocity, acceleration))
+    effort = robot.inverse_dynamics(q, v, a)
+    scale = effort.std(axis=0)
+    effort += 0.3 * scale * np.stack([bristle(one, travel) for one in q.T], axis=1)
+    effort += 0.005 * scale * rng.standard_normal(effort.shape)
+    time, noise = np.arange(len(q)) / rate, 1e-5 * rng.standard_normal(q.shape)
+    recording = Recording(time, robot.joints, q + noise, None, effort, urdf=robot.urdf)
+    assert softness(seen(recording), robot) is None
 
 
 @pytest.mark.parametrize("cutoff, order", [(1.5, 2), (3.0, 4), (5.0, 2)])

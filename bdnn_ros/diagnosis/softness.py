@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bdnn_ros.checks.sampling import lowest, some, telling
+from bdnn_ros.diagnosis.building import STICKING_WIDTHS, sticks
 from bdnn_ros.diagnosis.leftover import NEW, basis, beyond, regret
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -32,12 +33,16 @@ DECIDED_BEHIND = 3.5
 """Low-passes are told from one another behind one of this [Hz]: noise of the position counts less there."""
 BETTER = 1.4
 """Efforts are soft where so many times less of how fast they change is left unexplained by softened steps, mean of the joints."""
+TELLING = 2.0
+"""And so many times less than without any steps: at the edges of where a joint rests they explain little, and any shape of them."""
 CLEARLY = 1.1
 """Efforts alone were low-passed where so many times less is left by motion as it was recorded than by restored motion."""
 UNLIKE = 0.1
 """Where the joints regret the best low-pass more they are soft each in its own way: gears, not a low-pass."""
 ENOUGH = 60.0
 """So much motion tells [s]."""
+LEAST = 2.0
+"""A joint that moves for less time tells nothing [s]."""
 MOST_ROWS = 3000
 TINY = 1e-30
 HARDLY, LITTLE = 0.01, 0.05
@@ -65,9 +70,13 @@ def softness(signals: Signals, robot: Robot) -> Softness | None:
     if not telling(signals)[signals.interior].any():
         return None
     changes = _Changes(signals, robot)
+    if not len(changes.joints):
+        return None
     left = np.array([changes.left(one) for one in (None, *(Lowpass(cutoff, 0) for cutoff in CUTOFFS))])
     sharp, *soft = left.mean(axis=1)
     if sharp - min(soft) <= np.log(BETTER) or regret(left).min() > UNLIKE:
+        return None
+    if changes.without.mean() - min(soft) <= np.log(TELLING):
         return None
     gaussian = Lowpass(CUTOFFS[0] * (CUTOFFS[1] / CUTOFFS[0]) ** lowest(regret(left[1:])), 0)
     signals = replace(signals, cutoff=min(signals.cutoff, DECIDED_BEHIND))
@@ -108,17 +117,27 @@ class _Changes:
         moves = telling(signals) & signals.interior[:, None]
         inside = moves.any(axis=1) & _untouched(signals, response, HARDLY)
         self.rows = some(np.flatnonzero(inside if inside.any() else moves.any(axis=1)), MOST_ROWS)
-        self.joints = np.flatnonzero(moves.any(axis=0))  # the same ones whatever is left out at the ends
+        # what a joint bears that stands still grows as slowly as it is asked to: that is no softness
+        free = ~sticks(signals, STICKING_WIDTHS)
+        # the same joints whatever is left out at the ends
+        self.joints = np.flatnonzero((moves & free).sum(axis=0) > LEAST * signals.rate)
+        self.seen = free[self.rows]
         borne = robot.regressor(motion.position, motion.velocity, motion.acceleration)
         drives = np.stack([motion.acceleration, motion.velocity], axis=2)
         smooth = np.concatenate([borne, drives], axis=2)
         changes = self._rates(smooth if own is None else signals.through(smooth, own.lowpass))
         effort = self._rates(signals.effort)
-        self.others = [basis(changes[:, j]) for j in self.joints]
-        self.target = [beyond(effort[:, j], o) for j, o in zip(self.joints, self.others, strict=True)]
+        self.others = [basis(changes[self.seen[:, j], j]) for j in self.joints]
+        each = zip(self.joints, self.others, strict=True)
+        self.target = [beyond(effort[self.seen[:, j], j], other) for j, other in each]
 
     def _rates(self, values: np.ndarray) -> np.ndarray:
         return np.asarray(np.gradient(self.signals.smooth(values), axis=0)[self.rows])
+
+    @property
+    def without(self) -> np.ndarray:
+        """The same as `left` of no steps at all, (J,)."""
+        return np.log([_left(target, np.zeros_like(target)) for target in self.target])
 
     def left(self, lowpass: Lowpass | None) -> np.ndarray:
         """Logarithm of the mean square that is left beside steps behind a low-pass, of each of the joints, (J,).
@@ -130,7 +149,8 @@ class _Changes:
 
     def _left(self, sign: np.ndarray, lowpass: Lowpass | None) -> np.ndarray:
         steps = self._rates(sign if lowpass is None else self.signals.through(sign, lowpass))
-        own = (beyond(steps[:, j], other) for j, other in zip(self.joints, self.others, strict=True))
+        each = zip(self.joints, self.others, strict=True)
+        own = (beyond(steps[self.seen[:, j], j], other) for j, other in each)
         return np.log([_left(t, s) for t, s in zip(self.target, own, strict=True)])
 
 

@@ -15,7 +15,7 @@ from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import ENDS, at_an_end, leftover, together
+from bdnn_ros.diagnosis.pushes import EDGES, ENDS, at_an_end, leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
@@ -147,10 +147,15 @@ def _findings(
 def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:
     """Whether a push is the only one at its time: then that something pushes is sure, though no part of its wrench is.
 
-    On few joints many a wrench does the same. A second push that is not known may be what is left of the first.
+    On few joints many a wrench does the same. A second push that is not known may be what is left of the first, and one that
+    may as well have begun or ended long before is none.
     """
-    others = (other.term for other in found if other is not push)
-    return push.term.effect.timed and push.possible and not any(together(push.term, o) for o in others)
+    if not (push.term.effect.timed and push.possible):
+        return False
+    start, end = (push.quantities[edge] for edge in EDGES)
+    if max(start.std, end.std) > end.value - start.value:
+        return False
+    return not any(together(push.term, other.term) for other in found if other is not push)
 
 
 def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
