@@ -189,6 +189,12 @@ def test_a_push_hides_how_friction_comes_on_but_not_where_it_does_not_act(pushed
     assert undisturbed(signals, ROBOT, signals.time > 10.0) is signals
 
 
+def test_what_is_never_all_there_is_not_taken_for_friction():
+    """It is viscous but for the fastest moments, which may be anything's."""
+    fastest = float(np.quantile(np.abs(seen(recorded(soft(0.1, 0.1, 8.0))).velocity[:, JOINT]), 0.99))
+    assert creeping(seen(recorded(soft(fastest, fastest, 20.0))), ROBOT) is None
+
+
 def test_friction_that_creeps_is_named_by_its_size_beside_a_push(pushed):
     examined = examine([pushed], ROBOT)
     found = {one.effect: one for one in examined.diagnosis.findings}

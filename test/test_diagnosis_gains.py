@@ -10,6 +10,7 @@ import pytest
 from bdnn_ros.diagnosis import telling
 from bdnn_ros.diagnosis.gains import Removal, gain_of, noticeable, removed
 from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
@@ -136,6 +137,17 @@ def test_what_is_hardly_as_likely_as_its_rivals_has_no_name(monkeypatch, own, to
     removal = Removal(np.array([0.2]), True, True, False)
     findings, doubtful = findings_of(monkeypatch, estimate, removal, Judgement(own, 0.0, rivals))
     assert (findings == [estimate]) is told and doubtful is not told
+
+
+@pytest.mark.parametrize("std, told", [(0.3, True), (2.0, False)])
+def test_that_something_pushed_is_told_only_where_it_is_known_when(monkeypatch, std, told):
+    """Though no part of its wrench is known."""
+    times = {"start": Quantity(3.0, 0.01, "s"), "end": Quantity(4.5, std, "s")}
+    term = Term(get("external_wrench", "link"), 0, "arm2_link1")
+    push = SimpleNamespace(term=term, shown=False, possible=True, quantities=times)
+    removal = Removal(np.array([0.2]), True, True, True)
+    findings, _ = findings_of(monkeypatch, push, removal, Judgement(1.0, 0.0, ()))
+    assert (findings == [push]) is told
 
 
 def findings_of(

@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.identifiability import judge
 from bdnn_ros.diagnosis.moves import Moves
+from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.diagnosis.pushes import (
     best_push,
     between_rows,
@@ -24,6 +25,7 @@ from bdnn_ros.diagnosis.pushes import (
     refined_push,
     reshaped,
     together,
+    unseen,
 )
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.settling import refined
@@ -88,6 +90,21 @@ def test_times_are_found_between_rows():
     error = [max(abs(dict(one.shape)[edge] - true[edge]) for edge in true) for one in (rough, fine)]
     assert error[1] < 0.002 < 0.01 < error[0]
     assert pool.gain_of(fit, fine)[0] > pool.gain_of(fit, rough)[0]
+
+
+def test_a_time_that_no_row_tells_is_not_told_as_certain():
+    """The joint rests about the push's end: it may have ended at any time meanwhile."""
+    spec = "external_wrench@arm6_joint2:start=3.3,end=6.5,torque=8"
+    pool = pool_of(spec, others=[spec])
+    equations, push = pool.equations, pool.terms[0]
+    assert unseen(pool, push) == {"start": 0.0, "end": 0.0}
+    time = equations.motion.time[equations.rows]
+    equations.count(equations.usable & ((time < 6.2) | (time > 7.0))[:, None])
+    pool = Pool(equations, pool.noise, [push], TRUSTING)
+    (found,) = estimates(pool, pool.whole)
+    assert unseen(pool, push) == pytest.approx({"start": 0.0, "end": 0.8}, abs=0.1)
+    stds = found.quantities["start"].std, found.quantities["end"].std
+    assert stds[0] < 0.01 and stds[1] > 0.3
 
 
 def test_times_and_a_point_of_its_own_are_found_together():

@@ -35,6 +35,8 @@ BETTER = 4.0
 """And where they leave so many times less unexplained."""
 LINKS_OFF = 0.2
 """Links may be off by this share; a joint that hardly bears more than that of its link would suit any other zero."""
+NEARLY_ALL = 0.01
+"""Less than this share left unexplained is nearly nothing."""
 STEP = 0.7
 """Each thing read otherwise leaves at most this share of what was unexplained."""
 TIED, MOST_TIED = 1.05, 2
@@ -181,8 +183,7 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
     if loaded > POOR:
         return
     share, readings = _best(motion, recorded)
-    bent, otherwise = (motion.explained(one, bent=True) for one in (recorded, readings[0]))
-    if share > GOOD and BETTER * (1.0 - share) < 1.0 - loaded and BETTER * (1.0 - otherwise) < 1.0 - bent:
+    if share > GOOD and BETTER * (1.0 - share) < 1.0 - loaded and not _bent(motion, recorded, readings[0]):
         words = " or ".join(listed(reading.words(robot.joints)) for reading in readings)
         yield (
             weightless()
@@ -200,6 +201,12 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
             f"The robot description explains only {100 * before:.0f} % of the efforts.",
             "Check that it is this robot's, with its axes, zeros, base and names of joints.",
         )
+
+
+def _bent(motion: Motion, recorded: Reading, other: Reading) -> bool:
+    """Whether links a little off make of the efforts as recorded about all there is, or as much as of another reading."""
+    straight, bent = (1.0 - motion.explained(one, bent=True) for one in (other, recorded))
+    return bent < NEARLY_ALL or bent <= BETTER * straight
 
 
 def weightless() -> Remark:

@@ -31,6 +31,8 @@ ALIKE = 0.3
 """What differs by less than this share makes no difference to speak of."""
 SEEN = 0.03
 """What is all there at less than this share of the usual velocity comes on at once."""
+FAST = 0.95
+"""It is all there for the rest of the time at least: no motion shows what is never all there."""
 EARLY = 0.006
 """So early friction comes that does: a joint that sticks leaves late, which the regression has a nuisance for [s]."""
 BREAKAWAYS = tuple(0.001 * 2.0**k for k in range(8))
@@ -120,7 +122,8 @@ class _Joint:
 
     def creep(self) -> Creep:
         """How its dry friction comes on."""
-        usual = float(np.sqrt(np.mean(self.signals.velocity[:, self.joint] ** 2)))
+        speed = np.abs(self.signals.velocity[:, self.joint])
+        usual, fast = float(np.sqrt(np.mean(speed**2))), float(np.quantile(speed, FAST))
         begun = [(usual * share, usual * share, lead) for lead in LEADS[::5] for share in SHARES]
         found = min(begun, key=self._left_by)
         if self._left_by(found) > self._left_by(AT_ONCE) - np.log(CLEARLY):
@@ -130,7 +133,8 @@ class _Joint:
             found = self._apart(found, usual)
         if self._left_by(found) > self._left_by_others(usual) - np.log(CLEARLY):
             return AT_ONCE
-        return found if max(found[:2]) > SEEN * usual or found[2] > EARLY else AT_ONCE
+        seen = SEEN * usual < max(found[:2]) < fast
+        return found if seen or (max(found[:2]) < fast and found[2] > EARLY) else AT_ONCE
 
     def _apart(self, alike: Creep, usual: float) -> Creep:
         """What comes on otherwise ahead than back, where that leaves clearly less than what comes on alike."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.leads import hold_spread, parted
+from bdnn_ros.diagnosis.pushes import unseen
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.base import SHOWN
@@ -153,6 +154,10 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
             pick[0, equations.rigid.shape[2]] = 1.0
         beyond = np.zeros((len(rows), len(rows)))
         beyond[0, 0] = hold_spread(pool, chosen) ** 2
+        if term.effect.timed:
+            told = len(pool.slots[chosen]) + np.arange(len(span))
+            spread = unseen(pool, term)
+            beyond[told, told] = [spread.get(name, 0.0) ** 2 / 3.0 for name, _ in term.shape]
         third = doubting if term.effect.on_body else covariance
         own, scattered, doubted = (pick @ one @ pick.T + beyond for one in (covariance, robust, third))
         result.append(Estimate(term, coefficients, own, scattered, doubted, pool.acting(fit, chosen)))

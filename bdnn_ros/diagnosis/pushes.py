@@ -26,6 +26,8 @@ NEAR = 0.1
 """Times found between rows are nearer than this to where the search for them starts [s]."""
 EXACT = 1e-3
 """A step of the times that is small enough [s]."""
+LONG = 3.0
+"""Rows that count are so many times as far apart as usual where some between do not."""
 TOUCHING = 0.3
 """Pushes with less time between their ends may be one [s]."""
 WORTH = 6.0
@@ -227,6 +229,22 @@ def _edge_rates(motion: Motion, shape: dict[str, float]) -> np.ndarray:
         for by in (step, -step)
     )
     return (later - earlier) / (2.0 * step)
+
+
+def unseen(pool: Pool, term: Term) -> dict[str, float]:
+    """For how long about each of a push's times no row counts, as while a joint rests, so that any time will do [s]."""
+    equations = pool.equations
+    time = equations.motion.time[equations.rows]
+    joints = np.any(equations.columns(term), axis=(0, 2))
+    counts = time[pool.sure[:, joints].any(axis=1)]
+    gaps = np.diff(counts)
+    long = gaps > LONG * float(np.median(np.diff(time)))
+    ends = np.stack([counts[:-1], counts[1:]], axis=1)[long]
+    result = {}
+    for edge, at in zip(EDGES, _edges(term), strict=True):
+        about = (ends[:, 0] - NEAR <= at) & (at <= ends[:, 1] + NEAR)
+        result[edge] = float(gaps[long][about].sum())
+    return result
 
 
 def _unbound(pool: Pool, fit: Fit) -> Fit:

@@ -34,7 +34,7 @@ DECIDED_BEHIND = 3.5
 BETTER = 1.4
 """Efforts are soft where so many times less of how fast they change is left unexplained by softened steps, mean of the joints."""
 TELLING = 2.0
-"""And so many times less than without any steps: at the edges of where a joint rests they explain little, and any shape of them."""
+"""And so many times less than without any steps: what shows at the edges of where a joint rests is little, and any shape does."""
 CLEARLY = 1.1
 """Efforts alone were low-passed where so many times less is left by motion as it was recorded than by restored motion."""
 UNLIKE = 0.1

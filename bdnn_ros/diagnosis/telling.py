@@ -89,7 +89,7 @@ def told(
         gain_interval=interval,
         unexplained_share=share,
         unexplained_depends_on=remainder.depends_on[:6],
-        unexplained_sentence=_unexplained_sentence(share, remainder),
+        unexplained_sentence=_unexplained_sentence(share, remainder, near),
         advice=tuple(advice([e.term for e in found], attempt.judgements, lambda term: _name(robot, term))),
         notes=(
             *(note for recording in recordings for note in recording.notes),
@@ -243,7 +243,7 @@ def _briefly(equations: Equations) -> list[str]:
     return [BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least)] if longest < least else []
 
 
-def _unexplained_sentence(share: float, remainder: Remainder) -> str:
+def _unexplained_sentence(share: float, remainder: Remainder, near: bool) -> str:
     if share > 1.0:
         return "What was found predicts the motion that was held out worse than the simulation does."
     left = f"{100.0 * share:.1f} % of the simulation's squared error is left above the noise"
@@ -251,6 +251,8 @@ def _unexplained_sentence(share: float, remainder: Remainder) -> str:
         return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."
     if remainder.bursts:
         return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, load or time predicts it."
+    if not near:
+        return f"{left}; no position, velocity, load or time predicts it."
     return "What is left looks like noise: no position, velocity, load or time predicts it."
 
 
