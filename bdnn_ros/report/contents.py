@@ -209,13 +209,15 @@ def method(shown: View) -> list[tuple[str, str]]:
     held = len(np.unique(equations.block[shown.held]))
     seconds = float(np.median([b - a for a, b in shown.held_spans()])) if shown.held.any() else 0.0
     doubt = f"{100.0 * pool.link_error:.0f} "
+    slower = f"{signals.raw_rate:.4g}" != f"{signals.rate:.4g}"
+    rates = f"from {signals.raw_rate:.4g} to {signals.rate:.4g} Hz" if slower else f"at {signals.rate:.4g} Hz"
     known = getattr(examination.model, "covariance", None) is not None
     doubt += "standard deviations of what was identified" if known else "%"
     return [
         (
             "Low-pass",
             f"{signals.cutoff:.3g} Hz at −3 dB, zero phase, Gaussian, alike for position, its derivatives, "
-            f"measured and modelled effort; from {signals.raw_rate:.4g} to {signals.rate:.4g} Hz.",
+            f"measured and modelled effort; {rates}.",
         ),
         (
             "Held out",
