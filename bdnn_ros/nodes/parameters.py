@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,6 +31,7 @@ class Setting:
         default: gives the type, too; an empty list is a list of strings.
         low, high: range of a number, both ends allowed.
         choices: values of a string, any if empty.
+        distinct: a list may hold nothing twice.
         live: may be changed while the node is configured.
     """
 
@@ -39,6 +41,7 @@ class Setting:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    distinct: bool = False
     live: bool = False
 
     @property
@@ -63,6 +66,10 @@ class Setting:
             return f"{self.name} is {value!r}; it must be one of {listed(self.choices)}."
         if self.low is not None and self.high is not None and not self.low <= value <= self.high:
             return f"{self.name} is {value:g}; it must lie between {self.low:g} and {self.high:g}."
+        if self.distinct:
+            twice = sorted(name for name, times in Counter(value or ()).items() if name and times > 1)
+            if twice:
+                return f"{self.name} holds {listed(twice)} more than once; name each only once."
         return ""
 
 
@@ -72,6 +79,7 @@ IDENTIFICATION = (
         "joints",
         [],
         "Joints to identify, in this order; empty takes the most movable ones that are published together.",
+        distinct=True,
     ),
     Setting(
         "effort_source",
