@@ -30,7 +30,8 @@ from bdnn_interfaces.srv import InverseDynamics, SaveModel
 from bdnn_ros import bags
 from bdnn_ros.cli.replay import replayed
 from bdnn_ros.online.learning import Learning
-from bdnn_ros.online.models import load_model
+from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros
@@ -191,19 +192,51 @@ def test_the_publisher_is_killed_and_returns(tmp_path):
         wait_until(lambda: told("model_version") > version)
 
 
-def test_a_model_that_cannot_be_written(tmp_path):
-    """A directory that is a file: refused with a sentence, and the node goes on."""
+def test_a_directory_that_cannot_hold_models(tmp_path):
+    """A directory that is a file: refused at start, before anything is learned in vain."""
     blocked = tmp_path / "blocked"
     blocked.write_text("a file")
+    with node_process(tmp_path, 133, model_directory=blocked) as node:
+        assert node.process.wait(60) == 2
+        assert "cannot be written to model_directory" in node.output and node.output.count("\n") == 1
+    assert blocked.read_text() == "a file"
+
+
+def test_a_model_that_can_no_longer_be_written(tmp_path):
+    """A directory that became a file: refused with a sentence, and the node goes on."""
+    kept = tmp_path / "kept"
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}
-    with node_process(tmp_path, 133, model_directory=blocked, **parameters) as node, Robotics(133) as ros:
+    with node_process(tmp_path, 167, model_directory=kept, **parameters) as node, Robotics(167) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
         ros.stream(motion(REAL, 3.0, 250.0))
+        wait_until(lambda: diagnostics and int(status(diagnostics)["model_version"]) >= 1)
+        kept.rmdir()
+        kept.write_text("a file")
         answer = ros.call(SaveModel, f"{NODE}/save_model", name="x")
         assert answer.success is False and "cannot be written" in answer.message
         assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
         assert node.end() == 0
-        assert "cannot be written" in node.output
-    assert blocked.read_text() == "a file"
+        assert "cannot be written" in node.output and "rosout" not in node.output
+    assert kept.read_text() == "a file"
+
+
+def test_another_arms_model_survives(tmp_path):
+    """It cannot be gone on from, and is not written over: what is learned is saved beside it."""
+    other = save_model(tmp_path / "kept", nominal(Robot.bundled("arm6")))
+    before = other.read_bytes()
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path / "kept"}
+    with node_process(tmp_path, 168, diagnosis_period=0.0, **parameters) as node, Robotics(168) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        ros.stream(motion(REAL, 3.0, 250.0))
+        wait_until(lambda: diagnostics and int(status(diagnostics)["model_version"]) >= 1)
+        answer = ros.call(SaveModel, f"{NODE}/save_model", name="")
+        assert answer.success and "model_2.bdnn" in answer.message
+        assert node.end() == 0
+        assert f"not going on from {other}, which is left as it is" in node.output
+        assert f"model saved to {other.with_name('model_2.bdnn')}\n" in node.output
+        assert "rosout" not in node.output
+    assert other.read_bytes() == before
+    assert load_model(other.with_name("model_2.bdnn")).joints == ARM.joints
 
 
 def test_the_disk_is_full_in_the_middle_of_a_save(tmp_path):

@@ -18,7 +18,7 @@ from bdnn_ros.online.feed import COMMAND_AGE, Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.learning import Learning, check, squared_error
 from bdnn_ros.online.models import save_model
-from bdnn_ros.online.places import model_place
+from bdnn_ros.online.places import model_place, model_to_load, require_directory
 from bdnn_ros.online.serving import Settings, nominal
 from bdnn_ros.online.session import Session
 from bdnn_ros.recording import Recording
@@ -262,16 +262,48 @@ def test_the_kept_stream_becomes_a_recording():
 
 
 @pytest.mark.parametrize(
-    "name", ["..", ".", "../x", "/etc/x", "a/../../x", "a//b", "a/", "a\0b", "a\nb", "x" * 300]
+    "name", ["..", ".", "../x", "/etc/x", "a/../../x", "a//b", "a/", "a\0b", "a\nb", "x" * 300, "ü" * 150]
 )
 def test_names_stay_inside(tmp_path, name):
-    with pytest.raises(UsageError, match="model_directory"):
-        model_place(str(tmp_path), name)
+    for place in model_place, model_to_load:
+        with pytest.raises(UsageError, match="model_directory"):
+            place(str(tmp_path), name)
 
 
 def test_places_of_models(tmp_path):
     assert model_place(str(tmp_path), "") == tmp_path / "model.bdnn"
     assert model_place(str(tmp_path), "arm") == tmp_path / "arm" / "model.bdnn"
     assert model_place(str(tmp_path), "cell 1/arm") == tmp_path / "cell 1" / "arm" / "model.bdnn"
+    assert model_place(str(tmp_path), "arm.bdnn") == tmp_path / "arm.bdnn"
+    (tmp_path / "cell.bdnn").mkdir()
+    assert model_place(str(tmp_path), "cell.bdnn") == tmp_path / "cell.bdnn" / "model.bdnn"
     with pytest.raises(UsageError, match="not set"):
         model_place("", "arm")
+
+
+def test_a_model_is_found_as_a_file_and_in_a_directory(tmp_path):
+    file, inside = tmp_path / "arm.bdnn", tmp_path / "arm" / "model.bdnn"
+    assert model_to_load(str(tmp_path), "arm") == inside  # for the message: neither is there
+    file.write_text("a model")
+    assert model_to_load(str(tmp_path), "arm") == model_to_load(str(tmp_path), "arm.bdnn") == file
+    inside.parent.mkdir()
+    assert model_to_load(str(tmp_path), "arm") == file
+    inside.write_text("another")
+    assert model_to_load(str(tmp_path), "arm") == inside  # as it is saved under this name
+    assert model_to_load(str(tmp_path), "arm.bdnn") == file
+    assert model_to_load(str(tmp_path), "") == tmp_path / "model.bdnn"
+    (tmp_path / "out.bdnn").symlink_to("/etc/passwd")
+    for name in "out", "out.bdnn":
+        with pytest.raises(UsageError, match="leads out of model_directory"):
+            model_to_load(str(tmp_path), name)
+
+
+@pytest.mark.parametrize("directory", ["file", "file/below", "/proc/nothing", "~nobody-here/models"])
+def test_a_directory_that_cannot_hold_models(tmp_path, monkeypatch, directory):
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("a file")
+    require_directory("new/deep")
+    assert list(Path("new/deep").iterdir()) == []
+    with pytest.raises(UsageError, match="cannot be written to model_directory") as refused:
+        require_directory(directory)
+    assert directory in str(refused.value)

@@ -14,17 +14,20 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.logging import get_logger
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
+from bdnn_ros.nodes.beginning import begin
+from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.nodes.publishing import LATCHED, Publishing
 from bdnn_ros.nodes.services import Services
 from bdnn_ros.nodes.streams import Streams
 from bdnn_ros.online import serving
-from bdnn_ros.online.places import model_place
+from bdnn_ros.online.places import require_directory
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
@@ -77,7 +80,10 @@ class IdentificationNode(LifecycleNode):
             ),
             training=settings["training"],
         )
+        self._kept = Kept(settings["model_directory"], session, self._log)
         try:
+            if settings["model_directory"]:
+                require_directory(settings["model_directory"])
             if settings["effort_source"] == serving.COMMANDED and not settings["joints"]:
                 raise UsageError(
                     "effort_source command needs the parameter joints, the order of the commands."
@@ -85,7 +91,7 @@ class IdentificationNode(LifecycleNode):
             if settings["urdf_file"]:
                 self._meet(session, Robot.from_file(settings["urdf_file"]))
         except BdnnError as error:
-            self.get_logger().error(str(error))
+            self._log().error(str(error))
             self._trouble = str(error)
             return TransitionCallbackReturn.FAILURE
         self._trouble = ""
@@ -98,6 +104,7 @@ class IdentificationNode(LifecycleNode):
             self._lane,
             session,
             lambda: self.settings["model_directory"],
+            self._kept,
             self._training_was_set,
             self._publishing.forget,
         )
@@ -156,13 +163,13 @@ class IdentificationNode(LifecycleNode):
         self.failed = self._lane.error is not None
         if self._description is not None:
             self.destroy_subscription(self._description)
-        learned = session.stop()
-        directory = self.settings["model_directory"]
-        if directory and learned:
-            try:
-                self.get_logger().info(f"model saved to {session.save_now(model_place(directory, ''))}")
-            except BdnnError as error:
-                self.get_logger().error(str(error))
+        if session.stop():
+            self._kept.save()
+
+    def _log(self) -> Any:
+        """The logger; after the end of ROS one whose messages no longer go to /rosout, which is gone."""
+        logger = self.get_logger()
+        return logger if self.context.ok() else get_logger(f"{logger.name}.end")
 
     def _every(self, period: float, callback: Callable[[], None]) -> Any:
         """A timer by the steady clock: simulated time may stand still."""
@@ -184,6 +191,13 @@ class IdentificationNode(LifecycleNode):
         """Get to know the robot: choose joints if they are given, and go on from a model that was kept."""
         joints = self.settings["joints"]
         if joints:
+            unknown = [joint for joint in joints if joint not in robot.joints]
+            if unknown:
+                raise UsageError(
+                    f"The robot description has no movable joint {listed(unknown)}; "
+                    f"it has {listed(robot.joints, 20)}.",
+                    "Set the parameter joints to some of these.",
+                )
             robot = Robot.from_urdf(robot.urdf, joints)
         session.set_robot(robot)
         if joints and session.intake is None:
@@ -192,15 +206,7 @@ class IdentificationNode(LifecycleNode):
     def _begin(self, session: Session, joints: Sequence[str]) -> None:
         again = session.intake is not None
         session.begin(joints)
-        directory = self.settings["model_directory"]
-        if directory:
-            path = model_place(directory, "")
-            if path.is_file():
-                try:
-                    session.load_now(path)
-                    self.get_logger().info(f"going on from {path}")
-                except BdnnError as error:
-                    self.get_logger().warning(f"not going on from {path}: {error}")
+        self._kept.resume()
         self.get_logger().info(f"identifying {listed(joints, 20)}{', anew: more joints come now' * again}")
 
     # -- the stream ------------------------------------------------------------------------------
@@ -274,10 +280,10 @@ class IdentificationNode(LifecycleNode):
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    rclpy.init(args=arguments)
     node = None
     status = 0
     try:
+        begin(arguments)
         node = IdentificationNode()
         if node.settings["autostart"] and not _start(node):
             return UsageError.exit_status

@@ -21,6 +21,7 @@ from std_msgs.msg import Float64MultiArray, String
 from bdnn_ros import bags
 from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.nodes import parameters
+from bdnn_ros.nodes.beginning import begin
 from bdnn_ros.nodes.conversions import stamp
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -151,10 +152,10 @@ class _Rows:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    rclpy.init(args=arguments)
     node = None
     status = 0
     try:
+        begin(arguments)
         node = ReplayNode()
         node.play()
     except (KeyboardInterrupt, ExternalShutdownException):

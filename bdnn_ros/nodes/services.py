@@ -15,8 +15,9 @@ from std_srvs.srv import SetBool, Trigger
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.nodes.conversions import findings_message, numbers, requested
+from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
-from bdnn_ros.online.places import model_place
+from bdnn_ros.online.places import model_place, model_to_load
 from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session
 
@@ -32,6 +33,7 @@ class Services:
         lane: answers the questions about dynamics.
         session: what they are about.
         directory: gives the model directory.
+        kept: the model in it that has no name.
         training_set: called after training was switched on or off.
         forgotten: called after what was learned was forgotten.
     """
@@ -42,6 +44,7 @@ class Services:
         lane: Lane,
         session: Session,
         directory: Callable[[], str],
+        kept: Kept,
         training_set: Callable[[bool], None],
         forgotten: Callable[[], None],
     ) -> None:
@@ -49,6 +52,7 @@ class Services:
         self._lane = lane
         self._session = session
         self._directory = directory
+        self._kept = kept
         self._training_set = training_set
         self._forgotten = forgotten
         # these wait for the disk or the trainer; others go on meanwhile
@@ -161,7 +165,8 @@ class Services:
 
     async def _save(self, request: SaveModel.Request, response: SaveModel.Response) -> SaveModel.Response:
         try:
-            place = model_place(self._directory(), request.name)
+            directory = self._directory()
+            place = model_place(directory, request.name) if request.name else self._kept.place()
             path = await self._until(self._session.save(place))
         except BdnnError as error:
             return _refused(response, error)
@@ -169,7 +174,7 @@ class Services:
 
     async def _load(self, request: LoadModel.Request, response: LoadModel.Response) -> LoadModel.Response:
         try:
-            place = model_place(self._directory(), request.name)
+            place = model_to_load(self._directory(), request.name)
             model = await self._until(self._session.load(place))
         except BdnnError as error:
             return _refused(response, error)

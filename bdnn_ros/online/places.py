@@ -2,16 +2,53 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 from bdnn_ros.bdnn.modelfile import FILE_NAME
 from bdnn_ros.errors import UsageError
 
 LONGEST_NAME = 200
+"""Of a model [bytes]."""
+SUFFIX = Path(FILE_NAME).suffix
+
+
+def require_directory(directory: str) -> None:
+    """Make the model directory if it is missing, and see whether files can be written there.
+
+    Raises:
+        UsageError: they cannot.
+    """
+    try:
+        root = Path(directory).expanduser()
+        root.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=root):
+            pass
+    except (OSError, RuntimeError) as error:  # RuntimeError: ~ of a user that does not exist
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(
+            f"Models cannot be written to model_directory {directory} ({reason}).",
+            "Set it to a directory that can be written to, or leave it empty to keep none.",
+        ) from None
+
+
+def model_to_load(directory: str, name: str) -> Path:
+    """The file of a named model that is there: as `model_place`, or `directory/name.bdnn`.
+
+    Raises:
+        UsageError: as `model_place`.
+    """
+    place = model_place(directory, name)
+    if name and not name.endswith(SUFFIX) and not place.exists():
+        beside = model_place(directory, f"{name}{SUFFIX}")
+        return beside if beside.exists() else place
+    return place
 
 
 def model_place(directory: str, name: str) -> Path:
     """The file of a named model: `directory/name/model.bdnn`; without a name, `directory/model.bdnn`.
+
+    A name that ends in `.bdnn` is the file's own, unless there is a directory of that name.
 
     Raises:
         UsageError: no directory is set, or the name would leave it.
@@ -22,13 +59,13 @@ def model_place(directory: str, name: str) -> Path:
     if not name:
         return root / FILE_NAME
     parts = name.split("/")
-    plain = name.isprintable() and len(name) <= LONGEST_NAME and "\\" not in name
+    plain = name.isprintable() and len(name.encode()) <= LONGEST_NAME and "\\" not in name
     if not plain or any(part in ("", ".", "..") for part in parts):
         raise UsageError(
             f"{name[:LONGEST_NAME]!r} is not a name inside model_directory.", "Use a plain name."
         )
     place = root.joinpath(*parts)
-    if place.name != FILE_NAME:
+    if place.suffix != SUFFIX or place.is_dir():
         place = place / FILE_NAME
     if root not in place.resolve().parents:  # a link may lead out
         raise UsageError(f"{name!r} leads out of model_directory.", "Use a plain name.")

@@ -226,12 +226,17 @@ class Session:
         """Read a model of this robot, whatever its order of joints, and serve it; the future raises ModelFileError."""
         return self._files.submit(self.load_now, path)
 
+    def read(self, path: Path) -> Model:
+        """A model of the joints in use, whatever their order; raises UsageError while these are not known."""
+        model = load_model(path)
+        known = self.description.joints if self.description else ()
+        require_joints(model, self.known().joints, known, path.name)
+        return model
+
     def load_now(self, path: Path) -> Model:
         """As `load`, waiting for the disk."""
-        model = load_model(path)
         with self._turn:
-            joints = self.known().joints
-            require_joints(model, joints, self.description.joints if self.description else (), path.name)
+            model, joints = self.read(path), self.known().joints
             number = 1 + (self.served.number if self.served else 0)
             resumed = model if isinstance(model, PhysicalModel) else None
             self.training = self.training and resumed is not None

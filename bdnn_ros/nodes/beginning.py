@@ -1,0 +1,26 @@
+"""The beginning of every node: ROS is started, or it is said in one sentence why not."""
+
+from __future__ import annotations
+
+import rclpy
+from rclpy.logging import LoggingSeverity, set_logger_level
+
+from bdnn_ros.errors import UsageError
+
+
+def begin(arguments: list[str] | None) -> None:
+    """Start ROS with these arguments, the command line's where they are None.
+
+    Raises:
+        UsageError: what follows --ros-args cannot be understood.
+    """
+    set_logger_level("rcl", LoggingSeverity.FATAL)  # it would say the same in another line
+    try:
+        rclpy.init(args=arguments)
+    except RuntimeError as error:  # of rclpy's binding, which names no more of them
+        reason = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")[0].rstrip(".")
+        reason = f"unknown arguments {reason}" if reason.startswith("[") else reason
+        raise UsageError(
+            f"ROS cannot start: {reason}.", "Pass parameters as --ros-args -p NAME:=VALUE."
+        ) from None
+    set_logger_level("rcl", LoggingSeverity.UNSET)

@@ -1,0 +1,79 @@
+"""The model that `model_directory` keeps: gone on from at start, saved at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from bdnn_ros.errors import BdnnError
+from bdnn_ros.online.places import SUFFIX, model_place
+from bdnn_ros.online.session import Session
+
+
+class Kept:
+    """The first of `model.bdnn`, `model_2.bdnn`, ... in a directory that holds a model of the robot in use.
+
+    A file that holds none, as another arm's or a damaged one, is left as it is.
+
+    Args:
+        directory: where; empty keeps none.
+        session: what learns the model.
+        logger: gives the logger.
+    """
+
+    def __init__(self, directory: str, session: Session, logger: Callable[[], Any]) -> None:
+        self._directory = directory
+        self._session = session
+        self._logger = logger
+
+    def resume(self) -> None:
+        """Serve the model that is kept, if there is one, and go on from it."""
+        if not self._directory:
+            return
+        refused = False
+        for path in self._places():
+            if not path.exists():
+                if refused:
+                    self._logger().info(f"what is learned will be saved to {path}")
+                return
+            try:
+                self._session.load_now(path)
+            except BdnnError as error:
+                refused = True
+                self._logger().warning(f"not going on from {path}, which is left as it is: {error}")
+            else:
+                self._logger().info(f"going on from {path}")
+                return
+
+    def save(self) -> None:
+        """Keep the model that serves."""
+        if not self._directory:
+            return
+        try:
+            self._logger().info(f"model saved to {self._session.save_now(self.place())}")
+        except BdnnError as error:
+            self._logger().error(str(error))
+
+    def place(self) -> Path:
+        """Where the model that serves is saved.
+
+        Raises:
+            UsageError: no directory is set, or the robot is not known yet.
+        """
+        self._session.known()
+        return next(path for path in self._places() if not path.exists() or self._usable(path))
+
+    def _places(self) -> Iterator[Path]:
+        first = model_place(self._directory, "")
+        yield first
+        for number in count(2):
+            yield first.with_name(f"{first.stem}_{number}{SUFFIX}")
+
+    def _usable(self, path: Path) -> bool:
+        try:
+            self._session.read(path)
+        except BdnnError:
+            return False
+        return True

@@ -1,0 +1,92 @@
+"""The model in model_directory: gone on from, saved, and never in place of another robot's."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from bdnn_ros.errors import UsageError
+from bdnn_ros.nodes.keeping import Kept
+from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.online.serving import Settings, nominal
+from bdnn_ros.online.session import Session
+from bdnn_ros.robot import Robot
+
+ARM = Robot.bundled("arm2")
+OTHER = Robot.bundled("arm6")
+
+
+class Log(list):
+    """What was logged, whatever the level."""
+
+    def __call__(self) -> Log:
+        return self
+
+    info = warning = error = list.append
+
+
+@pytest.fixture
+def session():
+    session = Session(Settings(capacity=1000))
+    session.set_robot(ARM)
+    session.begin(ARM.joints)
+    yield session
+    session.stop()
+
+
+def test_a_model_is_kept_where_it_was(tmp_path, session):
+    log = Log()
+    kept = Kept(str(tmp_path), session, log)
+    kept.resume()
+    assert log == [] and session.served.number == 0
+    kept.save()
+    assert log == [f"model saved to {tmp_path / 'model.bdnn'}"]
+    kept.resume()
+    kept.save()
+    assert log[1:] == [f"going on from {tmp_path / 'model.bdnn'}", log[0]]
+    assert [path.name for path in tmp_path.iterdir()] == ["model.bdnn"]
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_file_that_was_refused_is_kept(tmp_path, session, damaged):
+    """What is learned goes to the next free name, is gone on from there, and the log says both."""
+    first, second = tmp_path / "model.bdnn", tmp_path / "model_2.bdnn"
+    save_model(first, nominal(OTHER))
+    if damaged:
+        first.write_bytes(first.read_bytes()[:100])
+    before = first.read_bytes()
+    log = Log()
+    kept = Kept(str(tmp_path), session, log)
+    kept.resume()
+    assert log[0].startswith(f"not going on from {first}, which is left as it is: ")
+    assert log[1:] == [f"what is learned will be saved to {second}"]
+    kept.save()
+    assert log[2:] == [f"model saved to {second}"] and first.read_bytes() == before
+    kept.resume()
+    kept.save()
+    assert log[-2:] == [f"going on from {second}", f"model saved to {second}"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [first.name, second.name]
+    assert load_model(second).joints == ARM.joints
+    shutil.copy(second, first)  # somebody puts a model of this robot in its place
+    assert kept.place() == first
+
+
+def test_nothing_is_kept_without_a_directory(session):
+    log = Log()
+    kept = Kept("", session, log)
+    kept.resume()
+    kept.save()
+    assert log == []
+    with pytest.raises(UsageError, match="not set"):
+        kept.place()
+
+
+def test_what_cannot_be_written_is_said(tmp_path, session):
+    blocked = tmp_path / "blocked"
+    blocked.write_text("a file")
+    log = Log()
+    Kept(str(blocked), session, log).save()
+    assert len(log) == 1 and "cannot be written" in log[0]
+    assert Path(blocked).read_text() == "a file"
