@@ -6,53 +6,19 @@ import math
 import time
 from collections.abc import Callable
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from bdnn_ros.nodes.error_now import ErrorNow
 from bdnn_ros.online.intake import CommandIntake
 from bdnn_ros.online.session import Session
 
 NAME = "bdnn: identification"
 SILENCE = 2.0
 """Without a joint state for so long [s], the stream counts as broken."""
-MEMORY = 3.0
-"""Time constant of the error now [s]."""
 PERSISTENCE = 5.0
 """An effort command that was refused is told of for so long [s]."""
 THROTTLE = 10.0
 """Warnings about the same go to the log so often at most [s]."""
-SPREAD_MEMORY = 120.0
-"""Time constant of the spread it is compared with [s]: a robot at rest has none."""
-
-
-class ErrorNow:
-    """Running NRMSE of the estimates: RMSE of the last seconds / spread of the effort of the last minutes."""
-
-    def __init__(self) -> None:
-        self._stamp = 0
-        self._elapsed = 0.0
-        self._squared = np.zeros(0)
-        self._mean = np.zeros(0)
-        self._power = np.zeros(0)
-
-    def add(self, stamp: int, measured: np.ndarray, estimated: np.ndarray) -> None:
-        """One instant: efforts (n,) [N·m] at a stamp [ns]."""
-        if len(self._squared) != len(measured):
-            self._squared = (measured - estimated) ** 2
-            self._mean, self._power = measured.copy(), measured**2
-        step = min(max((stamp - self._stamp) * 1e-9, 0.0), 1.0)
-        self._stamp, self._elapsed = stamp, self._elapsed + step
-        weight = step / max(min(self._elapsed, MEMORY), 1e-9)
-        self._squared = self._squared + weight * ((measured - estimated) ** 2 - self._squared)
-        weight = step / max(min(self._elapsed, SPREAD_MEMORY), 1e-9)
-        self._mean = self._mean + weight * (measured - self._mean)
-        self._power = self._power + weight * (measured**2 - self._power)
-
-    @property
-    def nrmse(self) -> np.ndarray:
-        """Of each joint, (n,); empty before the first instant."""
-        variance = np.maximum(self._power - self._mean**2, 1e-12)
-        return np.asarray(np.sqrt(self._squared / variance))
 
 
 class Warnings:

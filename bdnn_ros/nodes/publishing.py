@@ -19,7 +19,8 @@ from bdnn_ros.nodes.conversions import (
     findings_message,
     nothing_yet_message,
 )
-from bdnn_ros.nodes.diagnostics import ErrorNow, Reporter
+from bdnn_ros.nodes.diagnostics import Reporter
+from bdnn_ros.nodes.error_now import ErrorNow
 from bdnn_ros.online.session import Session
 
 LATCHED = QoSProfile(

@@ -26,7 +26,11 @@ BACKWARDS = "stamp_backwards"
 JOINTS = "joints_missing"
 LENGTH = "wrong_length"
 NOT_FINITE = "not_finite"
+OUT_OF_RANGE = "out_of_range"
 NO_EFFORT = "effort_missing"
+
+LARGEST = 1e9
+"""No robot has a larger position, velocity or effort, whatever the unit; powers of such numbers overflow."""
 
 
 class Clock:
@@ -138,17 +142,17 @@ class Intake:
             return self._take_part(kind, position, velocity, effort, stamp, sent)
         self._leave_out(self._assembly.give_up())
         row = self.ring.slot().reshape(3, -1)
-        if not self._fill(row, kind, position, velocity, effort):
-            return self._reject(NOT_FINITE, stamp)
-        return self._commit(row, stamp, sent)
+        fault = self._fill(row, kind, position, velocity, effort)
+        return self._reject(fault, stamp) if fault else self._commit(row, stamp, sent)
 
     def _take_part(
         self, kind: Kind, position: Any, velocity: Any, effort: Any, stamp: int, sent: int
     ) -> bool:
         """Let a message wait for the others, or make a sample of it and those that do."""
         part = np.empty((3, len(kind.index)))
-        if not self._fill(part, kind, position, velocity, effort):
-            return self._reject(NOT_FINITE, stamp)
+        fault = self._fill(part, kind, position, velocity, effort)
+        if fault:
+            return self._reject(fault, stamp)
         assembly = self._assembly
         self._leave_out(assembly.add(kind.group, stamp))
         assembly.row[:, kind.joints] = part
@@ -159,13 +163,17 @@ class Intake:
         row[np.isnan(row).any(axis=1)] = math.nan  # what one controller does not measure, the robot does not
         return self._commit(row, assembly.stamp, sent)
 
-    def _fill(self, row: np.ndarray, kind: Kind, position: Any, velocity: Any, effort: Any) -> bool:
-        """Write a message's numbers in our order, (3, m); False where they are none."""
+    def _fill(self, row: np.ndarray, kind: Kind, position: Any, velocity: Any, effort: Any) -> str:
+        """Write a message's numbers in our order, (3, m); returns why they cannot be used, empty if they can."""
         index = kind.index
         row[0] = np.asarray(position)[index]
         row[1] = np.asarray(velocity)[index] if len(velocity) else math.nan
         row[2] = np.asarray(effort)[index] if len(effort) else math.nan
-        return bool(np.isfinite(row).all()) or _acceptable(row)
+        if np.abs(row).max() <= LARGEST:
+            return ""
+        if not _acceptable(row):
+            return NOT_FINITE
+        return OUT_OF_RANGE if (np.abs(row) > LARGEST).any() else ""
 
     def _commit(self, row: np.ndarray, stamp: int, sent: int) -> bool:
         stream_time = self.clock.advance(stamp)
@@ -232,6 +240,11 @@ class CommandIntake:
             culprit = self.joints[int(np.argmin(finite))]
             remedy = "Send a finite number for every joint; 0 commands no effort."
             return self._reject(NOT_FINITE, f"An effort command of {culprit} is not finite. {remedy}")
+        small = np.abs(row) <= LARGEST
+        if not small.all():
+            culprit = self.joints[int(np.argmin(small))]
+            remedy = f"Send efforts up to {LARGEST:g}."
+            return self._reject(OUT_OF_RANGE, f"An effort command of {culprit} is out of range. {remedy}")
         stream_time = self.clock.advance(sent)
         if stream_time < 0:
             remedy = "Let one controller command these joints."

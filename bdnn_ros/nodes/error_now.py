@@ -1,0 +1,104 @@
+"""How well the model that serves explains the effort just now."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+MEMORY = 3.0
+"""Time the error is of [s]."""
+SPREAD_MEMORY = 120.0
+"""Time the spread is of, with which it is compared [s]: a robot at rest has none."""
+BLOCK = 0.25
+"""Instants of so long [s] are put together; a wrong reading, low-passed, is felt in two such at most."""
+STANDS_OUT, STANDS_OUT_OF_SPREAD = 20.0, 5.0
+"""A block whose error, or effort, is so many times that of the others is of wrong readings, not of the robot."""
+ALONE, ALONE_IN_SPREAD = 2, 8
+"""Unless there are more such blocks than this, or than a third of all."""
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Sums over some instants.
+
+    Attributes:
+        start: of the first [s].
+        count: how many.
+        squared, effort, power: of squared error, measured effort and its square, (n,).
+    """
+
+    start: float
+    count: int
+    squared: np.ndarray
+    effort: np.ndarray
+    power: np.ndarray
+
+
+class ErrorNow:
+    """NRMSE of the estimates: RMSE of the last seconds / spread of the effort of the last minutes.
+
+    One thread adds, another may ask. Wrong readings are left out: one among thousands would be all that is seen.
+    """
+
+    def __init__(self) -> None:
+        self._stamp = 0
+        self._elapsed = 0.0
+        self._blocks: deque[_Block] = deque()
+        self._open: _Block | None = None
+
+    def add(self, stamp: int, measured: np.ndarray, estimated: np.ndarray) -> None:
+        """One instant: efforts (n,) [N·m] at a stamp [ns]."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            squared, power = (measured - estimated) ** 2, measured**2
+        if not (np.isfinite(squared).all() and np.isfinite(power).all()):
+            return
+        self._elapsed += min(max((stamp - self._stamp) * 1e-9, 0.0), 1.0)
+        self._stamp = stamp
+        block = self._open
+        if block is not None and len(block.squared) != len(measured):
+            self._blocks.clear()
+            block = None
+        elif block is not None and self._elapsed - block.start >= BLOCK:
+            self._blocks.append(block)
+            while self._elapsed - self._blocks[0].start > SPREAD_MEMORY:
+                self._blocks.popleft()
+            block = None
+        if block is None:
+            self._open = _Block(self._elapsed, 1, squared, measured.copy(), power)
+        else:
+            sums = block.squared + squared, block.effort + measured, block.power + power
+            self._open = _Block(block.start, block.count + 1, *sums)
+
+    @property
+    def nrmse(self) -> np.ndarray:
+        """Of each joint, (n,); empty before the first instant."""
+        last = self._open
+        if last is None:
+            return np.zeros(0)
+        blocks = [block for block in (*self._blocks, last) if len(block.squared) == len(last.squared)]
+        recent = [block for block in blocks if last.start - block.start < MEMORY]
+        squared = np.stack([block.squared / block.count for block in recent])
+        counts = np.array([block.count for block in recent], float)
+        error = _mean(squared, counts, _usual(squared, STANDS_OUT, ALONE))
+        mean = np.stack([block.effort / block.count for block in blocks])
+        power = np.stack([block.power / block.count for block in blocks])
+        middle = np.median(mean, axis=0)
+        apart = np.maximum(power - 2.0 * middle * mean + middle**2, 0.0)
+        counts = np.array([block.count for block in blocks], float)
+        usual = _usual(apart, STANDS_OUT_OF_SPREAD, ALONE_IN_SPREAD)
+        variance = _mean(apart, counts, usual) - _mean(mean - middle, counts, usual) ** 2
+        return np.asarray(np.sqrt(error / np.maximum(variance, 1e-12)))
+
+
+def _usual(squared: np.ndarray, times: float, alone: int) -> np.ndarray:
+    """Which mean squares, (N, n), are in root no more than so many times the largest but for `alone` of them."""
+    rest = np.sort(squared, axis=0)[-1 - min(alone, (len(squared) - 1) // 3)]
+    return np.asarray(squared <= times**2 * rest)
+
+
+def _mean(values: np.ndarray, counts: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Mean of the values (N, n) that are used, each of so many instants, (n,)."""
+    weights = counts[:, None] * used
+    return np.asarray((weights * values).sum(axis=0) / weights.sum(axis=0))
