@@ -6,7 +6,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from bdnn_cases import scales
 
+from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.errors import UsageError
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.online.models import load_model, save_model
@@ -71,6 +73,14 @@ def test_a_file_that_was_refused_is_kept(tmp_path, session, damaged):
     assert load_model(second).joints == ARM.joints
     shutil.copy(second, first)  # somebody puts a model of this robot in its place
     assert kept.place() == first
+
+
+def test_a_model_that_learning_cannot_go_on_from_serves(tmp_path, session):
+    path = save_model(tmp_path, BDNN.black_box(ARM.joints, scales(2), hidden=4))
+    log = Log()
+    Kept(str(tmp_path), session, log).resume()
+    assert log == [f"a bdnn model serves, {path}; training is paused, it cannot go on from this kind"]
+    assert session.served.model.kind == "bdnn" and not session.learning
 
 
 def test_nothing_is_kept_without_a_directory(session):

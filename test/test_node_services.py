@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bdnn_cases import scales
 from diagnostic_msgs.msg import DiagnosticArray
 from live_support import (
     Robotics,
@@ -18,10 +19,12 @@ from live_support import (
     urdf_file,
     wait_until,
 )
+from rcl_interfaces.srv import GetParameters
 from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_interfaces.srv import Diagnose, InverseDynamics, LoadModel, SaveModel
+from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
@@ -101,6 +104,7 @@ def test_a_model_in_another_order_of_joints_serves_in_ours(tmp_path):
     """It answers in the node's order, and learning goes on from it."""
     real = real_robot(ARM)
     save_model(tmp_path / "models" / "kept", nominal(real))
+    save_model(tmp_path / "models" / "networks.bdnn", BDNN.black_box(ARM.joints, scales(2), hidden=4))
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path / "models"}
     turned = ARM.joints[::-1]
     asked = {"position": [0.1, -0.4], "velocity": [0.5, 0.2], "acceleration": [1.0, -2.0]}
@@ -111,6 +115,19 @@ def test_a_model_in_another_order_of_joints_serves_in_ours(tmp_path):
     ):
         diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
         estimates = ros.keep(DynamicsEstimate, f"{NODE}/estimate")
+        answer = ros.call(LoadModel, f"{NODE}/load_model", name="kept")
+        assert answer.success and "training goes on from it" in answer.message, answer.message
+        answer = ros.call(LoadModel, f"{NODE}/load_model", name="networks")
+        assert answer.success and "training is paused, it cannot go on" in answer.message, answer.message
+        wait_until(lambda: diagnostics and status(diagnostics)["training"] == "false")
+        (wanted,) = ros.call(GetParameters, f"{NODE}/get_parameters", names=["training"]).values
+        assert wanted.bool_value  # nobody switched it off
+        assert ros.call(Trigger, f"{NODE}/reset").success
+        assert ros.call(SetBool, f"{NODE}/set_training", data=False).success
+        answer = ros.call(LoadModel, f"{NODE}/load_model", name="kept")
+        assert answer.success and "training is switched off" in answer.message, answer.message
+        assert ros.call(Trigger, f"{NODE}/reset").success
+        assert ros.call(SetBool, f"{NODE}/set_training", data=True).message == "Training goes on."
         answer = ros.call(LoadModel, f"{NODE}/load_model", name="kept")
         assert answer.success and "training goes on from it" in answer.message, answer.message
         answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **asked)
@@ -132,7 +149,8 @@ def test_a_model_in_another_order_of_joints_serves_in_ours(tmp_path):
 
 
 def test_pausing_and_diagnosing(tmp_path):
-    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}
+    save_model(tmp_path / "described", nominal(ARM))
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "diagnosis_period": 0.0}
     with node_process(tmp_path, 113, **parameters), Robotics(113) as ros:
         diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
         findings = ros.keep(Findings, f"{NODE}/findings", latched=True)
@@ -144,6 +162,8 @@ def test_pausing_and_diagnosing(tmp_path):
         assert told["model_version"] == "0" and told["training"] == "false"
         short = ros.call(Diagnose, f"{NODE}/diagnose", window=2.0)
         assert short.success is False and "short" in short.message
+        # a model that is loaded takes nothing from what came before
+        assert ros.call(LoadModel, f"{NODE}/load_model", name="described").success
         whole = ros.call(Diagnose, f"{NODE}/diagnose", timeout=60.0, window=0.0)
         assert whole.success, whole.message
         assert whole.findings.verdict != "nothing_wrong" and whole.findings.gain > 0.0

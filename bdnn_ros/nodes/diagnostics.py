@@ -123,7 +123,7 @@ class Reporter:
             "model_samples": served.samples if served else 0,
             "model_origin": served.origin if served else "",
             "updates_rejected": session.counts.updates_rejected,
-            "training": session.training,
+            "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
         }
         level, message = self._verdict(active, trouble, now, refused)
@@ -152,7 +152,7 @@ class Reporter:
             return DiagnosticStatus.WARN, " ".join(filter(None, told))
         if session.counts.updates_rejected and session.counts.reason:
             return DiagnosticStatus.OK, f"an update was refused: {session.counts.reason}"
-        return DiagnosticStatus.OK, "training" if session.training else "serving, training is paused"
+        return DiagnosticStatus.OK, "training" if session.learning else "serving, training is paused"
 
 
 def _text(value: object) -> str:

@@ -10,6 +10,9 @@ from typing import Any
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.places import SUFFIX, model_place
 from bdnn_ros.online.session import Session
+from bdnn_ros.physical.model import PhysicalModel
+
+PAUSED = "training is paused, it cannot go on from this kind"
 
 
 class Kept:
@@ -39,12 +42,14 @@ class Kept:
                     self._logger().info(f"what is learned will be saved to {path}")
                 return
             try:
-                self._session.load_now(path)
+                model = self._session.load_now(path)
             except BdnnError as error:
                 refused = True
                 self._logger().warning(f"not going on from {path}, which is left as it is: {error}")
             else:
-                self._logger().info(f"going on from {path}")
+                on = isinstance(model, PhysicalModel)
+                told = f"going on from {path}" if on else f"a {model.kind} model serves, {path}; {PAUSED}"
+                self._logger().info(told)
                 return
 
     def save(self) -> None:

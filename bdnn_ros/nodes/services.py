@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.nodes.conversions import findings_message, numbers, requested
-from bdnn_ros.nodes.keeping import Kept
+from bdnn_ros.nodes.keeping import PAUSED, Kept
 from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.online.places import model_place, model_to_load
 from bdnn_ros.online.serving import Served
@@ -145,7 +145,10 @@ class Services:
     def _set_training(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._session.set_training(request.data)
         self._training_set(request.data)
-        return _done(response, "Training goes on." if request.data else "Training is paused.")
+        told = "Training goes on." if request.data else "Training is paused."
+        if request.data and not self._session.learning:
+            told = "Training goes on with the next model that it can go on from: load one, or reset."
+        return _done(response, told)
 
     async def _diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> Diagnose.Response:
         try:
@@ -178,9 +181,11 @@ class Services:
             model = await self._until(self._session.load(place))
         except BdnnError as error:
             return _refused(response, error)
-        resumed = self._session.training
-        self._training_set(resumed)
-        note = "training goes on from it" if resumed else "training is paused, it cannot go on from this kind"
+        note = "training goes on from it"
+        if not self._session.training:
+            note = "training is switched off"
+        elif not self._session.learning:
+            note = PAUSED
         return _done(response, f"A {model.kind} model serves; {note}.")
 
     def _until(self, later: Later[Result]) -> Awaitable[Result]:

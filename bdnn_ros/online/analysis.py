@@ -64,7 +64,9 @@ class Analyst:
         self._epoch = int(info["epoch"])
         self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
         self._due = feed.latest_time() + FIRST
-        self._last, self.since, self.unlike = {}, 0.0, False
+        self._last, self.unlike = {}, False
+        if info["kept"] == info["start"]:  # else the same stream goes on, and what changed in it has changed
+            self.since = 0.0
 
     def with_change(self, finding: dict[str, Any]) -> dict[str, Any]:
         """The last diagnosis with a change that was noticed since as its first finding."""

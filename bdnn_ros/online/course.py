@@ -19,22 +19,26 @@ class Course:
 
     Attributes:
         epoch: counts the courses; what a trainer says of another one is out of date.
-        start: number of the first sample that counts.
+        start: number of the first sample that is learned from.
+        kept: number of the first sample that is diagnosed.
         resumed: the model that learning began with; None where that is the robot description.
     """
 
     def __init__(self) -> None:
         self.epoch = 0
-        self.start = 0
+        self.start = self.kept = 0
         self.resumed: PhysicalModel | None = None
         self._number = 0
         self._trained = 0
         self._deaths = 0
 
-    def begin(self, start: int, number: int, resumed: PhysicalModel | None = None) -> None:
-        """Begin anew with the sample `start`, after the version `number`."""
+    def begin(
+        self, start: int, number: int, resumed: PhysicalModel | None = None, kept: int | None = None
+    ) -> None:
+        """Begin anew with the sample `start`, after the version `number`; diagnoses look back to `kept`."""
         self.epoch += 1
         self.start = self._trained = start
+        self.kept = start if kept is None else kept
         self._number, self.resumed = number, resumed
         self._deaths = 0
 
@@ -53,13 +57,18 @@ class Course:
     def introduction(self, ring: Ring, served: Served | None) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """What a new trainer must know of it, as JSON-able information and arrays."""
         if self._deaths >= MOST_DEATHS:  # whatever it is in these samples: leave them behind
-            self.start = self._trained = ring.written
+            self.start = self.kept = self._trained = ring.written
         resumed, start = self.resumed, self.start
         if start < ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
             # what came before is no longer in the ring: go on from what is known of it
             resumed, start = served.model, max(self._trained, ring.oldest)
             self._number = served.number
-        info: dict[str, Any] = {"start": start, "number": self._number, "epoch": self.epoch}
+        info: dict[str, Any] = {
+            "start": start,
+            "kept": self.kept,
+            "number": self._number,
+            "epoch": self.epoch,
+        }
         arrays: dict[str, np.ndarray] = {}
         if resumed is not None:
             arrays, info["resume"] = resumed.to_state()

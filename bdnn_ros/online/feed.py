@@ -50,6 +50,7 @@ class Feed:
 
     Attributes:
         next: number of the joint state that is read next.
+        kept: number of the first joint state that a recording may hold.
         convention: what the efforts are; None where they drive the joints as they are.
     """
 
@@ -60,12 +61,13 @@ class Feed:
         commands: Ring | None = None,
         start: int = 0,
         convention: EffortConvention | None = None,
+        kept: int | None = None,
     ) -> None:
         self.joints = joints
         self.states = states
         self.commands = commands
         self.next = start
-        self._first = start
+        self.kept = start if kept is None else kept
         self.convention = convention
         self._next_command = 0
 
@@ -97,21 +99,22 @@ class Feed:
     def recording(self, seconds: float, name: str = "live stream") -> Recording:
         """The last `seconds` (0: all that is kept) as a recording; samples without effort are left out.
 
-        What came before the first sample that this reads, as before a reset, is none of it.
+        What came before `kept`, as before a reset, is none of it.
 
         Raises:
             RecordingError: there are none.
         """
         newest = self.states.latest(1)
-        if newest.end <= self._first:
-            raise RecordingError("No joint state has come yet.", "Check the topic joint_states.")
+        if newest.end <= self.kept:
+            since = "since what was learned was forgotten" if newest.end else "yet"
+            raise RecordingError(f"No joint state has come {since}.", "Check the topic joint_states.")
         start = (
             self.states.oldest
             if seconds <= 0
             else self.states.first_after(int(newest.time[0] - seconds * 1e9))
         )
         commands = None if self.commands is None else self.commands.latest(self.commands.capacity)
-        samples = self._samples(self.states.read(max(start, self._first)), commands).with_effort()
+        samples = self._samples(self.states.read(max(start, self.kept)), commands).with_effort()
         if len(samples) == 0:
             raise RecordingError(
                 "None of the joint states carries effort.",

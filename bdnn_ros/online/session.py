@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import DataError, UsageError
@@ -34,6 +33,7 @@ class Session:
     Samples are taken in (`intake.take`, `commands.take`, `instant`) by one thread, which never waits in them.
 
     Attributes:
+        training: whether is learned where that is possible; see `learning`.
         description: the robot with all joints that may be used; None until it is known.
         robot: the robot with the joints in use.
         served: the model that answers; None until the robot is known.
@@ -93,7 +93,7 @@ class Session:
             if self._feed is not None:
                 self._feed.convention = self.settings.convention(robot)
                 self._forget()
-                self._begin_again(self._course.start, self._course.resumed)
+                self._begin_again(self._course.start, self._course.resumed, self._course.kept)
 
     def begin(self, joints: Sequence[str]) -> None:
         """Lay out the rings for a stream of these joints and set the trainer to it; an earlier stream ends.
@@ -153,6 +153,11 @@ class Session:
         return self.served is not None and self.served.number > 0
 
     @property
+    def learning(self) -> bool:
+        """Whether the stream is learned from: not while a model serves that learning cannot go on from."""
+        return self.training and (self.served is None or isinstance(self.served.model, PhysicalModel))
+
+    @property
     def _written(self) -> int:
         return self.intake.ring.written if self.intake is not None else 0
 
@@ -174,12 +179,9 @@ class Session:
 
     def instant(self) -> Instant | None:
         """Low-passed motion at the newest stamp that allows it; None while there is none."""
-        if self._feed is None or self.intake is None:
+        if self._feed is None or self.intake is None or self.intake.clock.period <= 0.0:
             return None
-        period = self.intake.clock.period * 1e-9
-        if period <= 0.0:
-            return None
-        self._smoother.settle(period)
+        self._smoother.settle(self.intake.clock.period * 1e-9)
         count = self._smoother.count
         samples, stamps = self._feed.latest(count)
         return self._smoother.at(samples, stamps) if len(samples) >= count else None
@@ -189,7 +191,7 @@ class Session:
     def set_training(self, on: bool) -> None:
         """Go on learning, or pause; what comes meanwhile is received but not learned from."""
         self.training = on
-        self.supervisor.send(Message("training", {"on": on}))
+        self.supervisor.send(Message("training", {"on": self.learning}))
 
     def reset(self) -> None:
         """Forget what was learned: the robot description serves, and learning starts with the next sample.
@@ -210,7 +212,11 @@ class Session:
         Raises:
             DataError: there is nobody to ask just now.
         """
-        return self._ask("diagnose", {"window": window})
+        if not self.supervisor.alive:
+            raise DataError("The trainer is just being started.", "Ask again in a moment.")
+        number, future = self._requests.new()
+        self.supervisor.send(Message("diagnose", {"window": window, "request": number}))
+        return future
 
     def save(self, path: Path) -> Future[Path]:
         """Write the model that serves, in its own order of joints; the future raises ModelFileError."""
@@ -239,17 +245,9 @@ class Session:
             model, joints = self.read(path), self.known().joints
             number = 1 + (self.served.number if self.served else 0)
             resumed = model if isinstance(model, PhysicalModel) else None
-            self.training = self.training and resumed is not None
             self.served = Served(model, number, time.monotonic(), origin=str(path), joints=joints)
-            self._begin_again(self._written, resumed)
+            self._begin_again(self._written, resumed, self._course.kept)
         return model
-
-    def _ask(self, kind: str, info: dict[str, Any]) -> Future[Message]:
-        if not self.supervisor.alive:
-            raise DataError("The trainer is just being started.", "Ask again in a moment.")
-        number, future = self._requests.new()
-        self.supervisor.send(Message(kind, {**info, "request": number}))
-        return future
 
     # -- the trainer -------------------------------------------------------------------------------
 
@@ -257,8 +255,8 @@ class Session:
         self.findings.clear()
         self.forgotten += 1
 
-    def _begin_again(self, start: int, resumed: PhysicalModel | None = None) -> None:
-        self._course.begin(start, self.served.number if self.served is not None else 0, resumed)
+    def _begin_again(self, start: int, resumed: PhysicalModel | None = None, kept: int | None = None) -> None:
+        self._course.begin(start, self.served.number if self.served is not None else 0, resumed, kept)
         for message in self._introduce():
             self.supervisor.send(message)
 
@@ -271,7 +269,7 @@ class Session:
             info = {
                 "urdf": self.robot.urdf,
                 "joints": list(self.robot.joints),
-                "training": self.training,
+                "training": self.learning,
                 **course,
                 **self.settings.for_trainer(),
             }

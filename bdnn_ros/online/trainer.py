@@ -165,6 +165,7 @@ class Trainer:
             rings[1] if len(rings) > 1 else None,
             int(info["start"]),
             settings.convention(self.robot),
+            int(info["kept"]),
         )
         self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]))
         self.analyst.begin(self.robot, self.feed, info)

@@ -1,0 +1,105 @@
+"""What a session keeps and gives up where another model is loaded, without a trainer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bdnn_cases import scales
+
+from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.feed import Feed
+from bdnn_ros.online.models import save_model
+from bdnn_ros.online.serving import Settings, nominal
+from bdnn_ros.online.session import Session
+from bdnn_ros.robot import Robot
+
+ARM = Robot.bundled("arm2")
+MS = 1_000_000
+
+
+@pytest.fixture
+def session() -> Iterator[Session]:
+    session = Session(Settings(capacity=4000))
+    session.set_robot(ARM)
+    session.begin(ARM.joints)
+    yield session
+    session.stop()
+
+
+@pytest.fixture
+def models(tmp_path) -> dict[str, Path]:
+    return {
+        "physical": save_model(tmp_path / "physical", nominal(ARM)),
+        "networks": save_model(tmp_path / "networks", BDNN.black_box(ARM.joints, scales(2), hidden=4)),
+    }
+
+
+def introduced(session: Session) -> dict[str, Any]:
+    """What a trainer is told last."""
+    (message,) = session._introduce()
+    return message.info
+
+
+def send(session: Session, count: int) -> None:
+    assert session.intake is not None
+    first = 1000 + session.intake.ring.written
+    for k in range(first, first + count):
+        session.intake.take(list(ARM.joints), [0.1, 0.2], [], [1.0, 2.0], k * MS, k * MS)
+
+
+@pytest.mark.parametrize("remedy", ["load", "reset", "description"])
+def test_training_comes_back_after_a_model_it_cannot_go_on_from(session, models, remedy):
+    session.load_now(models["networks"])
+    assert session.training and not session.learning and not introduced(session)["training"]
+    session.set_training(True)
+    assert not session.learning
+    if remedy == "load":
+        session.load_now(models["physical"])
+        assert "resume" in introduced(session)
+    elif remedy == "reset":
+        session.reset()
+    else:
+        session.set_robot(Robot.from_urdf(ARM.urdf.replace("<robot", "<!-- new --><robot", 1)))
+    assert session.learning and introduced(session)["training"]
+
+
+def test_training_that_was_switched_off_stays_off(session, models):
+    session.set_training(False)
+    for model in models.values():
+        session.load_now(model)
+        assert not session.training and not introduced(session)["training"]
+    session.reset()
+    assert not introduced(session)["training"]
+    session.set_training(True)
+    assert introduced(session)["training"]
+
+
+def test_what_came_before_a_model_was_loaded_can_be_diagnosed(session, models):
+    send(session, 300)
+    for model in models.values():
+        session.load_now(model)
+    assert introduced(session)["start"] == 300 and introduced(session)["kept"] == 0
+    session.reset()
+    assert introduced(session)["start"] == introduced(session)["kept"] == 300
+    send(session, 50)
+    session.load_now(models["physical"])
+    assert introduced(session)["start"] == 350 and introduced(session)["kept"] == 300
+
+
+def test_a_feed_gives_what_is_kept():
+    states = Ring.create(1000, 6)
+    for k in range(100):
+        states.slot()[:] = float(k)
+        states.commit(k * MS, k * MS, 1000 * MS + k * MS)
+    feed = Feed(ARM.joints, states, start=100, kept=40)
+    assert len(feed.read(1000)) == 0
+    assert feed.recording(0.0).position[0].tolist() == [40.0, 40.0] and len(feed.recording(0.0)) == 60
+    assert len(feed.recording(0.01)) == 10
+    with pytest.raises(RecordingError, match="has come since what was learned was forgotten"):
+        Feed(ARM.joints, states, start=100).recording(0.0)
+    states.close()
