@@ -1,16 +1,30 @@
-"""~/reset: nothing that was said of what is forgotten stands any longer."""
+"""~/reset, and another description: nothing that was said of what is forgotten stands any longer."""
 
 from __future__ import annotations
 
+import re
+import time
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from live_support import Robotics, children, motion, node_process, real_robot, status, urdf_file, wait_until
+from live_support import (
+    Robotics,
+    children,
+    motion,
+    node_process,
+    pose,
+    real_robot,
+    status,
+    urdf_file,
+    wait_until,
+)
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bdnn_interfaces.msg import Findings
-from bdnn_interfaces.srv import Diagnose
+from bdnn_interfaces.srv import Diagnose, InverseDynamics
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros
@@ -52,6 +66,26 @@ def test_a_reset_takes_back_errors_and_findings(tmp_path):
         (message,) = wait_until(lambda: late)
         assert message.verdict == "cannot_tell" and not message.findings and message.gain == 0.0
         assert "diagnose" in message.advice[0]
+
+
+def test_another_description_of_the_same_joints_is_taken_over(tmp_path):
+    """It serves, learning begins again, and the log says so, once; the same description again changes nothing."""
+    with node_process(tmp_path, 169, diagnosis_period=0.0, training=False) as node, Robotics(169) as ros:
+        diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+        description = ros.publisher(String, "robot_description", latched=True)
+        description.publish(String(data=ARM.urdf))
+        ros.stream(motion(REAL, 2.0, 250.0))
+        wait_until(lambda: diagnostics and status(diagnostics)["samples_received"] == "500")
+        gravity = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).gravity
+        description.publish(String(data=ARM.urdf))
+        time.sleep(1.0)
+        assert "robot_description has changed" not in node.output
+        heavier = re.sub(r'(<mass value=")([0-9.]+)', lambda m: f"{m[1]}{2.0 * float(m[2])}", ARM.urdf)
+        description.publish(String(data=heavier))
+        wait_until(lambda: "robot_description has changed" in node.output)
+        answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM))
+        np.testing.assert_allclose(answer.gravity, 2.0 * np.array(gravity))
+        assert node.output.count("robot_description has changed") == 1 and answer.model_version == 0
 
 
 def test_without_a_robot_there_is_nothing_to_reset(tmp_path):

@@ -21,6 +21,7 @@ from std_msgs.msg import String
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
 from bdnn_ros.nodes.beginning import begin
+from bdnn_ros.nodes.choosing import with_joints
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.nodes.publishing import LATCHED, Publishing
@@ -190,16 +191,10 @@ class IdentificationNode(LifecycleNode):
     def _meet(self, session: Session, robot: Robot) -> None:
         """Get to know the robot: choose joints if they are given, and go on from a model that was kept."""
         joints = self.settings["joints"]
-        if joints:
-            unknown = [joint for joint in joints if joint not in robot.joints]
-            if unknown:
-                raise UsageError(
-                    f"The robot description has no movable joint {listed(unknown)}; "
-                    f"it has {listed(robot.joints, 20)}.",
-                    "Set the parameter joints to some of these.",
-                )
-            robot = Robot.from_urdf(robot.urdf, joints)
-        session.set_robot(robot)
+        served = session.served
+        session.set_robot(with_joints(robot, joints))
+        if served is not None and session.served is not served:
+            self.get_logger().info("robot_description has changed: it serves anew, and learning begins again")
         if joints and session.intake is None:
             self._begin(session, joints)
 
