@@ -8,7 +8,20 @@ import sys
 import pytest
 from live_support import environment
 
+from bdnn_ros.nodes.beginning import told
+
 pytestmark = pytest.mark.ros
+
+
+def test_an_error_in_a_transition_is_told_of(capsys):
+    @told
+    def on_configure(state: str) -> str:
+        return {"unconfigured": "inactive"}[state]
+
+    assert on_configure("unconfigured") == "inactive" and on_configure.__name__ == "on_configure"
+    with pytest.raises(KeyError):
+        on_configure("finalized")
+    assert "KeyError: 'finalized'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("node", ["identification_node", "replay_node"])

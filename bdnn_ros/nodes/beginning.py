@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import traceback
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
 import rclpy
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from bdnn_ros.errors import UsageError
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
 def begin(arguments: list[str] | None) -> None:
@@ -24,3 +32,17 @@ def begin(arguments: list[str] | None) -> None:
             f"ROS cannot start: {reason}.", "Pass parameters as --ros-args -p NAME:=VALUE."
         ) from None
     set_logger_level("rcl", LoggingSeverity.UNSET)
+
+
+def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """The lifecycle transition, but that an error of the program in it is printed: rclpy says nothing of it."""
+
+    @wraps(transition)
+    def telling(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        try:
+            return transition(*arguments, **named)
+        except Exception:
+            traceback.print_exc()
+            raise
+
+    return telling

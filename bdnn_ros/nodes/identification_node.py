@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
-from bdnn_ros.nodes.beginning import begin
+from bdnn_ros.nodes.beginning import begin, told
 from bdnn_ros.nodes.choosing import with_joints
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
@@ -65,6 +65,7 @@ class IdentificationNode(LifecycleNode):
 
     # -- lifecycle -------------------------------------------------------------------------------
 
+    @told
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start the trainer, offer services and topics."""
         settings = self.settings
@@ -121,6 +122,7 @@ class IdentificationNode(LifecycleNode):
             )
         return TransitionCallbackReturn.SUCCESS
 
+    @told
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen as soon as the trainer is ready: what arrives earlier would only fill the queue."""
         self._active = True
