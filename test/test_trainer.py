@@ -292,6 +292,7 @@ def test_a_model_is_found_as_a_file_and_in_a_directory(tmp_path):
     assert model_to_load(str(tmp_path), "arm") == inside  # as it is saved under this name
     assert model_to_load(str(tmp_path), "arm.bdnn") == file
     assert model_to_load(str(tmp_path), "") == tmp_path / "model.bdnn"
+    assert model_to_load(str(tmp_path), "x" * 200) == tmp_path / ("x" * 200) / "model.bdnn"
     (tmp_path / "out.bdnn").symlink_to("/etc/passwd")
     for name in "out", "out.bdnn":
         with pytest.raises(UsageError, match="leads out of model_directory"):

@@ -59,7 +59,9 @@ def model_place(directory: str, name: str) -> Path:
     if not name:
         return root / FILE_NAME
     parts = name.split("/")
-    plain = name.isprintable() and len(name.encode()) <= LONGEST_NAME and "\\" not in name
+    plain = (
+        name.isprintable() and len(name.removesuffix(SUFFIX).encode()) <= LONGEST_NAME and "\\" not in name
+    )
     if not plain or any(part in ("", ".", "..") for part in parts):
         raise UsageError(
             f"{name[:LONGEST_NAME]!r} is not a name inside model_directory.", "Use a plain name."
