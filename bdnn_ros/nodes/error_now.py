@@ -21,19 +21,17 @@ ALONE, ALONE_IN_SPREAD = 2, 8
 
 @dataclass(frozen=True)
 class _Block:
-    """Sums over some instants.
+    """Some instants together.
 
     Attributes:
         start: of the first [s].
         count: how many.
-        squared, effort, power: of squared error, measured effort and its square, (n,).
+        sums: of squared error, measured effort and its square, (3, n).
     """
 
     start: float
     count: int
-    squared: np.ndarray
-    effort: np.ndarray
-    power: np.ndarray
+    sums: np.ndarray
 
 
 class ErrorNow:
@@ -51,25 +49,22 @@ class ErrorNow:
     def add(self, stamp: int, measured: np.ndarray, estimated: np.ndarray) -> None:
         """One instant: efforts (n,) [N·m] at a stamp [ns]."""
         with np.errstate(over="ignore", invalid="ignore"):
-            squared, power = (measured - estimated) ** 2, measured**2
-        if not (np.isfinite(squared).all() and np.isfinite(power).all()):
+            sums = np.array([(measured - estimated) ** 2, measured, measured**2])
+        if not np.isfinite(sums).all():
             return
         self._elapsed += min(max((stamp - self._stamp) * 1e-9, 0.0), 1.0)
         self._stamp = stamp
         block = self._open
-        if block is not None and len(block.squared) != len(measured):
+        if block is not None and block.sums.shape != sums.shape:
             self._blocks.clear()
-            block = None
-        elif block is not None and self._elapsed - block.start >= BLOCK:
+        elif block is not None and self._elapsed - block.start < BLOCK:
+            self._open = _Block(block.start, block.count + 1, block.sums + sums)
+            return
+        elif block is not None:
             self._blocks.append(block)
-            while self._elapsed - self._blocks[0].start > SPREAD_MEMORY:
-                self._blocks.popleft()
-            block = None
-        if block is None:
-            self._open = _Block(self._elapsed, 1, squared, measured.copy(), power)
-        else:
-            sums = block.squared + squared, block.effort + measured, block.power + power
-            self._open = _Block(block.start, block.count + 1, *sums)
+        while self._blocks and self._elapsed - self._blocks[0].start > SPREAD_MEMORY:
+            self._blocks.popleft()
+        self._open = _Block(self._elapsed, 1, sums)
 
     @property
     def nrmse(self) -> np.ndarray:
@@ -77,16 +72,15 @@ class ErrorNow:
         last = self._open
         if last is None:
             return np.zeros(0)
-        blocks = [block for block in (*self._blocks, last) if len(block.squared) == len(last.squared)]
-        recent = [block for block in blocks if last.start - block.start < MEMORY]
-        squared = np.stack([block.squared / block.count for block in recent])
-        counts = np.array([block.count for block in recent], float)
-        error = _mean(squared, counts, _usual(squared, STANDS_OUT, ALONE))
-        mean = np.stack([block.effort / block.count for block in blocks])
-        power = np.stack([block.power / block.count for block in blocks])
+        blocks = [block for block in (*self._blocks, last) if block.sums.shape == last.sums.shape]
+        counts = np.array([block.count for block in blocks], float)
+        squared, mean, power = (np.array([block.sums for block in blocks]) / counts[:, None, None]).swapaxes(
+            0, 1
+        )
+        recent = [last.start - block.start < MEMORY for block in blocks]
+        error = _mean(squared[recent], counts[recent], _usual(squared[recent], STANDS_OUT, ALONE))
         middle = np.median(mean, axis=0)
         apart = np.maximum(power - 2.0 * middle * mean + middle**2, 0.0)
-        counts = np.array([block.count for block in blocks], float)
         usual = _usual(apart, STANDS_OUT_OF_SPREAD, ALONE_IN_SPREAD)
         variance = _mean(apart, counts, usual) - _mean(mean - middle, counts, usual) ** 2
         return np.asarray(np.sqrt(error / np.maximum(variance, 1e-12)))
