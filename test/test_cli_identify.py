@@ -177,3 +177,20 @@ def test_parameters_are_written_where_there_is_a_prior(bag, tmp_path):
         assert sorted(path.name for path in out.iterdir()) == sorted(
             ["model.bdnn", "metrics.json", "effort.png", *further]
         )
+
+
+def test_a_directory_may_have_dots_in_its_name(bag, tmp_path, monkeypatch):
+    """And what is beside it is nobody's business, whatever it is called."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("metrics.json", "parameters.json", "effort.png"):
+        (tmp_path / name).write_text("mine")
+    assert main(["identify", bag["first"], "--out", "run_2026.11.26"]) == 0
+    made = ["effort.png", "metrics.json", "model.bdnn", "parameters.json"]
+    assert sorted(path.name for path in (tmp_path / "run_2026.11.26").iterdir()) == made
+    words = ["identify", bag["first"], "--prior", "none", "--budget", "0.5", "--out"]
+    assert main([*words, "new.d"]) == 0
+    assert all((tmp_path / name).read_text() == "mine" for name in made if name != "model.bdnn")
+    (tmp_path / "beside").mkdir()
+    (tmp_path / "beside" / "parameters.json").write_text("[1, 2]")
+    assert main([*words, "beside/arm.bdnn"]) == 0
+    assert (tmp_path / "beside" / "parameters.json").read_text() == "[1, 2]"

@@ -46,6 +46,11 @@ def test_error_against_time(bag, tmp_path, capsys):
     assert np.isfinite(load_model(tmp_path / "model").inverse_dynamics(q, q, q)).all()
 
 
+def test_the_model_goes_into_a_directory_with_dots_in_its_name(bag, tmp_path):
+    assert main(["replay", str(bag), "--json", "--out", str(tmp_path / "rep.v1")]) == 0
+    assert [path.name for path in (tmp_path / "rep.v1").iterdir()] == ["model.bdnn"]
+
+
 def test_table_and_pace(bag, capsys):
     began = time.monotonic()
     assert main(["replay", str(bag), "--rate", "8"]) == 0

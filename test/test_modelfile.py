@@ -38,6 +38,14 @@ def test_a_file_may_have_any_name(tmp_path):
     assert modelfile.load(path)[0] == "physical"
 
 
+@pytest.mark.parametrize("name", ["run_2026.11.26", "rep.v1", "model.safetensors"])
+def test_only_its_own_suffix_means_a_file(tmp_path, name):
+    path = modelfile.save(tmp_path / name, "bdnn", ARRAYS, INFO)
+    assert path == tmp_path / name / "model.bdnn"
+    (tmp_path / "folder.bdnn").mkdir()
+    assert modelfile.save(tmp_path / "folder.bdnn", "bdnn", {}, {}).name == "model.bdnn"
+
+
 def test_an_interrupted_save_leaves_the_old_model_and_no_litter(tmp_path, monkeypatch):
     path = modelfile.save(tmp_path, "bdnn", ARRAYS, INFO)
 

@@ -19,6 +19,7 @@ from safetensors.numpy import save as serialized
 from bdnn_ros.errors import ModelFileError
 
 FILE_NAME = "model.bdnn"
+SUFFIX = ".bdnn"
 FORMAT = "bdnn_ros/model"
 VERSION = 1
 REMEDY = "Identify the model again."
@@ -30,12 +31,35 @@ def model_path(path: str | Path) -> Path:
     return path / FILE_NAME if path.is_dir() else path
 
 
+def model_place(path: str | Path) -> Path:
+    """The file that a model is saved to: the path itself if it ends in `.bdnn`, else `model.bdnn` in a directory there.
+
+    Only that suffix means a file: dates, versions and shares in the name of a directory have dots, too.
+    """
+    path = Path(path)
+    return path if path.suffix == SUFFIX and not path.is_dir() else path / FILE_NAME
+
+
 def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Path:
     """Write a model; an earlier file stays whole until the new one is complete.
 
     Args:
-        path: the file, or the directory that is to hold `model.bdnn`; a path without a suffix names a
-            directory, which is made.
+        path: the `.bdnn` file, or the directory that is to hold `model.bdnn`, which is made.
+        kind, arrays, info: as of `write`.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        ModelFileError: the place cannot be written to.
+    """
+    return write(model_place(path), kind, arrays, info)
+
+
+def write(target: Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Path:
+    """Write a model's arrays to exactly this file; an earlier one stays whole until the new one is complete.
+
+    Args:
         kind: what reads it back, as "bdnn".
         arrays: numeric arrays by name.
         info: what else the model is made of, JSON-able.
@@ -46,9 +70,7 @@ def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], info: dict[
     Raises:
         ModelFileError: the place cannot be written to.
     """
-    path = Path(path)
     try:
-        target = path / FILE_NAME if path.is_dir() or not path.suffix else path
         target.parent.mkdir(parents=True, exist_ok=True)
         header = json.dumps(
             {"format": FORMAT, "version": VERSION, "kind": kind, "info": info}, allow_nan=False
@@ -65,7 +87,10 @@ def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], info: dict[
         finally:
             Path(beside).unlink(missing_ok=True)
     except OSError as error:
-        raise ModelFileError(f"The model cannot be written to {path} ({error.strerror or error}).") from None
+        raise ModelFileError(
+            f"The model cannot be written to {target} ({error.strerror or error}).",
+            "Make room and check permissions there, or name another place.",
+        ) from None
     return target
 
 

@@ -152,7 +152,7 @@ def _check(
 
 def _save(training: Training, path: Path, label: str, spent: float) -> None:
     arrays, info = training.to_state()
-    modelfile.save(path, "training", arrays, {"of": label, "spent": spent, "state": info})
+    modelfile.write(path, "training", arrays, {"of": label, "spent": spent, "state": info})
 
 
 def _restore(training: Training, path: Path | None, label: str) -> float:

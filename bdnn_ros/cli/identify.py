@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
     if args.prior == "urdf" and robot is not None:
         _report_parameters(parameters, robot, model, training, args.cutoff, spread)
     else:
-        parameters.unlink(missing_ok=True)  # of a model that was here before
+        _remove_parameters(parameters)
     _picture(path.with_name("effort.png"), model, robot, tested[0])
     _print(metrics, tested[0].cutoff, path, robot)
     return 0
@@ -223,6 +223,18 @@ def _report_parameters(
         options.say(f"The recordings agree on {agreed} of {len(agreements)} parameters.")
     for sentence in options.shortened([one.sentence() for one in differing], MOST_REMARKS, path):
         options.say(sentence)
+
+
+def _remove_parameters(path: Path) -> None:
+    """Takes away what was identified of a model that was here before; a file of somebody else's stays."""
+    from bdnn_ros.physical.parameters_report import FORMAT
+
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return
+    if isinstance(content, dict) and content.get("format") == FORMAT:
+        path.unlink()
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:

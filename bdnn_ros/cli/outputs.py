@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
-from bdnn_ros.bdnn.modelfile import FILE_NAME
+from bdnn_ros.bdnn.modelfile import SUFFIX, model_place
 from bdnn_ros.errors import UsageError
 
 
@@ -26,14 +26,14 @@ def require_directory(path: Path) -> None:
 
 
 def require_model_place(path: Path) -> None:
-    """Refuses what `save_model` cannot write to: a file if it has a suffix, else a directory.
+    """Refuses what `save_model` cannot write to: a file if it ends in `.bdnn`, else a directory.
 
     Raises:
         UsageError: as `require_directory`; or a file is there that is no model.
     """
-    if path.is_file() and path.suffix != Path(FILE_NAME).suffix:
+    if path.is_file() and path.suffix != SUFFIX:
         raise UsageError(f"{path} is a file that is no model.", "Name a directory, or a .bdnn file.")
-    require_directory(path if path.is_dir() or not path.suffix else path.parent)
+    require_directory(model_place(path).parent)
 
 
 def require_file(path: Path) -> None:
