@@ -53,6 +53,14 @@ class UpdateRejected(DataError):
     """An update of a model failed its checks (non-finite, M not positive-definite, worse on held-out data)."""
 
 
+def unwritable(path: object, error: OSError) -> UsageError:
+    """What to say where something cannot be written: the place, the reason and what to do."""
+    return UsageError(
+        f"{path} cannot be written ({error.strerror or error}).",
+        "Make room and check permissions there, or name another place.",
+    )
+
+
 def listed(names: object, most: int = 8) -> str:
     """Names for a message, `a, b, c ...`, cut after `most`."""
     every = [str(name) for name in names]  # type: ignore[attr-defined]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 import subprocess
 import sys
 import time
@@ -18,7 +16,7 @@ from bag_cases import PENDULUM, bag_of, motion
 from cli_cases import Pendulum, swing
 
 from bdnn_ros import bags, cli
-from bdnn_ros.cli import info, loading, options, outputs
+from bdnn_ros.cli import info, loading, options
 from bdnn_ros.cli.main import VERBS, main
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -80,6 +78,20 @@ def test_interruptions_and_full_pipes(monkeypatch: pytest.MonkeyPatch, tmp_path:
     )
     assert done.stderr == ""
     assert int(done.stdout) in (0, 141)
+
+
+def test_a_full_standard_output_is_said_to_be(pendulum: Robot, tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "bdnn_ros.cli.main",
+        "info",
+        str(bag_of(tmp_path / "bag", swing(pendulum))),
+    ]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.stderr.splitlines()[0].startswith("bdnn: error: No space left on device: the standard output")
+    assert done.returncode == 2
 
 
 def test_files_that_cannot_be_written_are_the_users(
@@ -241,48 +253,6 @@ def _load(words: list[str]) -> tuple[list[Recording], Robot | None]:
     parser = ArgumentParser()
     options.add_recording_arguments(parser, bags="many")
     return loading.load(parser.parse_args(words))
-
-
-def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), outputs.written_whole(tmp_path / "a.csv") as file:
-        file.write("half")
-        raise RuntimeError
-    assert list(tmp_path.iterdir()) == []
-    with outputs.written_whole(tmp_path / "a.csv") as file:
-        file.write("whole")
-    assert (tmp_path / "a.csv").read_text() == "whole"
-
-
-def test_a_link_to_a_file_stays_one(tmp_path: Path) -> None:
-    (tmp_path / "there").mkdir()
-    (tmp_path / "there" / "a.csv").write_text("old")
-    for name, target in (("link.csv", "there/a.csv"), ("new.csv", "there/b.csv")):
-        (tmp_path / name).symlink_to(target)
-        with outputs.written_whole(tmp_path / name) as file:
-            file.write("new")
-        assert (tmp_path / name).is_symlink() and (tmp_path / target).read_text() == "new"
-    assert sorted(path.name for path in (tmp_path / "there").iterdir()) == ["a.csv", "b.csv"]
-
-
-def test_a_pipe_is_written_to_and_stays_one(tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    try:
-        with outputs.written_whole(pipe) as file:
-            file.write("through")
-        assert os.read(reader, 100) == b"through"
-    finally:
-        os.close(reader)
-    assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]
-
-
-def test_a_full_disk_names_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "new.csv"
-    with pytest.raises(OSError) as full, outputs.written_whole(path):
-        raise OSError(errno.ENOSPC, "No space left on device")
-    assert (full.value.errno, full.value.filename) == (errno.ENOSPC, str(path))
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import subprocess
 import sys
@@ -102,6 +103,23 @@ def test_the_report_opens(diagnosed):
     assert report_of(out)["findings"][0]["sentence"] in " ".join(" ".join(page.text).split())
     links = [value for _, name, value in page.attributes if name in ("src", "href")]
     assert not [value for value in links if value.startswith(("http:", "https:", "//"))]
+
+
+def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(recording, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in FILES:
+        (out / name).write_text("of an earlier diagnosis")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("bdnn_ros.cli.diagnose.write_report", full)
+    assert main(["diagnose", str(recording / "bag"), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert f"{out} cannot be written (No space left on device). Make room" in said
+    assert {path.name for path in out.iterdir()} == FILES
+    assert {path.read_text() for path in out.iterdir()} == {"of an earlier diagnosis"}
 
 
 def test_what_is_odd_about_the_data_is_said_and_reported(recording, tmp_path, capsys):

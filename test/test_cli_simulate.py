@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +105,20 @@ def test_a_recording_that_is_there_is_kept_unless_told_otherwise(tmp_path, capsy
     _, status = simulated(tmp_path, "--seed", "2", "--overwrite")
     assert status == 0
     assert (out / "bag" / "bag.mcap").read_bytes() != before
+
+
+def test_a_recording_that_cannot_be_written_leaves_the_one_that_is_there(tmp_path, capsys, monkeypatch):
+    out, _ = simulated(tmp_path, "--seed", "1")
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("bdnn_ros.cli.simulate.yaml.safe_dump", full)
+    _, status = simulated(tmp_path, "--seed", "2", "--overwrite")
+    assert status == 2
+    assert f"{out} cannot be written (No space left on device). Make room" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,6 @@
 from bdnn_ros.bags.every import EveryState, read_every
 from bdnn_ros.bags.reading import Progress, read, topics
 from bdnn_ros.bags.storage import Topic
-from bdnn_ros.bags.writing import write
+from bdnn_ros.bags.writing import refuse_existing, write
 
-__all__ = ["EveryState", "Progress", "Topic", "read", "read_every", "topics", "write"]
+__all__ = ["EveryState", "Progress", "Topic", "read", "read_every", "refuse_existing", "topics", "write"]

@@ -60,7 +60,7 @@ def write(
         UsageError: there is something at the path, or a stamp does not fit a ROS message.
     """
     path = Path(path)
-    _refuse_existing(path, overwrite)
+    refuse_existing(path, overwrite)
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as scratch:
         inner = Path(scratch) / path.stem if path.suffix == ".mcap" else Path(scratch) / path.name
@@ -144,7 +144,15 @@ def _qos(depth: int, durability: QosDurability) -> Qos:
     )
 
 
-def _refuse_existing(path: Path, overwrite: bool) -> None:
+def refuse_existing(path: Path, overwrite: bool) -> None:
+    """Refuses a place for a bag where something is that may not be replaced.
+
+    Args:
+        overwrite: a bag may be.
+
+    Raises:
+        UsageError: there is something else at the path.
+    """
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     bag = path.suffix == ".mcap" if path.is_file() else (path / "metadata.yaml").is_file()

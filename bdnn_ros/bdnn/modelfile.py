@@ -90,7 +90,7 @@ def write(target: Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str
         raise ModelFileError(
             f"The model cannot be written to {target} ({error.strerror or error}).",
             "Make room and check permissions there, or name another place.",
-        ) from None
+        ) from error
     return target
 
 

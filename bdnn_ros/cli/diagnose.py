@@ -27,6 +27,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 
 HELP = "name what the simulation gets wrong, with the gain of mending it"
+REPORT = "report.html"
 SLIGHT_GAIN = 0.1
 """A gain above this without a cause is the links' alone, and is said to be."""
 MANY = 3
@@ -78,14 +79,14 @@ def run(args: argparse.Namespace) -> int:
         lines = verdict_lines(examination, [note for recording in recordings for note in recording.notes])
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")
-        args.out.mkdir(parents=True, exist_ok=True)
-        save_model(args.out, extend(examination))
-        write_extension(examination, args.out)
-        report = args.out / "report.html"
-        write_report(examination, report, remarks)
-        effort_figure(examination, args.out / "effort.png")
-        examination.diagnosis.save(args.out / "diagnosis.json")
+        with outputs.written_together(args.out) as place:
+            save_model(place, extend(examination))
+            write_extension(examination, place)
+            write_report(examination, place / REPORT, remarks)
+            effort_figure(examination, place / "effort.png")
+            examination.diagnosis.save(place / "diagnosis.json")
     print("\n".join(lines))
+    report = args.out / REPORT
     for sentence in options.shortened(remarks, MOST_REMARKS, report):
         print(f"Data check: {sentence}")
     print(f"report: {report}")

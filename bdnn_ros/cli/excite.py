@@ -98,10 +98,11 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=say,
         )
-    with outputs.written_whole(args.out / CSV) as file:
-        file.writelines(csv_lines(found.trajectory, robot.joints))
-    with outputs.written_whole(args.out / YAML) as file:
-        file.writelines(yaml_lines(found.trajectory, robot.joints))
+    with outputs.written_together(args.out) as place:
+        with outputs.written_whole(place / CSV) as file:
+            file.writelines(csv_lines(found.trajectory, robot.joints))
+        with outputs.written_whole(place / YAML) as file:
+            file.writelines(yaml_lines(found.trajectory, robot.joints))
     print("\n".join(_summary(found, robot, case)))
     print(f"trajectory: {args.out / CSV}, {args.out / YAML}")
     return 0

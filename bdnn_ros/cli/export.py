@@ -50,17 +50,17 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"There is no format {listed(unknown)}.", f"There are {listed(FORMATS)}.")
     outputs.require_directory(args.out)
     model = load_model(args.model)
-    args.out.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
-    if formats & {"urdf", "mjcf"}:
-        written += _write_robot(model, args.out, formats)
-    if "yaml" in formats:
-        text = yaml.safe_dump(describe(model), sort_keys=False, allow_unicode=True)
-        written.append(write_bytes(args.out / PARAMETERS, text.encode("utf-8")))
-    if "onnx" in formats:
-        written += _write_graph(model, args.out / GRAPH)
+    with outputs.written_together(args.out) as place:
+        if formats & {"urdf", "mjcf"}:
+            written += _write_robot(model, place, formats)
+        if "yaml" in formats:
+            text = yaml.safe_dump(describe(model), sort_keys=False, allow_unicode=True)
+            written.append(write_bytes(place / PARAMETERS, text.encode("utf-8")))
+        if "onnx" in formats:
+            written += _write_graph(model, place / GRAPH)
     for path in written:
-        print(path)
+        print(args.out / path.name)
     return 0 if written else DataError.exit_status
 
 

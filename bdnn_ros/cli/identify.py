@@ -8,10 +8,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from bdnn_ros.bdnn.modelfile import model_place
 from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.models import Model, save_model
@@ -21,13 +22,23 @@ from bdnn_ros.scores import Scores, score, score_model
 from bdnn_ros.signals import Signals, prepare
 
 if TYPE_CHECKING:
+    from bdnn_ros.physical.agreement import Agreement
     from bdnn_ros.physical.parameters import Spread
+    from bdnn_ros.physical.remark import Remark
 
 HELP = "identify a model from recordings"
+PARAMETERS = "parameters.json"
 MOST_REMARKS = 8
 """Sentences about the data that are printed; parameters.json has all."""
 
 WIDEST_SPREAD = 10.0
+
+
+class Told(NamedTuple):
+    """What there is to say of the data: what it leaves open, and what several recordings agree on."""
+
+    remarks: list[Remark]
+    agreements: list[Agreement]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -114,14 +125,18 @@ def run(args: argparse.Namespace) -> int:
     metrics = {"held_out": score_model(model, tested), "training": score_model(model, seen)}
     if robot is not None:
         metrics["simulation"] = _simulation(robot, tested)
-    path = save_model(args.out, model)
-    _write(path.with_name("metrics.json"), {key: value.as_json() for key, value in metrics.items()})
-    parameters = path.with_name("parameters.json")
-    if args.prior == "urdf" and robot is not None:
-        _report_parameters(parameters, robot, model, training, args.cutoff, spread)
-    else:
-        _remove_parameters(parameters)
-    _picture(path.with_name("effort.png"), model, robot, tested[0])
+    path, told = model_place(args.out), None
+    with outputs.written_together(path.parent) as place:
+        save_model(place / path.name, model)
+        _write(place / "metrics.json", {key: value.as_json() for key, value in metrics.items()})
+        if args.prior == "urdf" and robot is not None:
+            content, told = _parameters(robot, model, training, args.cutoff, spread)
+            _write(place / PARAMETERS, content)
+        _picture(place / "effort.png", model, robot, tested[0])
+    if args.prior == "none":
+        _remove_parameters(path.with_name(PARAMETERS))
+    elif told is not None:
+        _tell(told, path.with_name(PARAMETERS))
     _print(metrics, tested[0].cutoff, path, robot)
     return 0
 
@@ -194,15 +209,14 @@ def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) ->
     )
 
 
-def _report_parameters(
-    path: Path,
+def _parameters(
     robot: Robot,
     model: Model,
     training: Sequence[Recording],
     cutoff: float | None,
     spread: Spread | None,
-) -> None:
-    """Write what was identified and how sure it is; tell what the data leaves open."""
+) -> tuple[dict[str, Any], Told]:
+    """What was identified and how sure it is, for parameters.json; and what the data leaves open."""
     from bdnn_ros.checks import data
     from bdnn_ros.online.identifier import Identifier
     from bdnn_ros.physical import agreement, parameters_report
@@ -214,13 +228,17 @@ def _report_parameters(
     if len(training) > 1:
         each = [Identifier(robot, cutoff, spread).fit([recording]) for recording in training]
         agreements = agreement.agreement(each)
-    _write(path, parameters_report.as_json(model, remarks, agreements))
-    for sentence in options.shortened([str(remark) for remark in remarks], MOST_REMARKS, path):
+    return parameters_report.as_json(model, remarks, agreements), Told(remarks, agreements)
+
+
+def _tell(told: Told, path: Path) -> None:
+    """Say the first of it, and where the rest is."""
+    for sentence in options.shortened([str(remark) for remark in told.remarks], MOST_REMARKS, path):
         options.say(sentence)
-    differing = sorted((one for one in agreements if one.differs), key=lambda one: one.by_motion)
-    if agreements:
-        agreed = len(agreements) - len(differing)
-        options.say(f"The recordings agree on {agreed} of {len(agreements)} parameters.")
+    differing = sorted((one for one in told.agreements if one.differs), key=lambda one: one.by_motion)
+    if told.agreements:
+        agreed = len(told.agreements) - len(differing)
+        options.say(f"The recordings agree on {agreed} of {len(told.agreements)} parameters.")
     for sentence in options.shortened([one.sentence() for one in differing], MOST_REMARKS, path):
         options.say(sentence)
 

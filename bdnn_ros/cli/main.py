@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -61,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         return _complain(f"{BROKE_DOWN} ({error}).", DataError.exit_status)
     except OSError as error:
-        return _complain(f"{error.strerror or error}: {error.filename or 'a file'}.", USAGE_STATUS)
+        return _complain(_of_a_file(error), USAGE_STATUS)
 
 
 def _run(words: list[str]) -> int:
@@ -86,6 +87,13 @@ def _help() -> str:
     verbs = "\n".join(f"  {verb:{width}}{text}" for verb, text in VERBS.items())
     about = "Learns a robot's dynamics from its motion and names what its simulation gets wrong."
     return f"usage: bdnn VERB ...\n\n{about}\n\n{verbs}\n\nbdnn VERB --help says more."
+
+
+def _of_a_file(error: OSError) -> str:
+    """What to say of a file that nobody else has said anything of: the result's printed on a full disk, for example."""
+    remedy = " Make room on its disk." if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+    where = error.filename or "the standard output or a temporary file"
+    return f"{error.strerror or error}: {where}.{remedy}"
 
 
 def _complain(sentence: str, status: int) -> int:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
 from bdnn_ros.bdnn.modelfile import SUFFIX, model_place
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import UsageError, unwritable
 
 
 def require_directory(path: Path) -> None:
@@ -52,8 +53,7 @@ def written_whole(path: Path) -> Iterator[TextIO]:
     """A text file that appears under its name only when it is complete; a device or a pipe is written to as it is.
 
     Raises:
-        UsageError: it is a directory.
-        OSError: it cannot be written; names the path, whatever was written beside it.
+        UsageError: it is a directory, or cannot be written.
     """
     require_file(path)
     try:
@@ -70,5 +70,56 @@ def written_whole(path: Path) -> Iterator[TextIO]:
             os.replace(beside, target)
         finally:
             beside.unlink(missing_ok=True)
+    except BrokenPipeError:
+        raise  # whoever reads has had enough
     except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        raise unwritable(path, error) from error
+
+
+@contextmanager
+def written_together(out: Path) -> Iterator[Path]:
+    """A place beside the results for files and directories that then appear in a directory together: all or none.
+
+    What was there under their names goes when all of them are written, and comes back if they cannot take its place.
+
+    Args:
+        out: the directory, made if there is none.
+
+    Raises:
+        UsageError: it is none, or something cannot be written; names the directory.
+    """
+    require_directory(out)
+    absent = [place for place in (out, *out.parents) if not place.exists()]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".new.", dir=out) as scratch:
+            new, old = Path(scratch) / "new", Path(scratch) / "old"
+            new.mkdir()
+            old.mkdir()
+            yield new
+            _exchange(new, old, out)
+    except BaseException as error:
+        for place in absent:
+            with suppress(OSError):  # it may be in use by now
+                place.rmdir()
+        reason = error.__cause__ if isinstance(error, UsageError) else error
+        if isinstance(reason, OSError):
+            raise unwritable(out, reason) from reason
+        raise
+
+
+def _exchange(new: Path, old: Path, out: Path) -> None:
+    """Moves all from one directory to another, and what is there under these names to a third; undone if it fails."""
+    names = sorted(path.name for path in new.iterdir())
+    try:
+        for name in names:
+            if os.path.lexists(out / name):
+                os.rename(out / name, old / name)
+            os.rename(new / name, out / name)
+    except BaseException:
+        for name in names:
+            if os.path.lexists(out / name) and not os.path.lexists(new / name):
+                os.rename(out / name, new / name)
+            if os.path.lexists(old / name):
+                os.rename(old / name, out / name)
+        raise

@@ -109,11 +109,13 @@ def run(args: argparse.Namespace) -> int:
     bag, truth = args.out / BAG, args.out / TRUTH
     if bag.exists() and not args.overwrite:
         raise UsageError(f"{bag} is there already.", "Choose another --out, or pass --overwrite.")
+    bags.refuse_existing(bag, args.overwrite)
     with options.progress("simulating") as show:
         simulated, content = scenario.run(show)
-    bags.write(simulated.recording, bag, overwrite=args.overwrite)
-    with outputs.written_whole(truth) as file:
-        yaml.safe_dump(content, file, sort_keys=False)
+    with outputs.written_together(args.out) as place:
+        bags.write(simulated.recording, place / BAG)
+        with outputs.written_whole(place / TRUTH) as file:
+            yaml.safe_dump(content, file, sort_keys=False)
     for one in simulated.effects[: len(installed) + len(args.effect)]:
         print(one.sentence(robot))
     if args.hide:

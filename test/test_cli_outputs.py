@@ -1,0 +1,93 @@
+"""Results: files that appear whole, and together, or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from bdnn_ros.bdnn import modelfile
+from bdnn_ros.cli import outputs
+from bdnn_ros.errors import UsageError
+
+
+def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), outputs.written_whole(tmp_path / "a.csv") as file:
+        file.write("half")
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+    with outputs.written_whole(tmp_path / "a.csv") as file:
+        file.write("whole")
+    assert (tmp_path / "a.csv").read_text() == "whole"
+
+
+def test_a_link_to_a_file_stays_one(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "a.csv").write_text("old")
+    for name, target in (("link.csv", "there/a.csv"), ("new.csv", "there/b.csv")):
+        (tmp_path / name).symlink_to(target)
+        with outputs.written_whole(tmp_path / name) as file:
+            file.write("new")
+        assert (tmp_path / name).is_symlink() and (tmp_path / target).read_text() == "new"
+    assert sorted(path.name for path in (tmp_path / "there").iterdir()) == ["a.csv", "b.csv"]
+
+
+def test_a_pipe_is_written_to_and_stays_one(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        with outputs.written_whole(pipe) as file:
+            file.write("through")
+        assert os.read(reader, 100) == b"through"
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]
+
+
+def test_a_full_disk_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "new.csv"
+    with pytest.raises(UsageError, match="Make room") as full, outputs.written_whole(path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert str(full.value).startswith(f"{path} cannot be written (No space left on device).")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_results_appear_together_or_not_at_all(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    with (
+        pytest.raises(UsageError, match=f"{out} cannot be written") as full,
+        outputs.written_together(out) as place,
+    ):
+        (place / "a.txt").write_text("half")
+        modelfile.write(Path("/dev/full/model.bdnn"), "bdnn", {}, {})
+    assert ".new." not in str(full.value)
+    assert list(tmp_path.iterdir()) == []
+    for text in ("old", "new"):
+        with outputs.written_together(out) as place:
+            (place / "a.txt").write_text(text)
+            (place / "bag").mkdir()
+            (place / "bag" / text).touch()
+    assert sorted(path.name for path in out.rglob("*")) == ["a.txt", "bag", "new"]
+    assert (out / "a.txt").read_text() == "new"
+
+
+def test_results_that_cannot_all_take_their_place_leave_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a.txt", "c.txt"):
+        (tmp_path / name).write_text("old")
+    rename = os.rename
+
+    def failing(source: Path, target: Path) -> None:
+        if (source.parent.name, source.name) == ("new", "c.txt"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        rename(source, target)
+
+    monkeypatch.setattr(outputs.os, "rename", failing)
+    with pytest.raises(UsageError, match="No space left"), outputs.written_together(tmp_path) as place:
+        for name in ("a.txt", "b.txt", "c.txt"):
+            (place / name).write_text("new")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.txt": "old", "c.txt": "old"}
