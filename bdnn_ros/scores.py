@@ -42,6 +42,11 @@ class Scores:
     nmse: np.ndarray
     nrmse_mean: float
 
+    @property
+    def nmse_mean(self) -> float:
+        """Mean of the nMSE over the joints whose effort is not constant; NaN without any."""
+        return _mean(self.nmse)
+
     def as_json(self) -> dict[str, Any]:
         """For `metrics.json` and `evaluate --json`; NaN becomes null."""
         return {
@@ -91,8 +96,12 @@ def score(
     rmse = np.sqrt(np.mean((predicted - measured) ** 2, axis=0, where=seen))
     spread = np.std(measured, axis=0, where=seen)
     nrmse = np.where(spread > STILL, rmse / np.maximum(spread, STILL), np.nan)
-    mean = float(np.mean(nrmse[np.isfinite(nrmse)])) if np.isfinite(nrmse).any() else float("nan")
-    return Scores(tuple(joints), rmse, nrmse, nrmse**2, mean)
+    return Scores(tuple(joints), rmse, nrmse, nrmse**2, _mean(nrmse))
+
+
+def _mean(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.mean(finite)) if len(finite) else float("nan")
 
 
 def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:

@@ -26,7 +26,7 @@ from bdnn_ros.signals import prepare
 MODULES = sorted(
     p.stem
     for p in Path(cli.__file__).parent.glob("*.py")
-    if p.stem not in ("__init__", "main", "describing", "loading", "options", "outputs")
+    if p.stem not in ("__init__", "main", "describing", "fitness", "loading", "options", "outputs")
 )
 
 

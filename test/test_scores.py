@@ -150,3 +150,13 @@ def test_rollouts_stay_within_the_pieces(pendulum: Model) -> None:
     chosen = np.ones(len(signals), bool)
     chosen[1000:1100] = False
     assert rollout_error(pendulum, signals.rows(chosen), 0.5).position[0] < 1e-3
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_constant_effort_has_a_mean_that_is_not_known() -> None:
+    """And finding that out warns of nothing."""
+    measured = np.ones((50, 2))
+    assert np.isnan(score(measured, measured + 0.1, ("a", "b")).nmse_mean)
+    measured[::2, 1] = 0.0
+    scores = score(measured, measured + 0.1, ("a", "b"))
+    assert scores.nmse_mean == scores.nmse[1]

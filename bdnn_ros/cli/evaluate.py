@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bdnn_ros.cli import loading, options
+from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import RolloutError, Scores, rollout_error, score, score_model
@@ -45,10 +45,12 @@ def run(args: argparse.Namespace) -> int:
     (recording,), robot = loading.load(args, joints=model.joints, needs_robot=False)
     if robot is None:
         loading.say_unusable([recording])
-    if args.holdout is not None:
-        recording = recording.split(args.holdout)[1]
-    recording.require_effort()
-    signals = prepare(recording, args.cutoff)
+    fitness.require_measured(recording)
+    if args.holdout is None:
+        signals = prepare(recording, args.cutoff)
+    else:
+        last = recording.split(args.holdout)[1]
+        signals = fitness.prepared_last(last, recording, args.cutoff, args.holdout)
     held_out = score_model(model, [signals])
     simulation = None if robot is None else _simulation(robot, signals)
     rollout = rollout_error(model, signals, args.horizon)
@@ -88,6 +90,6 @@ def _print(held_out: Scores, simulation: Scores | None, rollout: RolloutError, c
         )
         row += f"   {rollout.position[k]:{len(ahead)}.4g}"
         print(row + ("" if simulation is None else f"   {simulation.nrmse[k]:12.3f}"))
-    mean = f"{'mean':{width}}   {'':10}   {held_out.nrmse_mean:5.3f}   {np.nanmean(held_out.nmse):5.3f}"
+    mean = f"{'mean':{width}}   {'':10}   {held_out.nrmse_mean:5.3f}   {held_out.nmse_mean:5.3f}"
     print(f"{mean}   {'':{len(ahead)}}" + ("" if simulation is None else f"   {simulation.nrmse_mean:12.3f}"))
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")

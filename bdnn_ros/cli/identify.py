@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from bdnn_ros.bdnn.modelfile import model_place
-from bdnn_ros.cli import loading, options, outputs
+from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Scores, score, score_model
-from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.signals import Signals
 
 if TYPE_CHECKING:
     from bdnn_ros.physical.agreement import Agreement
@@ -31,6 +31,8 @@ PARAMETERS = "parameters.json"
 MOST_REMARKS = 8
 """Sentences about the data that are printed; parameters.json has all."""
 
+HOLDOUT = 0.2
+"""Share of each bag that is kept out of training, unless another is asked for."""
 WIDEST_SPREAD = 10.0
 
 
@@ -77,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--holdout",
         metavar="SHARE",
         type=float,
-        default=0.2,
+        default=HOLDOUT,
         help="last share of each bag's time, without pauses, that is kept out of training and scored (default: %(default)s)",
     )
     parser.add_argument(
@@ -103,16 +105,19 @@ def run(args: argparse.Namespace) -> int:
     recordings, robot = loading.load(args, needs_robot=args.prior == "urdf")
     if robot is None:
         loading.say_unusable(recordings)
-    loading.require_length(recordings)
-    parts = [recording.split(args.holdout) for recording in recordings]
-    for recording, (first, _) in zip(recordings, parts, strict=True):
-        if first.recorded < loading.LEAST_SECONDS <= recording.recorded:
-            raise UsageError(
-                f"--holdout {args.holdout:g} leaves {first.recorded:.2g} s of {recording.name} to learn from.",
-                f"Give a smaller share: {loading.LEAST_SECONDS:g} s are the least.",
-            )
-    training, held_out = [first for first, _ in parts], [last for _, last in parts]
-    tested = [prepare(recording, args.cutoff) for recording in held_out]
+    fitness.require_length(recordings)
+    for recording in recordings:
+        fitness.require_measured(recording)
+    parts = fitness.parted(recordings, args.holdout)
+    training = [first for first, _ in parts]
+    tested = [
+        fitness.prepared_last(last, whole, args.cutoff, args.holdout)
+        for whole, (_, last) in zip(recordings, parts, strict=True)
+    ]
+    seen = [
+        fitness.prepared(first, whole, args.cutoff, "what is left to learn from")
+        for whole, first in zip(recordings, training, strict=True)
+    ]
     if args.prior == "none":
         model = _from_nothing(training, args)
     elif robot is None:
@@ -121,7 +126,6 @@ def run(args: argparse.Namespace) -> int:
         )
     else:
         model = _from_prior(robot, training, args.cutoff, spread)
-    seen = [prepare(recording, args.cutoff) for recording in training]
     metrics = {"held_out": score_model(model, tested), "training": score_model(model, seen)}
     if robot is not None:
         metrics["simulation"] = _simulation(robot, tested)
@@ -172,8 +176,14 @@ def _from_prior(
 def _from_nothing(training: Sequence[Recording], args: argparse.Namespace) -> Model:
     from bdnn_ros.bdnn.training import identify
 
-    parts = [recording.split(0.2) for recording in training]
-    first, last = ([prepare(part[side], args.cutoff) for part in parts] for side in (0, 1))
+    parts = [(recording, recording.split(0.2)) for recording in training]
+    first, last = (
+        [
+            fitness.prepared(part[side], whole, args.cutoff, "a part of what is left to learn from")
+            for whole, part in parts
+        ]
+        for side in (0, 1)
+    )
     model: Model = identify(first, last, budget=args.budget, seed=args.seed, progress=_progress)
     return model
 

@@ -14,8 +14,9 @@ from bdnn_ros import bags
 from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.data import unread
 from bdnn_ros.checks.description import doubts
-from bdnn_ros.cli import loading, options
+from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.describing import unusable
+from bdnn_ros.cli.identify import HOLDOUT
 from bdnn_ros.diagnosis import lateness, softness
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
@@ -82,18 +83,20 @@ def run(args: argparse.Namespace) -> int:
     try:
         (recording,), robot = loading.load(args, moves=False, needs_robot=args.urdf is not None)
         report |= timing(recording)
+        fitness.require_samples(recording)
         signals = prepare(recording, args.cutoff)
         limits = robot.limits if robot else None
         joints = excitation(recording, signals, limits)
         report["excitation"] = [joint.as_json() for joint in joints]
-        loading.require_length([recording])
+        fitness.require_length([recording])
         report["concerns"] = [
             *concerns(recording, joints),
             *_of_the_description(recording, signals, robot),
             *_of_the_efforts(recording, signals, robot),
         ]
-        loading.require_motion(recording)
-        recording.require_effort()
+        fitness.require_motion(recording)
+        fitness.require_measured(recording)
+        fitness.prepared_last(recording.split(HOLDOUT)[1], recording, args.cutoff, HOLDOUT)
     except BdnnError as error:
         problem = error
     report |= {"usable": problem is None, "problem": str(problem) if problem else None}

@@ -11,15 +11,14 @@ from typing import TypeVar
 
 from bdnn_ros import bags
 from bdnn_ros.cli.describing import described_robot, unusable, with_joints
+from bdnn_ros.cli.fitness import require_motion
 from bdnn_ros.cli.options import progress, say
 from bdnn_ros.efforts import EffortConvention
-from bdnn_ros.errors import BdnnError, RecordingError, RobotError, UsageError, listed
-from bdnn_ros.recording import Recording, moving
+from bdnn_ros.errors import BdnnError, RobotError, UsageError, listed
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import MINIMUM_SAMPLES, mended
+from bdnn_ros.signals import mended
 
-LEAST_SECONDS = 1.0
-"""Motion that a model is identified from, at least [s]."""
 Read = TypeVar("Read")
 
 
@@ -144,39 +143,6 @@ def _convention(
 def _with_notes(recording: Recording) -> Recording:
     """The recording as it was read, with notes on what every use of it will mend."""
     return replace(recording, notes=mended(recording).notes)
-
-
-def require_motion(recording: Recording) -> None:
-    """Says which joints do not move.
-
-    Raises:
-        RecordingError: there are too few samples to tell, or no joint moves.
-    """
-    if len(recording) < MINIMUM_SAMPLES:
-        raise RecordingError(
-            f"{recording.name}: {len(recording)} samples are too few to tell a motion.",
-            "Record at least some seconds of motion.",
-        )
-    moves = moving(recording)
-    if not moves.any():
-        raise RecordingError(f"{recording.name}: no joint moves.", "Record the robot in motion.")
-    still = [joint for joint, moved in zip(recording.joints, moves, strict=True) if not moved]
-    if still:
-        say(f"{recording.name}: {listed(still)} does not move: nothing can be learned about it.")
-
-
-def require_length(recordings: Sequence[Recording]) -> None:
-    """Says how little there is to learn from.
-
-    Raises:
-        RecordingError: the recordings last less than `LEAST_SECONDS` together.
-    """
-    together = sum(recording.recorded for recording in recordings)
-    if together < LEAST_SECONDS:
-        raise RecordingError(
-            f"{recordings[0].name}: {together:.2g} s of motion are too short to learn from.",
-            "Record at least 10 s, better 30 s.",
-        )
 
 
 def say_unusable(recordings: Sequence[Recording]) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bdnn_ros.checks.description import doubts
-from bdnn_ros.cli import loading, options, outputs
+from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
@@ -53,8 +53,9 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("There is no URDF to start from.", "Give --urdf FILE or --robot NAME.")
     for remark in doubts(robot):
         options.say(str(remark))
-    loading.require_length(recordings)
+    fitness.require_length(recordings)
     recording = recordings[0]
+    fitness.require_measured(recording)
     learning = Learning(robot, args.cutoff)
     began = time.perf_counter()
     errors = []

@@ -1,0 +1,129 @@
+"""Whether a recording can answer: enough samples, motion, and an effort that says something of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.cli.options import say
+from bdnn_ros.errors import RecordingError, UsageError, listed
+from bdnn_ros.recording import Recording, moving
+from bdnn_ros.signals import MINIMUM_SAMPLES, Signals, prepare, suitable_cutoff
+from bdnn_ros.signals.unmeasured import absent
+
+LEAST_SECONDS = 1.0
+"""Motion that a model is identified from, at least [s]."""
+LEAST_RATE = 4.0
+"""Samples a second, at least [Hz]: a low-pass that suits a lower rate leaves nothing of the motion of an arm."""
+
+
+def require_motion(recording: Recording) -> None:
+    """Says which joints do not move.
+
+    Raises:
+        RecordingError: there are too few samples to tell, or too few a second, or no joint moves.
+    """
+    require_samples(recording)
+    moves = moving(recording)
+    if not moves.any():
+        raise RecordingError(f"{recording.name}: no joint moves.", "Record the robot in motion.")
+    still = [joint for joint, moved in zip(recording.joints, moves, strict=True) if not moved]
+    if still:
+        say(f"{recording.name}: {listed(still)} does not move: nothing can be learned about it.")
+
+
+def require_samples(recording: Recording) -> None:
+    """Says that there are too few samples to tell a motion.
+
+    Raises:
+        RecordingError: in all, or in a second.
+    """
+    if len(recording) < MINIMUM_SAMPLES:
+        raise RecordingError(
+            f"{recording.name}: {len(recording)} samples are too few to tell a motion.",
+            "Record at least some seconds of motion.",
+        )
+    if recording.rate < LEAST_RATE:
+        raise RecordingError(
+            f"{recording.name}: joint states at {recording.rate:.3g} Hz are too rare to tell a motion.",
+            f"Record at 100 Hz or more; {LEAST_RATE:g} Hz are the least.",
+        )
+
+
+def require_measured(recording: Recording) -> np.ndarray:
+    """The effort, (N, n) [N·m], which says something of the motion.
+
+    Raises:
+        RecordingError: there is none, or that of no joint that moves ever changes.
+    """
+    effort, moves = recording.require_effort(), moving(recording)
+    if moves.any() and absent(effort)[moves].all():
+        raise RecordingError(
+            f"{recording.name}: the effort of no joint that moves ever changes.",
+            "Check that the driver reports it, or pass --effort command with --effort-commands TOPIC to use the "
+            "commanded effort.",
+        )
+    return effort
+
+
+def prepared(part: Recording, whole: Recording, cutoff: float | None, what: str) -> Signals:
+    """Clean signals of a part of a recording, with samples that can be scored.
+
+    Args:
+        cutoff: of the low-pass [Hz].
+        what: the part, for the message.
+
+    Raises:
+        RecordingError: the part is too short for the low-pass.
+        BdnnError: as `prepare`.
+    """
+    cutoff = suitable_cutoff(whole.rate, cutoff)
+    try:
+        signals = prepare(part, cutoff)
+        enough = bool(len(signals.time[signals.interior]))
+    except RecordingError:
+        enough = False
+    if not enough:
+        prepare(whole, cutoff)  # says what is wrong with all of it
+        raise RecordingError(
+            f"{whole.name}: {what} has {len(part)} samples in {part.recorded:.2g} s, too few for a low-pass at "
+            f"{cutoff:.3g} Hz.",
+            "Record longer or at a higher rate, or give another --holdout.",
+        )
+    return signals
+
+
+def require_length(recordings: Sequence[Recording]) -> None:
+    """Says how little there is to learn from.
+
+    Raises:
+        RecordingError: the recordings last less than `LEAST_SECONDS` together.
+    """
+    together = sum(recording.recorded for recording in recordings)
+    if together < LEAST_SECONDS:
+        raise RecordingError(
+            f"{recordings[0].name}: {together:.2g} s of motion are too short to learn from.",
+            "Record at least 10 s, better 30 s.",
+        )
+
+
+def parted(recordings: Sequence[Recording], holdout: float) -> list[tuple[Recording, Recording]]:
+    """What to learn from and what to be scored on, of each recording.
+
+    Raises:
+        UsageError: the held-out share is none, or leaves too little to learn from.
+    """
+    parts = [recording.split(holdout) for recording in recordings]
+    for recording, (first, _) in zip(recordings, parts, strict=True):
+        if first.recorded < LEAST_SECONDS <= recording.recorded:
+            raise UsageError(
+                f"--holdout {holdout:g} leaves {first.recorded:.2g} s of {recording.name} to learn from.",
+                f"Give a smaller share: {LEAST_SECONDS:g} s are the least.",
+            )
+    return parts
+
+
+def prepared_last(part: Recording, whole: Recording, cutoff: float | None, holdout: float) -> Signals:
+    """Clean signals of what is kept out to be scored."""
+    return prepared(part, whole, cutoff, f"its last {100 * holdout:.3g} %, which is kept out to be scored,")

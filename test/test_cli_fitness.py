@@ -1,0 +1,87 @@
+"""Recordings that cannot answer: every verb says so alike, with the reason that fits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_cases import PENDULUM, bag_of, motion
+
+from bdnn_ros.cli import fitness
+from bdnn_ros.cli.main import main
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.recording import Recording
+
+VERBS = ("info", "identify", "replay", "evaluate", "diagnose")
+
+
+def slow(rate: float, seconds: float = 20.0) -> Recording:
+    """A motion that is recorded rarely."""
+    return motion(samples=int(rate * seconds), rate=rate, urdf=PENDULUM)
+
+
+def constant() -> Recording:
+    """A robot that moves, with a driver that says one effort all the time."""
+    recording = motion(urdf=PENDULUM)
+    return replace(recording, effort=np.full_like(recording.position, 3.0))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model of the pendulum."""
+    path = tmp_path_factory.mktemp("pendulum")
+    bag_of(path / "bag", motion(urdf=PENDULUM))
+    assert main(["identify", str(path / "bag"), "--out", str(path / "model")]) == 0
+    return path / "model"
+
+
+def said(verb: str, bag: Path, model: Path, capfd: pytest.CaptureFixture[str]) -> str:
+    """The error of a verb that refuses a bag."""
+    out = ["--out", str(bag.parent / "out")] if verb in ("identify", "diagnose") else []
+    capfd.readouterr()
+    assert main([verb, *([str(model)] if verb == "evaluate" else []), str(bag), *out]) == 1
+    assert not (bag.parent / "out").exists()
+    captured = capfd.readouterr()
+    assert "Fit for" not in captured.out
+    (error,) = (line for line in captured.err.splitlines() if not line.startswith("bdnn: note: "))
+    return error.removeprefix("bdnn: error: ")
+
+
+@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != "diagnose"])
+def test_efforts_that_never_change_say_nothing_of_a_motion(verb, tmp_path, model, capfd):
+    bag = bag_of(tmp_path / "bag", constant())
+    assert "the effort of no joint that moves ever changes. Check that" in said(verb, bag, model, capfd)
+
+
+def test_the_effort_of_a_joint_that_stands_does_not_count():
+    both = motion(joints=("a", "b"))
+    position, effort = both.position.copy(), both.require_effort().copy()
+    position[:, 0], effort[:, 1] = 0.3, 1.0
+    one = replace(both, position=position, effort=effort, velocity=None)
+    with pytest.raises(RecordingError, match="no joint that moves"):
+        fitness.require_measured(one)
+    assert fitness.require_measured(replace(both, effort=effort)) is effort
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("rate", [1.0, 3.0])
+def test_too_low_a_rate_is_said_and_not_taken_for_no_motion(verb, rate, tmp_path, model, capfd):
+    bag = bag_of(tmp_path / "bag", slow(rate))
+    assert f"joint states at {rate:g} Hz are too rare to tell a motion. Record" in said(
+        verb, bag, model, capfd
+    )
+
+
+@pytest.mark.parametrize("verb", ["info", "identify"])
+def test_a_part_that_is_too_short_is_not_taken_for_the_bag(verb, tmp_path, model, capfd):
+    bag = bag_of(tmp_path / "bag", slow(5.0, 9.0))
+    error = said(verb, bag, model, capfd)
+    assert "its last 20 %, which is kept out to be scored, has 9 samples in 1.6 s, too few" in error
+
+
+def test_what_is_slow_but_long_will_do(tmp_path, capsys):
+    bag = bag_of(tmp_path / "bag", slow(5.0, 30.0))
+    assert main(["info", str(bag)]) == 0
+    assert main(["identify", str(bag), "--out", str(tmp_path / "out")]) == 0
