@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.readings import credible
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
@@ -63,7 +64,7 @@ def _number(rule: str, text: str) -> float:
         factor = float(text)
     except ValueError:
         factor = np.nan
-    if not np.isfinite(factor) or factor == 0.0:
+    if not credible(np.array(factor)) or factor == 0.0:
         raise UsageError(
             f"Effort factor {rule!r} is not a number other than zero.",
             "Use JOINT=FACTOR, or FACTOR for all joints.",

@@ -10,6 +10,7 @@ import numpy as np
 
 from bdnn_ros import stamps
 from bdnn_ros.errors import RecordingError, UsageError, listed
+from bdnn_ros.readings import MOST, credible, refuse_incredible
 
 GAP_FACTOR = 5.0
 """A pause longer than this many sample periods, and than `GAP_SECONDS`, is a gap: left as it is."""
@@ -225,13 +226,13 @@ def cleaned(
 
     Args:
         time: stamps [s], (N,), any.
-        drop_invalid: leave out samples that are not finite or late, and move what follows a clock that starts
+        drop_invalid: leave out samples that are not credible or late, and move what follows a clock that starts
             anew behind what came before, with notes, instead of refusing the recording.
 
     A velocity or effort that is NaN throughout counts as not measured.
 
     Raises:
-        RecordingError: as `Recording`.
+        RecordingError: as `Recording`; or a value is beyond what any robot has.
     """
     velocity, effort = (None if x is None or np.isnan(x).all() else x for x in (velocity, effort))
     notes: list[str] = []
@@ -246,12 +247,14 @@ def cleaned(
         valid = np.isfinite(time)
         for values in (position, velocity, effort):
             if values is not None:
-                valid &= np.isfinite(values).all(axis=1)
+                valid &= credible(values).all(axis=1)
         valid_rows = rows[valid[rows]]
         kept, starts = stamps.runs(time[valid_rows])
         dropped = len(rows) - np.count_nonzero(kept)
         if dropped:
-            notes.append(f"{name}: {dropped} of {len(time)} samples are not finite or go back in time.")
+            notes.append(
+                f"{name}: {dropped} of {len(time)} samples are not finite, beyond {MOST:g} or go back in time."
+            )
         if len(starts) > 1:
             often = "once" if len(starts) == 2 else f"{len(starts) - 1} times"
             notes.append(
@@ -259,7 +262,7 @@ def cleaned(
             )
         rows, stamp = valid_rows[kept], stamps.joined(time[valid_rows], kept, starts)
     chosen = slice(None) if len(rows) == len(time) else rows
-    return Recording(
+    recording = Recording(
         stamp,
         tuple(joints),
         position[chosen],
@@ -269,6 +272,10 @@ def cleaned(
         urdf=urdf,
         notes=tuple(notes),
     )
+    for field, values in (("position", position), ("velocity", velocity), ("effort", effort)):
+        if values is not None:
+            refuse_incredible(name, field, joints, stamp, values[chosen])
+    return recording
 
 
 def position_noise(recording: Recording) -> np.ndarray:

@@ -14,6 +14,7 @@ PACKAGE = "bdnn_ros"
 ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
     {"dynamics", "errors", "stamps"},
+    {"readings"},
     {"recording"},
     {"robot", "signals"},
     {"efforts", "left_out", "rollout"},

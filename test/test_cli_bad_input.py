@@ -105,6 +105,23 @@ def nan_samples(path: Path) -> list[str]:
     return [str(write_bag(path / "bag", messages))]
 
 
+def incredible_sample(path: Path) -> list[str]:
+    messages = states(motion(urdf=PENDULUM))
+    spoilt = joint_state(("pivot",), (7e299,), (0.0,), (0.0,), messages[50][2])
+    messages[50] = (*messages[50][:3], spoilt)
+    return [str(write_bag(path / "bag", messages))]
+
+
+def incredible_positions(path: Path) -> list[str]:
+    recording = motion(urdf=PENDULUM)
+    return [str(bag_of(path / "bag", replace(recording, position=1e300 * recording.position)))]
+
+
+def heavy_urdf(path: Path) -> list[str]:
+    (path / "heavy.urdf").write_text(PENDULUM.replace('value="2"', 'value="1e300"'))
+    return [str(bag_of(path / "bag", motion())), "--urdf", str(path / "heavy.urdf")]
+
+
 def backwards(path: Path) -> list[str]:
     messages = states(motion())
     turned = [(t, k, EPOCH + n, data) for n, (t, k, _, data) in enumerate([*messages[300:], *messages[:300]])]
@@ -151,6 +168,17 @@ CASES: list[tuple[Case, int, str]] = [
     (other_topic, 1, "on /arm/joint_states. Choose it with --joint-states /arm/joint_states"),
     (no_effort, 1, "carry no effort"),
     (nan_samples, 1, "position of pivot is not finite at 0.500 s"),
+    (
+        incredible_sample,
+        1,
+        "position of pivot is 7e+299 at 0.500 s, as no robot's can be (1 of 600 samples). Fix",
+    ),
+    (
+        incredible_positions,
+        1,
+        "as no robot's can be (600 of 600 samples). Check its unit, and fix the driver.",
+    ),
+    (heavy_urdf, 2, 'The <mass> of link rod has value="1e300", as no robot has. Correct the URDF'),
     (backwards, 1, "do not increase"),
     (two_samples, 1, "2 samples are too few"),
     (constant_position, 1, "no joint moves"),
@@ -227,7 +255,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path / "model"
 
 
-PREDICTED_ALL_THE_SAME = {"no_effort", "nan_samples", "two_samples", "constant_position"}
+PREDICTED_ALL_THE_SAME = {"no_effort", "nan_samples", "incredible_sample", "two_samples", "constant_position"}
 
 
 @pytest.mark.parametrize(("case", "status", "sentence"), CASES, ids=IDS)

@@ -49,7 +49,7 @@ def said(verb: str, bag: Path, model: Path, capfd: pytest.CaptureFixture[str]) -
     return error.removeprefix("bdnn: error: ")
 
 
-@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != "diagnose"])
+@pytest.mark.parametrize("verb", VERBS)
 def test_efforts_that_never_change_say_nothing_of_a_motion(verb, tmp_path, model, capfd):
     bag = bag_of(tmp_path / "bag", constant())
     assert "the effort of no joint that moves ever changes. Check that" in said(verb, bag, model, capfd)

@@ -146,3 +146,28 @@ def test_what_cannot_be_simulated_is_refused_in_one_sentence(arguments, status, 
     assert complaint.startswith("bdnn: error: ")
     assert says in complaint
     assert not (tmp_path / "out").exists()
+
+
+FRICTION, PUSH = "coulomb_friction@arm2_joint1", "external_wrench@arm2_joint1:torque=3"
+
+
+@pytest.mark.parametrize(
+    ("spec", "says"),
+    [
+        (f"{FRICTION}:coulomb=inf", "coulomb_friction at arm2_joint1: coulomb=inf is beyond any robot's"),
+        (f"{FRICTION}:coulomb=1e300", "coulomb=1e+300 is beyond any robot's"),
+        (f"{PUSH},start=4,end=2", "ends at 2 s, not after its start at 4 s. Let it end after"),
+        (f"{PUSH},start=40,end=50", "acts from 40 s to 50 s, the simulation from 0 s to 30 s. Change"),
+        (f"{PUSH},start=-9,end=0", "acts from -9 s to 0 s, the simulation from 0 s to 30 s. Change"),
+    ],
+)
+def test_effects_that_cannot_be_or_never_act_are_refused(spec, says, tmp_path, capsys):
+    assert main(["simulate", "--robot", "arm2", "--effect", spec, "--out", str(tmp_path / "out")]) == 2
+    (complaint,) = capsys.readouterr().err.strip().splitlines()
+    assert says in complaint
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_push_may_last_beyond_the_recording(tmp_path):
+    for spec in (f"{PUSH},start=-1,end=9", f"{PUSH},start=1,end=inf"):
+        assert simulated(tmp_path, "--effect", spec, "--overwrite")[1] == 0

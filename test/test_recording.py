@@ -167,6 +167,21 @@ def test_cleaned_drops_invalid_samples_only_when_asked() -> None:
     assert "2 of 100 samples" in again.notes[0]
 
 
+@pytest.mark.parametrize("field", ["position", "velocity", "effort"])
+def test_cleaned_refuses_what_no_robot_can_have(field: str) -> None:
+    original = recording()
+    fields = {name: getattr(original, name).copy() for name in ("position", "velocity", "effort")}
+    fields[field][30, 1] = -1e300
+    with pytest.raises(
+        RecordingError, match=rf"{field} of b is -1e\+300 at 0.\d+ s.* \(1 of 100.*--drop-invalid"
+    ):
+        cleaned(original.time, JOINTS, **fields)
+    assert len(cleaned(original.time, JOINTS, **fields, drop_invalid=True)) == 99
+    fields[field][:] = 1e13
+    with pytest.raises(RecordingError, match=r"100 of 100 samples\). Check its unit"):
+        cleaned(original.time, JOINTS, **fields)
+
+
 def test_cleaned_joins_the_parts_of_a_clock_that_was_set_back_with_a_pause() -> None:
     original = recording()
     time = np.where(np.arange(100) < 60, original.time, original.time - 0.3)

@@ -38,6 +38,9 @@ ARM = f"""<robot name="arm"><link name="base"/>
         ('upper="3"', 'upper="${pi}"', '<limit> of joint lift has upper="${pi}", not a finite number. Run xacro'),
         ('effort="9"', 'effort="nan"', 'The <limit> of joint lift has effort="nan"'),
         ('damping="0.1"', 'damping="nan"', 'The <dynamics> of joint lift has damping="nan"'),
+        (MASS, '<mass value="1e300"/>', 'The <mass> of link bar has value="1e300", as no robot has. Correct the URDF'),
+        ('iyy="0.1"', 'iyy="1e12"', 'The <inertia> of link bar has iyy="1e12", as no robot has'),
+        ('damping="0.1"', 'damping="1e200"', 'The <dynamics> of joint lift has damping="1e200", as no robot has'),
         ('"0 0 1"', '"0 0 nan"', 'The <origin> of joint lift has xyz="0 0 nan"'),
     ],
 )  # fmt: skip
@@ -75,3 +78,10 @@ def test_a_range_that_a_continuous_joint_does_not_have_is_not_read() -> None:
 @pytest.mark.parametrize("name", BUNDLED)
 def test_robots_that_come_along_pass(name: str) -> None:
     refuse_impossible((resources.files("bdnn_ros") / "robots" / f"{name}.urdf").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("limit", ["effort", "velocity", "upper"])
+def test_a_limit_that_nothing_reaches_is_none(limit: str) -> None:
+    sizes = {"effort": "9", "velocity": "5", "upper": "3"}
+    limits = Robot.from_urdf(ARM.replace(f'{limit}="{sizes[limit]}"', f'{limit}="1.79e308"')).limits
+    assert getattr(limits, limit) == [float("inf")]

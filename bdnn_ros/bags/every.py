@@ -12,6 +12,7 @@ from bdnn_ros import stamps
 from bdnn_ros.bags.clock import told
 from bdnn_ros.bags.reading import Progress, reported_effort, reported_velocity, samples_of
 from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.readings import credible
 from bdnn_ros.recording import Recording
 
 
@@ -24,7 +25,7 @@ class EveryState:
         position, effort: (N, n) [rad] ([m]), [N·m] ([N]), NaN where a message does not hold them.
         motion: what they show, each stamp once; with the joints' order and the notes of reading.
         row: the sample of the motion that is of each state's moment, (N,) int, -1 where there is none: the state holds
-            a position that is not finite, or no stamp.
+            a position that is not credible, or no stamp.
     """
 
     stamp: np.ndarray
@@ -88,13 +89,15 @@ def read_every(
     name, count = str(path), len(samples)
     if len(set(samples.joints)) < len(samples.joints):
         raise UsageError(f"{name}: a joint is named twice.", "Name each joint once.")
-    shows = told(samples.stamp) & np.isfinite(samples.position).all(axis=1)
+    shows = told(samples.stamp) & credible(samples.position).all(axis=1)
     if not shows.any():
-        raise RecordingError(f"{name}: no joint state holds a finite position.", "Fix the driver.")
+        raise RecordingError(
+            f"{name}: no joint state holds a position that a robot can have.", "Fix the driver."
+        )
     if not shows.all():
         notes.append(
             f"{name}: {count - np.count_nonzero(shows)} of {count} joint states show no motion: "
-            "their position is not finite, or they have no stamp."
+            "their position is not finite or beyond any robot's, or they have no stamp."
         )
     stamp = samples.stamp.copy()
     stamp[shows] = _one_clock(name, stamp[shows], drop_invalid)
@@ -110,8 +113,8 @@ def read_every(
         (moments - moments[0]) * 1e-9,
         samples.joints,
         shown.position,
-        _finite(velocity),
-        None if acting is None else _finite(shown.effort),
+        _if_credible(velocity),
+        None if acting is None else _if_credible(shown.effort),
         name=name,
         urdf=urdf,
         notes=(*notes, *more, *also),
@@ -121,8 +124,8 @@ def read_every(
     return EveryState(stamp, samples.position, nothing if acting is None else acting, motion, row)
 
 
-def _finite(values: np.ndarray | None) -> np.ndarray | None:
-    return values if values is not None and np.isfinite(values).all() else None
+def _if_credible(values: np.ndarray | None) -> np.ndarray | None:
+    return values if values is not None and credible(values).all() else None
 
 
 def _one_clock(name: str, stamp: np.ndarray, join: bool) -> np.ndarray:

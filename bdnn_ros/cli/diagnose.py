@@ -12,7 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bdnn_ros.checks.data import check_data
-from bdnn_ros.cli import loading, options, outputs
+from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
 from bdnn_ros.diagnosis.search import Progress
@@ -73,6 +73,8 @@ def run(args: argparse.Namespace) -> int:
             )
     if robot is None:
         raise UsageError("There is no simulation to compare with.", "Give --urdf FILE or --robot NAME.")
+    for recording in recordings:
+        fitness.require_measured(recording)
     with _progress() as say:
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
         remarks = [str(remark) for remark in check_data(recordings, robot, args.cutoff)]

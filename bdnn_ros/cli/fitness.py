@@ -9,8 +9,8 @@ import numpy as np
 from bdnn_ros.cli.options import say
 from bdnn_ros.errors import RecordingError, UsageError, listed
 from bdnn_ros.recording import Recording, moving
+from bdnn_ros.scores import STILL
 from bdnn_ros.signals import MINIMUM_SAMPLES, Signals, prepare, suitable_cutoff
-from bdnn_ros.signals.unmeasured import absent
 
 LEAST_SECONDS = 1.0
 """Motion that a model is identified from, at least [s]."""
@@ -58,7 +58,7 @@ def require_measured(recording: Recording) -> np.ndarray:
         RecordingError: there is none, or that of no joint that moves ever changes.
     """
     effort, moves = recording.require_effort(), moving(recording)
-    if moves.any() and absent(effort)[moves].all():
+    if moves.any() and (np.ptp(effort, axis=0) <= STILL)[moves].all():
         raise RecordingError(
             f"{recording.name}: the effort of no joint that moves ever changes.",
             "Check that the driver reports it, or pass --effort command with --effort-commands TOPIC to use the "

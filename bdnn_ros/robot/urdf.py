@@ -18,7 +18,7 @@ import pinocchio as pin
 from bdnn_ros.errors import RobotError, listed
 
 UNLIMITED = 1e9
-"""Limit [rad] that stands for none while Pinocchio has the robot."""
+"""Limit that stands for none: of the position [rad] while Pinocchio has the robot, in SI units wherever a URDF has one."""
 Held = Mapping[str, float]
 """Joints that do not move, and where they stand [rad] ([m])."""
 NONE_HELD: Held = MappingProxyType({})
@@ -57,8 +57,8 @@ def limits_of(model: pin.Model, order: np.ndarray) -> Limits:
     return Limits(
         lower=np.where(lower > -UNLIMITED, lower, -np.inf),
         upper=np.where(upper < UNLIMITED, upper, np.inf),
-        velocity=np.where(velocity > 0.0, velocity, np.inf),
-        effort=np.where(effort > 0.0, effort, np.inf),
+        velocity=np.where((velocity > 0.0) & (velocity < UNLIMITED), velocity, np.inf),
+        effort=np.where((effort > 0.0) & (effort < UNLIMITED), effort, np.inf),
     )
 
 

@@ -19,6 +19,8 @@ NEGATIVE = 0.1
 """Estimated inertias of real robots have principal moments below zero, by up to this share of the largest."""
 NEGATIVE_SPREAD = 1e-6
 """And by so much for each kilogram, where all of them are next to nothing [m²]."""
+MOST = 1e9
+"""No mass, inertia, place or friction of a robot is beyond this in SI units; a limit may be, and then is none."""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -26,7 +28,7 @@ def refuse_impossible(urdf: str) -> None:
     """Looks at masses, inertias and places of the links that move, and at axes, limits and friction of all joints.
 
     Raises:
-        RobotError: one of them is missing, not a finite number, or impossible.
+        RobotError: one of them is missing, not a finite number, larger than a robot's can be, or impossible.
     """
     try:
         root = ElementTree.fromstring(urdf)
@@ -91,7 +93,7 @@ def _check_joint(joint: ElementTree.Element, owner: str) -> None:
         element = joint.find(tag)
         for key in keys:
             if element is not None and element.get(key) is not None:
-                _numbers(element, key, owner)
+                _numbers(element, key, owner, most=math.inf if tag == "limit" else MOST)
 
 
 def _check_origin(element: ElementTree.Element, owner: str) -> None:
@@ -113,16 +115,29 @@ def _needed(inertial: ElementTree.Element, tag: str, keys: tuple[str, ...], owne
     return [_numbers(element, key, owner)[0] for key in keys]
 
 
-def _numbers(element: ElementTree.Element, key: str, owner: str, count: int = 1) -> list[float]:
+def _numbers(
+    element: ElementTree.Element, key: str, owner: str, count: int = 1, most: float = MOST
+) -> list[float]:
     """The numbers of an attribute: one as it stands, or some with spaces between."""
     text = element.get(key, "")
     parts = [text] if count == 1 else text.split()
     if len(parts) == count and all(NUMBER.fullmatch(part) for part in parts):
         values = [float(part) for part in parts]
         if all(map(math.isfinite, values)):
+            _refuse_beyond(element, key, owner, values, most)
             return values
     wanted = "a finite number" if count == 1 else f"{count} finite numbers"
     raise RobotError(f'The <{element.tag}> of {owner} has {key}="{text}", not {wanted}.', _remedy(text))
+
+
+def _refuse_beyond(
+    element: ElementTree.Element, key: str, owner: str, values: list[float], most: float
+) -> None:
+    if max(map(abs, values)) > most:
+        raise RobotError(
+            f'The <{element.tag}> of {owner} has {key}="{element.get(key)}", as no robot has.',
+            "Correct the URDF; its units are kg, m, rad and s.",
+        )
 
 
 def _remedy(text: str) -> str:

@@ -15,6 +15,7 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory, fourier, poor
 from bdnn_ros.simulation.perturbation import worn_robot, wrong_robot
+from bdnn_ros.simulation.possible import refuse_impossible
 from bdnn_ros.simulation.sensors import Noise, VelocitySource
 from bdnn_ros.simulation.simulate import Progress, Simulated, check, simulate
 
@@ -82,9 +83,10 @@ class Scenario:
             raise UsageError(
                 f"An encoder step of {self.resolution:g} rad makes no sense.", "Use up to 0.1 rad."
             )
+        effects = [*self.installed, *(parse_spec(spec, self.robot) for spec in self.effects)]
         plan = self._planned()
         reality = self._reality(plan)
-        effects = [*self.installed, *(parse_spec(spec, self.robot) for spec in self.effects)]
+        refuse_impossible(effects, self.robot, self._duration)
         effects += self._hidden(reality, plan, effects)
         simulated = simulate(
             self.robot,
