@@ -21,8 +21,8 @@ from bdnn_ros.robot.urdf import (
     joint_tags,
     limits_of,
     model_of,
-    text_of,
 )
+from bdnn_ros.robot.urdf_file import text_of
 from bdnn_ros.robot.urdf_values import refuse_impossible
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -22,18 +21,6 @@ UNLIMITED = 1e9
 Held = Mapping[str, float]
 """Joints that do not move, and where they stand [rad] ([m])."""
 NONE_HELD: Held = MappingProxyType({})
-
-
-def text_of(path: str | Path) -> str:
-    """The text of a URDF file.
-
-    Raises:
-        RobotError: it cannot be read.
-    """
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotError(f"The URDF {path} cannot be read ({error}).", "Check the path.") from None
 
 
 @dataclass(frozen=True)

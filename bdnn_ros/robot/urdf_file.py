@@ -1,0 +1,45 @@
+"""The text of a URDF file, in whatever encoding it declares."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from pathlib import Path
+
+from bdnn_ros.errors import RobotError
+
+DECLARED = re.compile(r"""^\s*<\?xml\b[^>]*?\bencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
+MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+"""What a file may begin with, and the encoding that it means."""
+LINE = '<?xml version="1.0" encoding="ISO-8859-1"?>'
+
+
+def text_of(path: str | Path) -> str:
+    """The text of a URDF file; the encoding that it declares becomes UTF-8, as the text is passed on in it.
+
+    Raises:
+        RobotError: it cannot be read.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise RobotError(f"The URDF {path} cannot be read ({error}).", "Check the path.") from None
+    encoding = _encoding(content)
+    try:
+        text = content.decode(encoding)
+    except (UnicodeError, LookupError):
+        raise RobotError(
+            f"The URDF {path} is no text in the encoding {encoding.upper()}.",
+            f"Save it as UTF-8, or declare its encoding in its first line, for example {LINE}.",
+        ) from None
+    declared = DECLARED.match(text)
+    return text if declared is None else f"{text[: declared.start(1)]}UTF-8{text[declared.end(1) :]}"
+
+
+def _encoding(content: bytes) -> str:
+    """That of the mark at the beginning, else the one declared in the first line, else UTF-8."""
+    for mark, encoding in MARKS:
+        if content.startswith(mark):
+            return encoding
+    declared = DECLARED.match(content[:200].decode("ascii", errors="replace"))
+    return declared[1] if declared else "utf-8"
