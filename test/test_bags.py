@@ -476,6 +476,33 @@ def test_files_of_the_same_time_are_read_as_people_count(tmp_path: Path) -> None
     assert_equal(bags.read(tmp_path / "bag"), recording)
 
 
+@pytest.mark.parametrize("later", [0.0, 2.0, 7.5])
+def test_bags_that_happen_to_be_in_one_folder_are_not_joined(tmp_path: Path, later: float) -> None:
+    """The same motion twice would be learned and scored alike; one long after the other is another recording."""
+    (tmp_path / "folder").mkdir()
+    recording = motion(joints=ARM)
+    for name, epoch in (("a", recording.epoch), ("b", recording.epoch + int(later * SECOND))):
+        path = write_bag(tmp_path / name, states(replace(recording, epoch=epoch)))
+        (path / f"{name}.mcap").rename(tmp_path / "folder" / f"{name}.mcap")
+    with pytest.raises(
+        UsageError, match=r"several bags \(a.mcap, b.mcap\) that do not follow.*Pass one of them"
+    ):
+        bags.read(tmp_path / "folder")
+    assert_equal(bags.read(tmp_path / "folder" / "a.mcap"), recording)
+
+
+def test_where_one_is_nothing_is_guessed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An empty name is that place, too: of a shell variable that is not set."""
+    recording = motion(joints=ARM)
+    write_bag(tmp_path / "bag", states(recording))
+    monkeypatch.chdir(tmp_path)
+    for name in (".", ""):
+        with pytest.raises(UsageError, match=r"\. holds a bag \(bag\). Pass its name."):
+            bags.read(name)
+    monkeypatch.chdir(tmp_path / "bag")
+    assert_equal(bags.read("."), recording)
+
+
 def test_topics_that_hold_no_joint_state(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "other", states(motion(), topic="/arm/joint_states"))
     with pytest.raises(BagError, match="no JointState on /joint_states, but on /arm/joint_states"):

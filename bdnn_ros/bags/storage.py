@@ -23,6 +23,8 @@ from bdnn_ros.errors import BagError, BdnnError, UsageError, listed
 
 SQLITE_HEADER = 100
 SUFFIXES = (".mcap", ".db3")
+SPLIT = 1.0
+"""Files of one bag that was split follow each other: they overlap, or leave a gap, of less than this [s]."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class Storage:
                     self._readers.append(self._stack.enter_context(Reader(part)))
             if not in_order:
                 self._readers.sort(key=lambda reader: reader.start_time)
+                _require_splits(self.path, self._readers)
         except BaseException:
             self._stack.close()
             raise
@@ -162,14 +165,38 @@ def _parts(path: Path) -> tuple[list[Path], bool]:
             f"{path}: the file {missing[0]} that metadata.yaml names is missing.", "Copy the whole directory."
         )
     if not named and not found:
-        inner = [child for child in path.iterdir() if child.is_dir() and _holds_bag(child)]
-        if len(inner) == 1:
-            return _parts(inner[0])
-        if inner:
-            names = listed(sorted(child.name for child in inner))
-            raise UsageError(f"{path} holds several bags ({names}).", "Pass one of them.")
-        raise UsageError(f"{path} is a directory without a bag.", "Pass one that holds .mcap or .db3 files.")
+        return _parts(_inner(path))
     return named or found, bool(named)
+
+
+def _inner(path: Path) -> Path:
+    """The bag in a directory around one, as simulate makes it. Of where one is, an empty name too, nothing is guessed."""
+    inner = sorted(child for child in path.iterdir() if child.is_dir() and _holds_bag(child))
+    if len(inner) == 1 and path != Path():
+        return inner[0]
+    if inner:
+        many = "several bags" if len(inner) > 1 else "a bag"
+        raise UsageError(
+            f"{path} holds {many} ({listed(child.name for child in inner)}).",
+            "Pass one of them." if len(inner) > 1 else "Pass its name.",
+        )
+    raise UsageError(f"{path} is a directory without a bag.", "Pass one that holds .mcap or .db3 files.")
+
+
+def _require_splits(path: Path, readers: list[Reader]) -> None:
+    """Refuses files that are no parts of one recording: the same motion twice would be learned and scored alike.
+
+    Args:
+        readers: in the order of their first messages.
+    """
+    filled = [reader for reader in readers if reader.message_count]
+    for before, after in zip(filled[:-1], filled[1:], strict=True):
+        if abs(after.start_time - before.end_time) > SPLIT * 1e9:
+            names = listed(sorted(Path(str(reader.path)).name for reader in readers))
+            raise UsageError(
+                f"{path} holds several bags ({names}) that do not follow each other, and no metadata.yaml.",
+                "Pass one of them, or several as arguments of their own.",
+            )
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:
