@@ -12,6 +12,25 @@ from bdnn_ros.readings import credible
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
+COMMAND_AGE = 0.5
+"""An effort command acts for so long [s] at most; a joint state later than that has no effort."""
+
+
+def in_force(times: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which command is in force at each time: the last one before, unless that is too long ago.
+
+    Args:
+        times, commands: [ns], (N,) any and (M,) in order, both by one clock.
+
+    Returns:
+        Rows of the commands, (N,), and whether there is one, (N,) bool.
+    """
+    if not len(commands):
+        return np.zeros(len(times), int), np.zeros(len(times), bool)
+    last = np.searchsorted(commands, times, side="right") - 1
+    valid = (last >= 0) & (times - commands[np.maximum(last, 0)] <= COMMAND_AGE * 1e9)
+    return np.maximum(last, 0), valid
+
 
 @dataclass(frozen=True)
 class EffortConvention:

@@ -398,6 +398,23 @@ def test_commands_are_held_until_the_next(tmp_path: Path) -> None:
         bags.read(short, effort="command")
 
 
+def test_a_command_acts_for_half_a_second_at_most(tmp_path: Path) -> None:
+    """As in the node: what is commanded every two seconds says nothing of what acts in between."""
+    recording, sent = motion(samples=600), np.array([1.0, 3.0])
+    path = bags.write(recording, tmp_path / "bag", commands=(sent, np.array([[7.0], [8.0]])))
+    again = bags.read(path, effort="command")
+    np.testing.assert_allclose(
+        again.time + again.epoch * 1e-9, recording.epoch * 1e-9 + np.r_[100:151, 300:351] / 100
+    )
+    np.testing.assert_array_equal(again.require_effort()[:, 0], np.repeat([7.0, 8.0], 51))
+    assert (
+        "498 samples before the first command, or more than 0.5 s after one, are left out" in again.notes[1]
+    )
+    late = bags.write(recording, tmp_path / "late", commands=(np.array([9.0]), np.array([[7.0]])))
+    with pytest.raises(RecordingError, match=r"no joint state was recorded within 0.5 s after a command"):
+        bags.read(late, effort="command")
+
+
 def test_commands_need_their_topic(tmp_path: Path) -> None:
     path = bags.write(motion(), tmp_path / "bag")
     with pytest.raises(UsageError, match="the bag has no effort commands"):
@@ -410,7 +427,7 @@ def test_commands_need_their_topic(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "two", messages)
     with pytest.raises(UsageError, match="/u, /w"):
         bags.read(path, effort="command")
-    np.testing.assert_array_equal(bags.read(path, "/joint_states", "/u", "command").effort, np.ones((600, 1)))
+    np.testing.assert_array_equal(bags.read(path, "/joint_states", "/u", "command").effort, np.ones((51, 1)))
     with pytest.raises(UsageError, match="not 'felt'"):
         bags.read(path, effort="felt")
 

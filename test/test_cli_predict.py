@@ -157,7 +157,7 @@ def test_a_state_without_a_stamp_has_a_row_at_zero(tmp_path: Path, pendulum: Rob
     assert np.isfinite(predicted[1:]).all()
 
 
-def test_states_before_the_first_command_have_rows(tmp_path: Path, pendulum: Robot) -> None:
+def test_states_without_a_command_have_rows(tmp_path: Path, pendulum: Robot) -> None:
     recording = swing(pendulum)
     messages = states(recording)
     sent = [("/u", MULTI_ARRAY, messages[600][2] - 1, command([3.0]))]
@@ -165,7 +165,8 @@ def test_states_before_the_first_command_have_rows(tmp_path: Path, pendulum: Rob
         tmp_path, [*messages[:600], *sent, *messages[600:]], "--effort", "command"
     )
     assert len(told) == len(messages)
-    assert np.isnan(measured[:600]).all() and (measured[600:] == 3.0).all()
+    assert np.isnan(measured[:600]).all() and (measured[600:700] == 3.0).all()
+    assert np.isnan(measured[700:]).all()  # half a second later
     np.testing.assert_allclose(predicted[20:-20], recording.require_effort()[20:-20, 0], atol=0.02)
 
 

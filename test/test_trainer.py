@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from live_support import children, motion, real_robot, wait_until
 
+from bdnn_ros.efforts import COMMAND_AGE
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
-from bdnn_ros.online.feed import COMMAND_AGE, Feed
+from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.learning import Learning, check, squared_error
 from bdnn_ros.online.models import save_model

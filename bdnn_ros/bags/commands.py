@@ -10,6 +10,7 @@ import numpy as np
 from bdnn_ros.bags.cdr import decode_float64_multi_array
 from bdnn_ros.bags.joint_states import Samples
 from bdnn_ros.bags.storage import Topic
+from bdnn_ros.efforts import COMMAND_AGE, in_force
 from bdnn_ros.errors import RecordingError, UsageError, listed
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
@@ -45,11 +46,14 @@ class Commands:
     def aligned(
         self, samples: Samples, orders: Sequence[tuple[str, ...]], every: bool = False
     ) -> tuple[Samples, list[str]]:
-        """The samples with the command last recorded before each as effort, without those before the first.
+        """The samples with the command that is in force at each as effort, without those at which none is.
 
         Args:
             orders: joint names the commands may stand for, the likeliest first.
-            every: leave out no sample; the effort before the first command is NaN.
+            every: leave out no sample; the effort where no command is in force is NaN.
+
+        Raises:
+            RecordingError: the commands stand for other joints, or none is in force at any sample.
         """
         fitting = [names for names in orders if self.stand_for(len(names)) and {*samples.joints} <= {*names}]
         if not fitting:
@@ -61,13 +65,17 @@ class Commands:
         columns = [fitting[0].index(joint) for joint in samples.joints]
         logs = np.array(self._logs)
         order = np.argsort(logs, kind="stable")
-        latest = np.searchsorted(logs[order], samples.log, side="right") - 1
-        rows = latest >= 0
+        latest, rows = in_force(samples.log, logs[order])
         notes = [f"{self.name}: effort is commanded on {self.topic}, in the order {listed(fitting[0], 20)}."]
+        if not rows.any() and not every:
+            raise RecordingError(
+                f"{self.name}: no joint state was recorded within {COMMAND_AGE:g} s after a command on {self.topic}.",
+                "Record both topics together, or use --effort measured.",
+            )
         if not rows.all():
             notes.append(
-                f"{self.name}: {np.count_nonzero(~rows)} samples before the first command "
-                f"{'have no effort' if every else 'are left out'}."
+                f"{self.name}: {np.count_nonzero(~rows)} samples before the first command, or more than "
+                f"{COMMAND_AGE:g} s after one, {'have no effort' if every else 'are left out'}."
             )
         values = np.array(self._values)[order][:, columns]
         if every:

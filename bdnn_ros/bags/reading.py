@@ -61,8 +61,9 @@ def read(
         path: `.mcap` file, `.db3` file or rosbag2 directory.
         joint_states: topic of sensor_msgs/JointState.
         effort_commands: topic of std_msgs/Float64MultiArray; None takes the bag's only one.
-        effort: "measured" is JointState.effort; "command" is the command last recorded before each of them.
-            Its values stand for `joints`, `robot_joints` or the joints of the messages, the first that fits.
+        effort: "measured" is JointState.effort; "command" is the command last recorded before each of them,
+            not longer ago than `efforts.COMMAND_AGE`. Its values stand for `joints`, `robot_joints` or the joints of
+            the messages, the first that fits.
         drop_invalid: as of `recording.cleaned`, instead of refusing the bag.
         rename: rules as in `Recording.rename`, applied before joints are chosen.
         joints: the joints to read, all needed, in this order.

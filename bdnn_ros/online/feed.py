@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.efforts import EffortConvention
+from bdnn_ros.efforts import COMMAND_AGE, EffortConvention, in_force
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.recording import Recording
 
-COMMAND_AGE = 0.5
-"""An effort command acts for so long [s] at most; a joint state later than that has no effort."""
 COMMANDS_PER_STATE = 4
 """Commands looked at for each of the latest joint states."""
 
@@ -147,9 +145,6 @@ class Feed:
 def commanded(sent: np.ndarray, commands: Chunk) -> np.ndarray:
     """The last command sent before each of these times [ns], (N, n); NaN where that is too long ago."""
     effort = np.full((len(sent), commands.values.shape[1]), np.nan)
-    if len(commands) == 0:
-        return effort
-    last = np.searchsorted(commands.sent, sent, side="right") - 1
-    valid = (last >= 0) & (sent - commands.sent[np.maximum(last, 0)] <= COMMAND_AGE * 1e9)
+    last, valid = in_force(sent, commands.sent)
     effort[valid] = commands.values[last[valid]]
     return effort
