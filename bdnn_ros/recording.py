@@ -32,7 +32,7 @@ class Recording:
         velocity: [rad/s], (N, n), or None where it was not measured.
         effort: [N·m] (or [N]), (N, n), or None where it was not measured.
         name: where it came from, for messages.
-        urdf: robot description that came along, or None.
+        urdf: robot description that came along, whether it can be used or not, or None.
         notes: what was left out or repaired while reading, one sentence each.
         epoch: the clock's reading at time 0 [ns]; as floats, stamps since 1970 would be too coarse.
 

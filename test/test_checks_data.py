@@ -76,6 +76,9 @@ def test_degrees_are_beyond_the_limits(robot, recording):
     assert found.about == robot.joints[2] and "radians" in found.remedy
     assert f"{position[:, 2].max():.3g}, its limits are" in found.problem
     assert list(data.beyond(recording, robot)) == []
+    position = recording.position.copy()
+    position[len(position) // 2, 2] *= 1e10  # one reading, which is mended
+    assert list(data.beyond(replace(recording, position=position), robot)) == []
 
 
 def test_data_is_checked_without_a_model_as_with_one(robot, recording):

@@ -157,6 +157,18 @@ def test_info_sees_limits_and_plateaus(
     assert any("velocity limit" in concern for concern in json.loads(capsys.readouterr().out)["concerns"])
 
 
+def test_info_tells_no_reading_that_stood_out_alone(
+    tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    original = swing(pendulum, 20.0)
+    position = original.position.copy()
+    position[2000] = 7e9
+    assert main(["info", str(bag_of(tmp_path / "bag", replace(original, position=position))), "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["excitation"][0]["upper"] == pytest.approx(0.8, abs=1e-3)
+    assert "1 reading of pivot stood out alone" in captured.err
+
+
 def test_info_doubts_a_description_that_no_robot_can_have(
     tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:

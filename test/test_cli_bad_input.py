@@ -122,6 +122,25 @@ def heavy_urdf(path: Path) -> list[str]:
     return [str(bag_of(path / "bag", motion())), "--urdf", str(path / "heavy.urdf")]
 
 
+def wrong_lengths(path: Path) -> list[str]:
+    recording = motion(joints=("a", "b"))
+    messages = [
+        (topic, kind, stamp, joint_state(("a", "b"), q, v, (1.0,), stamp))
+        for (topic, kind, stamp, _), q, v in zip(
+            states(recording), recording.position, recording.velocity, strict=True
+        )
+    ]
+    return [str(write_bag(path / "bag", messages))]
+
+
+def named_twice(path: Path) -> list[str]:
+    messages = [
+        (topic, kind, stamp, joint_state(("a", "a"), (1.0, 2.0), (), (3.0, 4.0), stamp))
+        for topic, kind, stamp, _ in states(motion())
+    ]
+    return [str(write_bag(path / "bag", messages))]
+
+
 def backwards(path: Path) -> list[str]:
     messages = states(motion())
     turned = [(t, k, EPOCH + n, data) for n, (t, k, _, data) in enumerate([*messages[300:], *messages[:300]])]
@@ -179,6 +198,12 @@ CASES: list[tuple[Case, int, str]] = [
         "as no robot's can be (600 of 600 samples). Check its unit, and fix the driver.",
     ),
     (heavy_urdf, 2, 'The <mass> of link rod has value="1e300", as no robot has. Correct the URDF'),
+    (
+        wrong_lengths,
+        1,
+        "(A JointState has 2 names and 1 values of effort). Let the driver send one value of effort for",
+    ),
+    (named_twice, 1, "(A JointState names a twice). Let the driver name each joint once."),
     (backwards, 1, "do not increase"),
     (two_samples, 1, "2 samples are too few"),
     (constant_position, 1, "no joint moves"),

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bag_cases import PENDULUM, bag_of, motion
+from bag_cases import PENDULUM, STRING, bag_of, motion, states, text, write_bag
 
 from bdnn_ros import bags
 from bdnn_ros.cli import describing
@@ -45,6 +45,20 @@ def test_info_says_that_a_description_cannot_be_used(bag: str, capsys: pytest.Ca
     captured = capsys.readouterr()
     assert captured.out.endswith("Fit for identification.\n") and PROBLEM not in captured.out
     assert "is left out and --robot arm2 taken: the robot description is not a usable URDF" in captured.err
+
+
+def test_an_empty_description_is_one_that_cannot_be_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = states(motion(samples=1500, joints=ARM2.joints))
+    empty = ("/robot_description", STRING, messages[0][2], text(""))
+    path = str(write_bag(tmp_path / "bag", [empty, *messages]))
+    assert main(["info", path]) == 0
+    printed = capsys.readouterr().out
+    assert f"- {path}: The robot description is empty. Give another with --urdf FILE" in printed
+    assert "not in the bag: nothing" in printed
+    assert main(["identify", path, "--out", str(tmp_path / "out")]) == 2
+    assert f"{path}: The robot description is empty. Give another" in capsys.readouterr().err
 
 
 def test_info_says_that_a_joint_is_not_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -347,7 +347,7 @@ def test_a_copy_is_the_same_robot() -> None:
     ("text", "reason"),
     [
         ("garbage", "syntax error"),
-        ("", "no element found"),
+        ("", "description is empty"),
         ("<html/>", "not <robot>"),
         ("<robot name='x'/>", "No link elements"),
         (two_link().replace('type="revolute"', 'type="wobbly"'), "no known type"),

@@ -24,8 +24,14 @@ NANOSECONDS = 1_000_000_000
 LONGEST_SEQUENCE = 1 << 24
 
 
+DAMAGED = "Record it again: the messages are damaged, or of another type than the bag says."
+
+
 class MalformedMessage(BagError):
     """A message's bytes are not what its type says."""
+
+    def __init__(self, problem: str, remedy: str = DAMAGED) -> None:
+        super().__init__(problem, remedy)
 
 
 class Span(NamedTuple):
@@ -141,10 +147,14 @@ def joint_state_layout(data: bytes) -> Layout:
     for field, span in (("position", position), ("velocity", velocity), ("effort", effort)):
         if span.length not in (0, len(names)):
             raise MalformedMessage(
-                f"A JointState has {len(names)} names and {span.length} values of {field}."
+                f"A JointState has {len(names)} names and {span.length} values of {field}.",
+                f"Let the driver send one value of {field} for each joint, or none."
+                if names
+                else "Record a driver that names its joints.",
             )
     if len(set(names)) != len(names):
-        raise MalformedMessage("A JointState names a joint twice.")
+        twice = next(name for k, name in enumerate(names) if name in names[:k])
+        raise MalformedMessage(f"A JointState names {twice} twice.", "Let the driver name each joint once.")
     fixed = np.array(cursor.fixed)
     expected = np.frombuffer(data, np.uint8)[fixed]
     return Layout(len(data), cursor.order, names, position, velocity, effort, fixed, expected)

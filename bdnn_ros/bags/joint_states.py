@@ -75,13 +75,13 @@ class JointStates:
 
     Attributes:
         count: messages so far.
-        malformed: messages left out because their fields do not fit together, with the first reason.
+        malformed: why messages are left out whose fields do not fit together, one each.
         nameless: messages left out because they name no joint or hold no position.
     """
 
     def __init__(self) -> None:
         self.count = 0
-        self.malformed: list[str] = []
+        self.malformed: list[MalformedMessage] = []
         self.nameless = 0
         self._pending: list[tuple[int, bytes]] = []
         self._layouts: dict[int, list[Layout]] = {}
@@ -115,7 +115,7 @@ class JointStates:
                 try:
                     known.append(joint_state_layout(rows[0].tobytes()))
                 except MalformedMessage as error:
-                    self.malformed.append(error.problem)
+                    self.malformed.append(error)
                     rows, logs, arrival = rows[1:], logs[1:], arrival[1:]
                     continue
             layout = known[tried]

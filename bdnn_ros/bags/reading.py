@@ -121,9 +121,7 @@ def samples_of(
         states, urdf = _collect(storage, joint_states, commands, progress)
     old = states.joints
     if not old:
-        raise BagError(
-            f"{name}: {_why_none(states, joint_states)}.", "Record a driver that names its joints."
-        )
+        raise _none(name, states, joint_states)
     new = renamed(old, rename)
     wanted = _wanted(
         name, states.groups, dict(zip(old, new, strict=True)), joints, robot_joints or movable_joints(urdf)
@@ -154,7 +152,7 @@ def _collect(
                 if commands is not None and topic == commands.topic:
                     commands.add(log, data)
                 else:
-                    urdf = decode_string(data) or urdf
+                    urdf = decode_string(data) or urdf or ""
             except MalformedMessage as error:
                 raise BagError(f"{storage.path}: {topic} cannot be decoded.", error.problem) from None
         if progress is not None and count % REPORT_EVERY == 0:
@@ -182,10 +180,17 @@ def _require_joint_states(name: str, topic: str, available: Sequence[Topic]) -> 
     )
 
 
-def _why_none(states: JointStates, topic: str) -> str:
+def _none(name: str, states: JointStates, topic: str) -> BagError:
+    """Why no joint state can be used."""
     if states.malformed:
-        return f"no message on {topic} can be decoded ({states.malformed[0].rstrip('.')})"
-    return f"the messages on {topic} name no joint with a position"
+        first = states.malformed[0]
+        return BagError(
+            f"{name}: no message on {topic} can be decoded ({first.problem.rstrip('.')}).", first.remedy
+        )
+    return BagError(
+        f"{name}: the messages on {topic} name no joint with a position.",
+        "Record a driver that names its joints and fills JointState.position.",
+    )
 
 
 def _wanted(
@@ -250,7 +255,7 @@ def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> 
     if states.malformed:
         notes.append(
             f"{name}: {len(states.malformed)} of {states.count} joint states cannot be decoded "
-            f"({states.malformed[0].rstrip('.')}); left out."
+            f"({states.malformed[0].problem.rstrip('.')}); left out."
         )
     return notes
 

@@ -17,7 +17,7 @@ from bdnn_ros.physical.remark import Remark
 from bdnn_ros.physical.structure import LEAD
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.signals import Signals, mended, prepare
 from bdnn_ros.signals.unmeasured import absent, at_limit, held
 
 UNKNOWN = 0.5
@@ -203,10 +203,18 @@ def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[R
 
 
 def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:
-    """Joints whose positions are far beyond what the description allows."""
+    """Joints whose positions are far beyond what the description allows, but for readings that are mended."""
     lower, upper = robot.limits.lower, robot.limits.upper
-    low, high = recording.position.min(axis=0), recording.position.max(axis=0)
-    for k in np.flatnonzero(np.maximum(lower - low, high - upper) > BEYOND * (upper - lower)):
+
+    def left(position: np.ndarray) -> np.ndarray:
+        excess = np.maximum(lower - position.min(axis=0), position.max(axis=0) - upper)
+        return np.flatnonzero(excess > BEYOND * (upper - lower))
+
+    if not len(left(recording.position)):
+        return
+    position = mended(recording).position
+    low, high = position.min(axis=0), position.max(axis=0)
+    for k in left(position):
         yield Remark(
             robot.joints[k],
             f"{recording.name}: {robot.joints[k]} moves from {low[k]:.3g} to {high[k]:.3g}, its limits are "

@@ -22,7 +22,7 @@ def described_robot(recordings: Sequence[Recording], name: str | None, needed: b
         UsageError: there is no bundled robot of that name.
     """
     bundled = Robot.bundled(name) if name is not None else None
-    described = [recording for recording in recordings if recording.urdf]
+    described = [recording for recording in recordings if recording.urdf is not None]
     left_out: list[tuple[str, RobotError]] = []
     for recording in described:
         try:
@@ -47,7 +47,7 @@ def described_robot(recordings: Sequence[Recording], name: str | None, needed: b
 def unusable(recordings: Sequence[Recording]) -> str | None:
     """What is wrong with the first description in the bags, and what to do; None without one, or where it can be used."""
     for recording in recordings:
-        if recording.urdf:
+        if recording.urdf is not None:
             try:
                 Robot.from_urdf(recording.urdf, recording.joints)
             except RobotError as error:

@@ -23,7 +23,7 @@ from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.urdf import Limits
 from bdnn_ros.scores import numbers
-from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.signals import Signals, mended, prepare
 from bdnn_ros.signals.unmeasured import AT_LIMIT, at_limit
 
 HELP = "say what a bag holds and whether it is fit for identification"
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         fitness.require_samples(recording)
         signals = prepare(recording, args.cutoff)
         limits = robot.limits if robot else None
-        joints = excitation(recording, signals, limits)
+        joints = excitation(mended(recording), signals, limits)
         report["excitation"] = [joint.as_json() for joint in joints]
         fitness.require_length([recording])
         report["concerns"] = [

@@ -60,6 +60,8 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
     Raises:
         RobotError: the text is not a usable URDF or lacks a joint.
     """
+    if not urdf.strip():
+        raise RobotError("The robot description is empty.", "Check who writes it.")
     said: list[str] = []
     try:
         with _overheard(said):
