@@ -171,3 +171,12 @@ def test_effects_that_cannot_be_or_never_act_are_refused(spec, says, tmp_path, c
 def test_a_push_may_last_beyond_the_recording(tmp_path):
     for spec in (f"{PUSH},start=-1,end=9", f"{PUSH},start=1,end=inf"):
         assert simulated(tmp_path, "--effect", spec, "--overwrite")[1] == 0
+
+
+def test_a_push_of_an_earlier_recording_may_be_over_and_is_said_to(tmp_path, capsys):
+    """effects.yaml of a diagnosis holds pushes at that recording's times."""
+    earlier, _ = simulated(tmp_path / "long", "--duration", "9", "--effect", f"{PUSH},start=6,end=7")
+    capsys.readouterr()
+    _, status = simulated(tmp_path, "--effects", str(earlier / "truth.yaml"))
+    assert status == 0
+    assert "acts from 6 s to 7 s, the simulation from 0 s to 2 s: it never acts." in capsys.readouterr().err

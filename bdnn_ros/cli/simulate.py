@@ -14,6 +14,7 @@ from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.effects_file import read_effects
 from bdnn_ros.robot import BUNDLED, Robot
+from bdnn_ros.simulation.possible import never_acting
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.trajectory_file import read_trajectory
 
@@ -110,6 +111,8 @@ def run(args: argparse.Namespace) -> int:
     if bag.exists() and not args.overwrite:
         raise UsageError(f"{bag} is there already.", "Choose another --out, or pass --overwrite.")
     bags.refuse_existing(bag, args.overwrite)
+    for sentence in never_acting(installed, robot, scenario.seconds):  # of a recording that lasted longer
+        options.say(f"{sentence[:-1]}: it never acts.")
     with options.progress("simulating") as show:
         simulated, content = scenario.run(show)
     with outputs.written_together(args.out) as place:

@@ -15,7 +15,7 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory, fourier, poor
 from bdnn_ros.simulation.perturbation import worn_robot, wrong_robot
-from bdnn_ros.simulation.possible import refuse_impossible
+from bdnn_ros.simulation.possible import never_acting, refuse_impossible
 from bdnn_ros.simulation.sensors import Noise, VelocitySource
 from bdnn_ros.simulation.simulate import Progress, Simulated, check, simulate
 
@@ -83,10 +83,13 @@ class Scenario:
             raise UsageError(
                 f"An encoder step of {self.resolution:g} rad makes no sense.", "Use up to 0.1 rad."
             )
-        effects = [*self.installed, *(parse_spec(spec, self.robot) for spec in self.effects)]
+        asked = [parse_spec(spec, self.robot) for spec in self.effects]
+        effects = [*self.installed, *asked]
         plan = self._planned()
         reality = self._reality(plan)
-        refuse_impossible(effects, self.robot, self._duration)
+        refuse_impossible(effects, self.robot)
+        for sentence in never_acting(asked, self.robot, self.seconds):
+            raise UsageError(sentence, "Change its start and end, or simulate longer with --duration.")
         effects += self._hidden(reality, plan, effects)
         simulated = simulate(
             self.robot,
@@ -104,14 +107,15 @@ class Scenario:
     def _planned(self) -> Trajectory:
         if self.plan is not None and self.poor:
             raise UsageError("A given motion cannot be a poor one too.", "Leave one of them out.")
-        check(self._duration, self.rate)
+        check(self.seconds, self.rate)
         if self.plan is not None:
             return self.plan
         time = np.arange(round(self.duration * self.rate)) / self.rate
         return (poor if self.poor else fourier)(self.robot, time, self._stream("motion"))
 
     @property
-    def _duration(self) -> float:
+    def seconds(self) -> float:
+        """How long it lasts [s]."""
         return self.duration if self.plan is None else float(self.plan.time[-1])
 
     def _stream(self, purpose: str) -> np.random.Generator:
@@ -171,7 +175,7 @@ class Scenario:
             },
             "excitation": "given" if self.plan else "poor" if self.poor else "fourier",
             "seed": self.seed,
-            "duration": self._duration,
+            "duration": self.seconds,
             "rate": self.rate,
             "noise": {"effort": self.noise, "coloured": self.coloured, "resolution": self.resolution},
         }
