@@ -125,6 +125,8 @@ def examine(
     recordings = remarked(recordings, signals, robot)
     equations, candidates = looks.equations, looks.candidates
     attempt = best_attempt(looks)
+    if not equations.usable[attempt.test].any():
+        raise _too_short(recordings)
     beyond = excesses(_in_rows_that_count(equations, attempt.fitted))
     pool = _exact(candidates, equations, attempt.fitted)
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
