@@ -9,7 +9,7 @@ import numpy as np
 from bdnn_ros.errors import RecordingError
 
 MOST = 1e12
-"""No robot's position, velocity or effort is beyond this, in whatever unit."""
+"""No robot's position, velocity or effort is beyond this, in whatever unit; powers of larger numbers overflow."""
 
 
 def credible(values: np.ndarray) -> np.ndarray:

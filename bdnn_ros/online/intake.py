@@ -16,6 +16,7 @@ from bdnn_ros.errors import listed
 from bdnn_ros.online.assembly import Assembly, Group, Kind, Kinds
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.gaps import Gaps
+from bdnn_ros.readings import MOST, credible
 
 PAUSE = 1_000_000_000
 """A step of the stamps longer than this [ns], either way, is a pause or a new clock, not a loss."""
@@ -28,9 +29,6 @@ LENGTH = "wrong_length"
 NOT_FINITE = "not_finite"
 OUT_OF_RANGE = "out_of_range"
 NO_EFFORT = "effort_missing"
-
-LARGEST = 1e9
-"""No robot has a larger position, velocity or effort, whatever the unit; powers of such numbers overflow."""
 
 
 class Clock:
@@ -169,11 +167,11 @@ class Intake:
         row[0] = np.asarray(position)[index]
         row[1] = np.asarray(velocity)[index] if len(velocity) else math.nan
         row[2] = np.asarray(effort)[index] if len(effort) else math.nan
-        if np.abs(row).max() <= LARGEST:
+        if credible(row).all():
             return ""
         if not _acceptable(row):
             return NOT_FINITE
-        return OUT_OF_RANGE if (np.abs(row) > LARGEST).any() else ""
+        return OUT_OF_RANGE if (np.abs(row) > MOST).any() else ""
 
     def _commit(self, row: np.ndarray, stamp: int, sent: int) -> bool:
         stream_time = self.clock.advance(stamp)
@@ -240,10 +238,10 @@ class CommandIntake:
             culprit = self.joints[int(np.argmin(finite))]
             remedy = "Send a finite number for every joint; 0 commands no effort."
             return self._reject(NOT_FINITE, f"An effort command of {culprit} is not finite. {remedy}")
-        small = np.abs(row) <= LARGEST
+        small = credible(row)
         if not small.all():
             culprit = self.joints[int(np.argmin(small))]
-            remedy = f"Send efforts up to {LARGEST:g}."
+            remedy = f"Send efforts up to {MOST:g}."
             return self._reject(OUT_OF_RANGE, f"An effort command of {culprit} is out of range. {remedy}")
         stream_time = self.clock.advance(sent)
         if stream_time < 0:
