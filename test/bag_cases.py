@@ -11,6 +11,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from bdnn_ros.cli.main import main
 from bdnn_ros.recording import Recording
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -143,3 +144,10 @@ QOS = Qos(
     QosTime(0, 0),
     False,
 )
+
+
+def model_of_pendulum(folder: Path) -> Path:
+    """A directory with the model that `identify` makes of the pendulum's motion."""
+    bag_of(folder / "bag", motion(urdf=PENDULUM))
+    assert main(["identify", str(folder / "bag"), "--out", str(folder / "model")]) == 0
+    return folder / "model"

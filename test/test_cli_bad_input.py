@@ -17,6 +17,7 @@ from bag_cases import (
     STRING,
     bag_of,
     joint_state,
+    model_of_pendulum,
     motion,
     states,
     text,
@@ -274,10 +275,7 @@ def test_half_a_second_is_too_short_and_nothing_else(
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model of the pendulum."""
-    path = tmp_path_factory.mktemp("pendulum")
-    bag_of(path / "bag", motion(urdf=PENDULUM))
-    assert main(["identify", str(path / "bag"), "--out", str(path / "model")]) == 0
-    return path / "model"
+    return model_of_pendulum(tmp_path_factory.mktemp("pendulum"))
 
 
 PREDICTED_ALL_THE_SAME = {"no_effort", "nan_samples", "incredible_sample", "two_samples", "constant_position"}

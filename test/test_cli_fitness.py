@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_cases import PENDULUM, bag_of, motion
+from bag_cases import PENDULUM, bag_of, model_of_pendulum, motion
 
 from bdnn_ros.cli import fitness
 from bdnn_ros.cli.main import main
@@ -31,10 +31,7 @@ def constant() -> Recording:
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model of the pendulum."""
-    path = tmp_path_factory.mktemp("pendulum")
-    bag_of(path / "bag", motion(urdf=PENDULUM))
-    assert main(["identify", str(path / "bag"), "--out", str(path / "model")]) == 0
-    return path / "model"
+    return model_of_pendulum(tmp_path_factory.mktemp("pendulum"))
 
 
 def said(verb: str, bag: Path, model: Path, capfd: pytest.CaptureFixture[str]) -> str:

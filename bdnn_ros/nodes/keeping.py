@@ -7,8 +7,9 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from bdnn_ros.bdnn.modelfile import SUFFIX
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.online.places import SUFFIX, model_place
+from bdnn_ros.online.places import model_place
 from bdnn_ros.online.session import Session
 from bdnn_ros.physical.model import PhysicalModel
 

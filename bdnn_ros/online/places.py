@@ -5,12 +5,12 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from bdnn_ros.bdnn.modelfile import FILE_NAME
+from bdnn_ros.bdnn import modelfile
+from bdnn_ros.bdnn.modelfile import FILE_NAME, SUFFIX
 from bdnn_ros.errors import UsageError
 
 LONGEST_NAME = 200
 """Of a model [bytes]."""
-SUFFIX = Path(FILE_NAME).suffix
 
 
 def require_directory(directory: str) -> None:
@@ -66,9 +66,7 @@ def model_place(directory: str, name: str) -> Path:
         raise UsageError(
             f"{name[:LONGEST_NAME]!r} is not a name inside model_directory.", "Use a plain name."
         )
-    place = root.joinpath(*parts)
-    if place.suffix != SUFFIX or place.is_dir():
-        place = place / FILE_NAME
+    place = modelfile.model_place(root.joinpath(*parts))
     if root not in place.resolve().parents:  # a link may lead out
         raise UsageError(f"{name!r} leads out of model_directory.", "Use a plain name.")
     return place
