@@ -73,3 +73,15 @@ def test_what_rounding_makes_singular_gains_no_more_than_it_explains() -> None:
     a, ends = _one_direction(6)[None], np.full((1, 6), np.inf)
     gains, _ = gains_of(a, np.ones((1, 6)), np.full((1, 6), 1e-3), -ends, ends)
     assert gains[0] < 0.0
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_blocks_coefficients_leave_bounds_that_no_longer_hold_them(seed: int) -> None:
+    """What is beyond its bounds at first may belong inside them once others are held at theirs."""
+    rng = np.random.default_rng(seed)
+    columns, target = rng.standard_normal((12, 4)) @ rng.standard_normal((4, 4)), rng.standard_normal(12)
+    low, high = np.zeros((1, 4)), np.full((1, 4), 0.3)
+    _, best = gains_of((columns.T @ columns)[None], (columns.T @ target)[None], np.ones((1, 4)), low, high)
+    wanted = lsq_linear(columns, target, (0.0, 0.3), method="bvls", tol=1e-14).x
+    losses = [float(np.sum((columns @ x - target) ** 2)) for x in (best[0], wanted)]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-9)

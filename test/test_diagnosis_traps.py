@@ -21,6 +21,7 @@ from bdnn_ros.diagnosis.settling import at_own_noise
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.excitation import fourier
@@ -269,3 +270,22 @@ def test_links_far_off_throughout_are_no_all_clear(name):
     assert diagnosis.findings == () and diagnosis.verdict == "cannot_tell"
     if name != "arm2":  # of two links, motion shows too little to tell how far off all of them are
         assert any("further off than usual" in note for note in diagnosis.notes)
+
+
+@pytest.mark.parametrize("push, verdict", [(2.0, "cannot_tell"), (0.0, "nothing_wrong")])
+def test_a_push_that_comes_while_the_robot_rests_is_not_passed_over(push, verdict):
+    """No motion tells it from dry friction, so that it is not named; but nobody can say that nothing is wrong."""
+    robot, rng = Robot.bundled("arm2"), np.random.default_rng(0)
+    plan = fourier(robot, np.arange(3000) / 200.0, rng)
+    rest = np.zeros((1000, 2))
+    position = np.concatenate([plan.position[::-1], rest + plan.position[0], plan.position])
+    velocity = np.concatenate([-plan.velocity[::-1], rest, plan.velocity])
+    acceleration = np.concatenate([plan.acceleration[::-1], rest, plan.acceleration])
+    effort = robot.rigid_effort(position, velocity, acceleration)
+    effort += robot.drive_effort(velocity, acceleration, np.sign(velocity))
+    effort += 0.01 * effort.std(axis=0) * rng.standard_normal(effort.shape)
+    effort[3300:3700] += push * effort.std(axis=0)
+    time = np.arange(len(position)) / 200.0
+    told = diagnose([Recording(time, robot.joints, position, velocity, effort)], robot)
+    assert (told.findings, told.verdict) == ((), verdict)
+    assert any("Where it rests" in note for note in told.notes) == bool(push)

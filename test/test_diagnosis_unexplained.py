@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_cases import equations_of, white
@@ -80,3 +82,15 @@ def test_what_comes_in_bursts_is_no_noise(equations):
 def test_nothing_left_at_all(equations):
     remainder = describe(equations, np.zeros_like(equations.target))
     assert remainder.depends_on == () and not remainder.floor.any()
+
+
+@pytest.mark.parametrize("size, seconds, said", [(1.0, 1.0, (J2,)), (0.1, 1.0, ()), (1.0, 0.1, ())])
+def test_what_a_joint_bears_at_rest_is_seen_where_it_is_large_and_lasts(equations, size, seconds, said):
+    usable = equations.usable.copy()
+    usable[len(usable) // 2 : len(usable) // 2 + 200, 1] = False
+    resting = replace(equations, usable=usable)
+    residual = np.zeros_like(equations.target)
+    time = equations.motion.time[equations.rows]
+    begun = time[len(usable) // 2 + 20]
+    residual[(time >= begun) & (time < begun + seconds)] = size * equations.effort_scale
+    assert describe(resting, residual).resting == said

@@ -19,7 +19,7 @@ from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.learning import Learning, check, squared_error
 from bdnn_ros.online.models import save_model
-from bdnn_ros.online.places import model_place, model_to_load, require_directory
+from bdnn_ros.online.places import make_directory, model_place, model_to_load
 from bdnn_ros.online.serving import Settings, nominal
 from bdnn_ros.online.session import Session
 from bdnn_ros.recording import Recording
@@ -304,8 +304,8 @@ def test_a_model_is_found_as_a_file_and_in_a_directory(tmp_path):
 def test_a_directory_that_cannot_hold_models(tmp_path, monkeypatch, directory):
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("a file")
-    require_directory("new/deep")
+    make_directory("new/deep")
     assert list(Path("new/deep").iterdir()) == []
     with pytest.raises(UsageError, match="cannot be written to model_directory") as refused:
-        require_directory(directory)
+        make_directory(directory)
     assert directory in str(refused.value)

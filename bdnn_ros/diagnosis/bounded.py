@@ -88,21 +88,6 @@ def _active_set(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.nda
     return None
 
 
-def bounded(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimum of ½ x'Ax - m'x inside bounds, by an active set: what leaves its bound is held there, the rest solved again."""
-    free = np.ones(len(moment), bool)
-    best = np.zeros(len(moment))
-    while True:
-        held = ~free
-        rest = np.linalg.solve(a[np.ix_(free, free)], moment[free] - a[np.ix_(free, held)] @ best[held])
-        best[free] = rest
-        beyond = free & ((best < low) | (best > high))
-        if not beyond.any():
-            return best
-        best = np.where(beyond, np.clip(best, low, high), best)
-        free &= ~beyond
-
-
 def held_out_losses(
     grams: np.ndarray,
     moments: np.ndarray,
@@ -141,7 +126,7 @@ def gains_of(
     else:
         best, size = solved(schur, left)
         for i in np.flatnonzero(outside(best, low, high)):
-            best[i] = bounded(schur[i], left[i], low[i], high[i])
+            best[i] = held(factored(schur[i]), left[i], low[i], high[i])
     explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)
     volume = 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * size
     return explained + volume, best

@@ -18,7 +18,7 @@ from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS, at_an_end, leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
 from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.diagnosis.unexplained import LARGE_ERROR, Remainder
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -26,8 +26,6 @@ from bdnn_ros.robot import Robot
 DOUBTFUL = 0.1
 """An effect that may as well not be there with this probability stays in the model without a name, as one that is hardly as
 likely as this beside what could stand in its place."""
-LARGE_ERROR = 0.4
-"""An error of the simulation, per spread of a joint's effort, that nobody would pass over."""
 USUAL_LINK_ERROR = 0.1
 """Spread of the links' relative errors that any description may have."""
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
@@ -42,6 +40,10 @@ BRIEFLY = (
 AT_AN_END = (
     f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
     "it is not named. Record on until the robot rests."
+)
+AT_REST = (
+    "Where it rests, the effort at {joints} is far from the simulation's for a while: something pushes then, or dry friction "
+    "holds what it likes, and no motion shows which. Keep the robot moving."
 )
 MUCH_LEFT = 0.3
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
@@ -79,7 +81,9 @@ def told(
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
     near = bool(near_floor.all())
     of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
-    verdict = _verdict(findings, doubtful or far_off or of_weight, near)
+    # what dry friction is named for may hold any effort at rest
+    at_rest = () if findings else remainder.resting
+    verdict = _verdict(findings, doubtful or far_off or of_weight or bool(at_rest), near)
     return Diagnosis(
         source=_source(recordings, equations),
         verdict=verdict,
@@ -97,6 +101,7 @@ def told(
             *_briefly(equations),
             *[AT_AN_END] * bool(at_ends),
             *[FAR_OFF] * far_off,
+            *[AT_REST.format(joints=listed(at_rest))] * bool(at_rest),
         ),
     )
 

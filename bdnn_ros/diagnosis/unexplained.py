@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import binary_opening
 
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.noise import rms
@@ -15,6 +16,8 @@ WORTH = 0.1
 """A group of inputs is named when it predicts at least this share of what is left, on blocks it was not fitted to."""
 GAUSSIAN = 1.4826
 """Standard deviation of normal noise per median of its size."""
+LARGE_ERROR = 0.4
+"""An error of the simulation, per spread of a joint's effort, that nobody would pass over."""
 UNEVEN = 1.5
 """Noise is much the same throughout: what is so many times as large as its median tells was not noise at its loudest."""
 
@@ -30,6 +33,7 @@ class Remainder:
         joints: joints where the rest is larger than the floor.
         predicted: per joint, what the inputs predict of the residual on held-out blocks, rows (R, n) [N·m].
         bursts: joints where what no input predicts comes in bursts.
+        resting: joints that bear what nobody would pass over while they rest, where dry friction may hold anything.
     """
 
     floor: np.ndarray
@@ -37,6 +41,7 @@ class Remainder:
     joints: tuple[str, ...]
     predicted: np.ndarray
     bursts: tuple[str, ...] = ()
+    resting: tuple[str, ...] = ()
 
 
 def describe(equations: Equations, residual: np.ndarray) -> Remainder:
@@ -73,7 +78,18 @@ def describe(equations: Equations, residual: np.ndarray) -> Remainder:
         tuple(dependent),
         predicted,
         tuple(name for name, one in zip(names, uneven, strict=True) if one),
+        tuple(name for name, one in zip(names, _borne_at_rest(equations, residual), strict=True) if one),
     )
+
+
+def _borne_at_rest(equations: Equations, residual: np.ndarray) -> np.ndarray:
+    """Joints with a large residual, rows (R, n), throughout one period of the low-pass in which they rest, (n,) bool."""
+    signals = equations.motion.signals
+    resting = signals.seen[equations.rows] & ~equations.ever_usable
+    large = resting & (np.abs(residual) > LARGE_ERROR * equations.effort_scale)
+    step = float(np.median(np.diff(signals.time[equations.rows])))
+    period = int(np.ceil(1.0 / (signals.cutoff * step)))
+    return np.asarray(binary_opening(large, np.ones((period, 1), bool)).any(axis=0))
 
 
 def _inputs(equations: Equations) -> dict[str, np.ndarray]:

@@ -28,7 +28,7 @@ from bdnn_ros.nodes.publishing import LATCHED, Publishing
 from bdnn_ros.nodes.services import Services
 from bdnn_ros.nodes.streams import Streams
 from bdnn_ros.online import serving
-from bdnn_ros.online.places import require_directory
+from bdnn_ros.online.places import make_directory
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
@@ -85,7 +85,7 @@ class IdentificationNode(LifecycleNode):
         self._kept = Kept(settings["model_directory"], session, self._log)
         try:
             if settings["model_directory"]:
-                require_directory(settings["model_directory"])
+                make_directory(settings["model_directory"])
             if settings["effort_source"] == serving.COMMANDED and not settings["joints"]:
                 raise UsageError(
                     "effort_source command needs the parameter joints, the order of the commands."

@@ -13,7 +13,7 @@ LONGEST_NAME = 200
 """Of a model [bytes]."""
 
 
-def require_directory(directory: str) -> None:
+def make_directory(directory: str) -> None:
     """Make the model directory if it is missing, and see whether files can be written there.
 
     Raises:
