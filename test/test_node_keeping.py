@@ -83,6 +83,16 @@ def test_a_model_that_learning_cannot_go_on_from_serves(tmp_path, session):
     assert session.served.model.kind == "bdnn" and not session.learning
 
 
+def test_what_was_learned_is_not_lost_to_another_kind_that_serves_at_the_end(tmp_path, session):
+    learned = save_model(tmp_path, nominal(ARM))
+    other = save_model(tmp_path / "other", BDNN.black_box(ARM.joints, scales(2), hidden=4))
+    kept = Kept(str(tmp_path), session, Log())
+    kept.resume()
+    session.load_now(other)
+    kept.save()
+    assert load_model(learned).kind == "physical" and load_model(other).kind == "bdnn"
+
+
 def test_nothing_is_kept_without_a_directory(session):
     log = Log()
     kept = Kept("", session, log)

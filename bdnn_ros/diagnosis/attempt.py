@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier, plainer, weighed
-from bdnn_ros.diagnosis.pushes import EDGES
+from bdnn_ros.diagnosis.pushes import edges
 from bdnn_ros.diagnosis.search import Progress, Search, Selection
 from bdnn_ros.diagnosis.settling import settled, windows_anew
 from bdnn_ros.diagnosis.term import Term
@@ -89,7 +89,7 @@ class Looks:
         pushed = np.zeros(len(time), bool)
         for term in self.at(TEST_PHASES[0]).found.terms:
             if term.effect.timed:
-                start, end = (dict(term.shape)[edge] for edge in EDGES)
+                start, end = edges(term)
                 pushed |= (time > start - AROUND) & (time < end + AROUND)
         return pushed
 

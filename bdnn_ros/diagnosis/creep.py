@@ -133,8 +133,9 @@ class _Joint:
             found = self._apart(found, usual)
         if self._left_by(found) > self._left_by_others(usual) - np.log(CLEARLY):
             return AT_ONCE
-        seen = SEEN * usual < max(found[:2]) < fast
-        return found if seen or (max(found[:2]) < fast and found[2] > EARLY) else AT_ONCE
+        all_at = max(found[:2])
+        seen = all_at > SEEN * usual or found[2] > EARLY
+        return found if seen and all_at < fast else AT_ONCE
 
     def _apart(self, alike: Creep, usual: float) -> Creep:
         """What comes on otherwise ahead than back, where that leaves clearly less than what comes on alike."""

@@ -152,8 +152,15 @@ def _outdone(pool: Pool, chosen: Sequence[int], one: int, other: int) -> bool:
     less, more = (
         pool.fit(chosen).evidence - pool.fit([c for c in chosen if c != out]).evidence for out in (one, other)
     )
-    apart = np.abs(np.subtract(_edges(pool.terms[one]), _edges(pool.terms[other]))).max()
+    apart = np.abs(np.subtract(edges(pool.terms[one]), edges(pool.terms[other]))).max()
     return bool(less < (1.0 if apart < TOUCHING else OUTDONE**2) * more)
+
+
+def edges(push: Term) -> tuple[float, float]:
+    """When a push starts and ends [s]."""
+    shape = dict(push.shape)
+    start, end = (shape[edge] for edge in EDGES)
+    return start, end
 
 
 def at_an_end(pool: Pool, chosen: Sequence[int], one: int) -> bool:
@@ -171,7 +178,7 @@ def _mostly(where: np.ndarray, pool: Pool, chosen: Sequence[int], others: Sequen
 
 def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:
     """Whether a push is a short one while a term that acts for moments does."""
-    start, end = _edges(push)
+    start, end = edges(push)
     effect, equations = pool.terms[gap].effect, pool.equations
     if effect.timed or not effect.brief or end - start > CROSSING:
         return False
@@ -241,7 +248,7 @@ def unseen(pool: Pool, term: Term) -> dict[str, float]:
     long = gaps > LONG * float(np.median(np.diff(time)))
     ends = np.stack([counts[:-1], counts[1:]], axis=1)[long]
     result = {}
-    for edge, at in zip(EDGES, _edges(term), strict=True):
+    for edge, at in zip(EDGES, edges(term), strict=True):
         about = (ends[:, 0] - NEAR <= at) & (at <= ends[:, 1] + NEAR)
         result[edge] = float(gaps[long][about].sum())
     return result
@@ -251,8 +258,3 @@ def _unbound(pool: Pool, fit: Fit) -> Fit:
     """A fit whose coefficients may leave their bounds: without a push among the terms they are held at what it does."""
     moment = pool.total[1][pool.columns_of(fit.terms)]
     return replace(fit, coefficients=cho_solve((fit.factor, True), moment))
-
-
-def _edges(term: Term) -> list[float]:
-    shape = dict(term.shape)
-    return [shape[edge] for edge in EDGES]

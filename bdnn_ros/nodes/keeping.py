@@ -54,8 +54,9 @@ class Kept:
                 return
 
     def save(self) -> None:
-        """Keep the model that serves."""
-        if not self._directory:
+        """Keep what was learned; a model that learning cannot go on from is in the file it came from."""
+        served = self._session.served
+        if not self._directory or not (served is None or isinstance(served.model, PhysicalModel)):
             return
         try:
             self._logger().info(f"model saved to {self._session.save_now(self.place())}")
