@@ -50,25 +50,36 @@ def solved(a: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor.
 
-    What comes before the first bound is free, so that the factor's last rows hold the problem of the rest by itself; their
-    columns are brought to one size.
+    What comes before the first bound is free, so that the factor's last rows hold the problem of the rest by itself.
     """
     target = solve_triangular(factor, moment, lower=True)
     first = int(np.argmax(np.isfinite(low) | np.isfinite(high)))
-    root = np.tril(factor[first:, first:]).T
-    size = np.linalg.norm(root, axis=0)
-    low, high = low[first:], high[first:]
-    root /= size
-    found = _active_set(root.T @ root, root.T @ target[first:], low * size, high * size)
-    if found is None:
-        found = lsq_linear(root, target[first:], (low * size, high * size), method="bvls").x
-    held = np.clip(found / size, low, high)
+    held = _inside(np.tril(factor[first:, first:]).T, target[first:], low[first:], high[first:])
     free = target[:first] - factor[first:, :first].T @ held
     return np.concatenate([solve_triangular(factor[:first, :first].T, free), held])
 
 
+def _inside(root: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Minimum of |root x - target|² inside bounds, with columns brought to one size."""
+    size = np.linalg.norm(root, axis=0)
+    root, bounds = root / size, (low * size, high * size)
+    found = _active_set(root.T @ root, root.T @ target, *bounds)
+    if found is None:
+        found = lsq_linear(root, target, bounds, method="bvls").x
+    return np.clip(found / size, low, high)
+
+
+def _held_in_few(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The minimum of `held` where rounding may have made A indefinite."""
+    size = np.sqrt(np.diag(a))
+    squares, directions = np.linalg.eigh(a / np.outer(size, size))
+    roots = np.sqrt(np.maximum(squares, ROUNDING * squares[-1]))
+    target = directions.T @ (moment / size) / roots
+    return _inside(roots[:, None] * directions.T * size, target, low, high)
+
+
 def _active_set(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-    """The same minimum, by changing at once all that is held wrongly; None where that does not end.
+    """Minimum of ½ x'Ax - m'x inside bounds, by changing at once all that is held wrongly; None where that does not end.
 
     It ends where nothing leaves its bounds and all that is held there is pushed against them, which is the minimum
     (primal-dual active set; Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
@@ -126,7 +137,7 @@ def gains_of(
     else:
         best, size = solved(schur, left)
         for i in np.flatnonzero(outside(best, low, high)):
-            best[i] = held(factored(schur[i]), left[i], low[i], high[i])
+            best[i] = _held_in_few(schur[i], left[i], low[i], high[i])
     explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)
     volume = 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * size
     return explained + volume, best
