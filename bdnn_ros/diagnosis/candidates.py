@@ -54,7 +54,8 @@ class Candidates:
         """Those that a recording can tell from each other.
 
         Of one joint that moves alone, nothing of bodies. Of joints that move now and then, or hardly longer than the low-pass,
-        nothing that changes with time: what differs between a few moves differs with where they go, too.
+        nothing that changes with time or winds with the position: what differs between a few moves differs with where they
+        go, too.
         """
         every = cls.of(equations.motion.robot, bodies=equations.alone is None)
         lasting, carries = equations.moving >= least_motion(equations.motion.signals), every.robot.carries
@@ -63,7 +64,9 @@ class Candidates:
             shown_at = carries[:, term.target] if term.link else [term.target]
             return bool(lasting[shown_at].any())
 
-        kept = [term for term in every.terms if not term.effect.changing or lasts(term)]
+        kept = [
+            term for term in every.terms if not (term.effect.changing or term.effect.winding) or lasts(term)
+        ]
         return cls(tuple(kept), every.robot)
 
     def common(self) -> list[Term]:

@@ -35,7 +35,8 @@ ALONE = (
 )
 BRIEFLY = (
     "No joint moves for more than {seconds:.1f} s, where a low-pass of {cutoff:.1f} Hz asks for {least:.1f} s: what changes with "
-    "time, a push or a drift, cannot be told from what differs from place to place, so none is named. Record more motion."
+    "time, a push or a drift, cannot be told from what differs from place to place, as cogging, so none of them is named. Record "
+    "more motion."
 )
 AT_AN_END = (
     f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
@@ -138,8 +139,8 @@ def _findings(
         if not (large_enough and borne_out) or one in unnamed or leftover(attempt.fitted, every, one):
             continue
         shown = estimate.shown or _alone(estimate, found)
-        where = estimate.term.target
-        shown = shown and not (unfit[where] if where >= 0 else unfit.all())
+        # what is named for a link or the base is told by joints that bear most of it
+        shown = shown and not unfit[np.argmax(ever.less / scale**2)]
         if shown and judgement.nothing <= DOUBTFUL <= judgement.probability:
             # causes that work against each other may each remove more than there is
             share = min(max(float(np.sum(less)) / before, 0.0), 1.0)

@@ -144,6 +144,7 @@ class Cogging(Effect):
     title = "cogging"
     on = "joint"
     in_drive = True
+    winding = True
     parameters = (
         Parameter("amplitude", "N*m", 0.0, plausible=(0.05, 0.3), of_effort=True),
         Parameter("periods_per_rev", "-", 0.5, 400.0, plausible=(6.0, 36.0)),

@@ -110,6 +110,8 @@ class Effect(ABC):
     """It acts for moments: its share of a whole recording says little of it."""
     changing: ClassVar[bool] = False
     """What it does changes with time, not with the motion alone."""
+    winding: ClassVar[bool] = False
+    """What it does goes up and down with the position, as what changes with time may where a joint is seldom at a place."""
     timed: ClassVar[bool] = False
     """It acts between two times that only the data tell: its `start` and `end`."""
     parts: ClassVar[tuple[str, ...]] = ()

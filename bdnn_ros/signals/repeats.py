@@ -42,8 +42,9 @@ def _runs(recording: Recording) -> list[tuple[int, int, bool]]:
         return []
     steps = np.diff(recording.position, axis=0, prepend=np.nan)
     same = (steps == 0.0).all(axis=1)
-    if recording.effort is not None:
-        same[1:] &= (recording.effort[1:] == recording.effort[:-1]).all(axis=1)
+    witness = _witness(recording)
+    if witness is not None:
+        same[1:] &= (witness[1:] == witness[:-1]).all(axis=1)
     starts = np.flatnonzero(same & ~np.roll(same, 1))
     if not len(starts):
         return []
@@ -60,6 +61,12 @@ def _runs(recording: Recording) -> list[tuple[int, int, bool]]:
             runs.append((int(start), stop, ratio > 1.0 + (CATCHING_UP - 1.0) * (stop - start)))
     repeated = sum(stop - start for start, stop, _ in runs)
     return runs if repeated <= MOST_REPEATS * len(recording) else []
+
+
+def _witness(recording: Recording) -> np.ndarray | None:
+    """What repeats as well where a message does, (N, n): the velocity; else the effort, which may be read apart from it."""
+    moving = recording.velocity is not None and bool((np.ptp(recording.velocity, axis=0) > 0.0).all())
+    return recording.velocity if moving else recording.effort
 
 
 def _ahead(time: np.ndarray, slips: list[tuple[int, int]]) -> np.ndarray:
