@@ -169,7 +169,7 @@ def test_a_cause_that_many_joints_have_is_said_in_one_line():
         notes=("2 samples were left out.", "The links are far off."),
     )
     read = ("2 samples were left out.",)  # said when it was read
-    _, first, second, doubt, *rest = verdict_lines(SimpleNamespace(diagnosis=diagnosis), read)
+    _, first, second, doubt, *rest = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None), read)
     assert "The links are far off." in rest and "2 samples were left out." not in rest
     assert "3 places" in first and "a 0.3; b 0.1; c 0.1" in first and "50.0 %" in first
     assert "quadratic_drag at a." in second and "40.0 %" in second

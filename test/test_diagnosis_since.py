@@ -10,7 +10,9 @@ import pytest
 
 from bdnn_ros.diagnosis.building import IDENTIFIED, build, nominal_effort
 from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.effects.registry import get
 from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.urdf import extended_urdf
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Parameters
@@ -21,6 +23,7 @@ from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.excitation import fourier
 from bdnn_ros.simulation.scenario import Scenario
 
+ARM = Robot.bundled("arm2")
 JOINT = "arm2_joint2"
 
 
@@ -84,3 +87,39 @@ def test_friction_that_grew_is_named_with_its_growth_alone(model):
     signals = [prepare(moved(25.0, f"coulomb_friction@{JOINT}:coulomb=0.4"))]
     before, after = (score_model(one, signals).nrmse_mean for one in (model, extend(examination)))
     assert after < 0.3 * before
+
+
+@pytest.fixture(scope="module")
+def laden() -> PhysicalModel:
+    """A model of the robot while its first joint rubbed more and its second link carried something."""
+    effects = (f"viscous_friction@{ARM.joints[0]}:viscous=0.8", "payload@arm2_link2:mass=0.6,com_z=0.1")
+    return Identifier(ARM).fit([moved(40.0, *effects)])
+
+
+def test_what_became_less_is_named_with_how_much_less(laden, tmp_path):
+    examination = since(laden)
+    diagnosis = examination.diagnosis
+    assert diagnosis.verdict == "explained"
+    told = {finding.effect: finding for finding in diagnosis.findings}
+    assert set(told) == {"viscous_friction", "payload"}
+    lighter, smoother = told["payload"], told["viscous_friction"]
+    assert (lighter.link, smoother.joint) == ("arm2_link2", ARM.joints[0])
+    assert lighter.parameters["mass"].value == pytest.approx(-0.6, rel=0.1)
+    assert smoother.parameters["viscous"].value == pytest.approx(-0.8, rel=0.1)
+    assert "kg less than in the model" in lighter.sentence
+    assert smoother.sentence.startswith(f"{ARM.joints[0]} has less viscous friction than the model")
+    extended = extend(examination)
+    again = Robot.from_urdf(extended_urdf(extended), ARM.joints)
+    assert again.inertials[:, 0].sum() == pytest.approx(laden.robot.inertials[:, 0].sum() - 0.6, rel=0.03)
+    np.testing.assert_allclose(again.inertials, extended.robot.inertials, rtol=1e-6, atol=1e-9)
+
+
+def test_there_is_never_less_than_nothing():
+    """Nothing of what the earlier model had none of."""
+    robot = ARM.with_joint_parameters(coulomb=np.zeros(2), viscous=np.array([0.3, 0.0]))
+    smoother, none = (
+        get("viscous_friction").since(robot, 0, None),
+        get("coulomb_friction").since(robot, 1, None),
+    )
+    assert smoother.coefficient_bounds == ((-0.3, np.inf),)
+    assert none.coefficient_bounds == get("viscous_friction").coefficient_bounds == ((0.0, np.inf),)

@@ -40,6 +40,13 @@ VERDICTS = {
     "partly_explained": "Root causes identified; they explain a part of the difference:",
     "cannot_tell": "The simulation disagrees with the data, and no single cause stands out.",
 }
+CHANGES = {
+    "nothing_wrong": "Nothing has changed since the model was identified, as far as the data shows.",
+    "explained": "Changes identified; with them the model agrees with the data:",
+    "partly_explained": "Changes identified; they explain a part of the difference:",
+    "cannot_tell": "The earlier model disagrees with the data, and no single change stands out.",
+}
+"""The verdicts where the model is one identified earlier."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,24 +105,26 @@ def run(args: argparse.Namespace) -> int:
 def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[str]:
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
-    lines = [VERDICTS[diagnosis.verdict]]
+    lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
     if diagnosis.verdict == "nothing_wrong" and diagnosis.gain_interval[0] > SLIGHT_GAIN:
         lines.append(
             "Errors of the links' masses and inertias, none of which stands out, account for what differs; "
             "the extended model mends them."
         )
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
-        share = f"{100.0 * sum(finding.share for finding in group):.1f} % of the squared error"
         least = min(finding.probability for finding in group)
         said = group[0].sentence if len(group) == 1 else _together(group)
-        lines.append(f" {number}. {said} ({share}, probability {least:.2f})")
+        lines.append(f" {number}. {said} ({_share(group)}, probability {least:.2f})")
         lines += [_rivals(finding) for finding in group if _close(finding)]
     lines += [note for note in diagnosis.notes if note not in known]
     low, high = diagnosis.gain_interval
-    lines.append(
-        f"Gain on held-out data: the error falls by {100.0 * diagnosis.gain:.1f} % "
-        f"(95 % interval {100.0 * low:.1f} to {100.0 * high:.1f} %)."
-    )
+    if diagnosis.gain >= 0.0:
+        lines.append(
+            f"Gain on held-out data: the error falls by {100.0 * diagnosis.gain:.1f} % "
+            f"(95 % interval {100.0 * low:.1f} to {100.0 * high:.1f} %)."
+        )
+    else:
+        lines.append(f"Gain on held-out data: none, the error grows by {-100.0 * diagnosis.gain:.1f} %.")
     lines.append(diagnosis.unexplained_sentence)
     return lines + [f"Advice: {sentence}" for sentence in diagnosis.advice]
 
@@ -130,6 +139,14 @@ def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
         part for kind in kinds.values() for part in ([kind] if len(kind) >= MANY else [[one] for one in kind])
     ]
     return sorted(groups, key=lambda group: -sum(finding.share for finding in group))
+
+
+def _share(group: Sequence[Finding]) -> str:
+    """What the findings of a kind remove together; of a filtered velocity that is each joint's own error."""
+    shares = [100.0 * finding.share for finding in group]
+    if group[0].effect == "velocity_filter":
+        return f"{min(shares):.1f} % of the velocity's squared error"
+    return f"{sum(shares):.1f} % of the squared error"
 
 
 def _together(group: Sequence[Finding]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -50,12 +50,15 @@ class Candidates:
         return cls(tuple(terms), robot)
 
     @classmethod
-    def shown_by(cls, equations: Equations) -> Candidates:
+    def shown_by(cls, equations: Equations, since: bool = False) -> Candidates:
         """Those that a recording can tell from each other.
 
         Of one joint that moves alone, nothing of bodies. Of joints that move now and then, or hardly longer than the low-pass,
         nothing that changes with time or winds with the position: what differs between a few moves differs with where they
         go, too.
+
+        Args:
+            since: as changes from an earlier model, of which there may also be less.
         """
         every = cls.of(equations.motion.robot, bodies=equations.alone is None)
         lasting, carries = equations.moving >= least_motion(equations.motion.signals), every.robot.carries
@@ -67,6 +70,8 @@ class Candidates:
         kept = [
             term for term in every.terms if not (term.effect.changing or term.effect.winding) or lasts(term)
         ]
+        if since:
+            kept = [replace(t, effect=t.effect.since(every.robot, t.target, t.link)) for t in kept]
         return cls(tuple(kept), every.robot)
 
     def common(self) -> list[Term]:
@@ -160,7 +165,7 @@ def _best_of(
 
 def _elsewhere(term: Term, other: Term) -> bool:
     """Whether another term is what this one may have to stand for: the same on another link, a tilt for a joint's zero."""
-    same = term.link is not None and term.effect is other.effect
+    same = term.link is not None and term.effect.name == other.effect.name
     return same or {term.effect.name, other.effect.name} == ANGLES
 
 

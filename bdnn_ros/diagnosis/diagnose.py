@@ -132,7 +132,7 @@ def examine(
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
     equations.count(pool.sure)
     remainder = describe(equations, pool.left())
-    diagnosis = told(recordings, robot, equations, attempt, found, remainder)
+    diagnosis = told(recordings, robot, equations, attempt, found, remainder, since=model is not None)
     return Examination(
         diagnosis,
         tuple(recordings),
@@ -196,7 +196,7 @@ def _looks(
     if equations.blocks < EVERY_TEST_BLOCK:
         raise _too_short(recordings)
     errors = LINK_ERRORS if known is None else DOUBTS
-    return Looks(equations, Candidates.shown_by(equations), errors, say)
+    return Looks(equations, Candidates.shown_by(equations, since=model is not None), errors, say)
 
 
 def _too_short(recordings: Sequence[Recording]) -> RecordingError:

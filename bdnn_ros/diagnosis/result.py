@@ -139,3 +139,8 @@ def _place_json(one: Finding | Rival) -> dict[str, Any]:
 def _rounded(value: float) -> float:
     """Six significant digits: what the data could ever support."""
     return float(f"{float(value):.6g}")
+
+
+def reference(since: bool) -> str:
+    """What a recording is compared with; `since` where an earlier model takes the simulation's place."""
+    return "earlier model" if since else "simulation"

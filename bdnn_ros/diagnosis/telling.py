@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS, at_an_end, leftover, together
-from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict, reference
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR, Remainder
 from bdnn_ros.errors import listed
@@ -43,7 +43,7 @@ AT_AN_END = (
     "it is not named. Record on until the robot rests."
 )
 AT_REST = (
-    "Where it rests, the effort at {joints} is far from the simulation's for a while: something pushes then, or dry friction "
+    "Where it rests, the effort at {joints} is far from the {reference}'s for a while: something pushes then, or dry friction "
     "holds what it likes, and no motion shows which. Keep the robot moving."
 )
 MUCH_LEFT = 0.3
@@ -61,12 +61,14 @@ def told(
     attempt: Attempt,
     found: Sequence[Estimate],
     remainder: Remainder,
+    since: bool = False,
 ) -> Diagnosis:
     """The diagnosis, its errors and its gain on rows that the search has not seen.
 
     Args:
         found: the chosen terms' estimates from all rows, in the order of the attempt's.
         remainder: what all of them leave.
+        since: whether an earlier model takes the simulation's place.
     """
     extended, held = attempt.extended, equations.usable & attempt.test[:, None]
     simulation, after = rms(equations.target, held), rms(extended, held)
@@ -94,7 +96,7 @@ def told(
         gain_interval=interval,
         unexplained_share=share,
         unexplained_depends_on=remainder.depends_on[:6],
-        unexplained_sentence=_unexplained_sentence(share, remainder, near),
+        unexplained_sentence=_unexplained_sentence(share, remainder, near, reference(since)),
         advice=tuple(advice([e.term for e in found], attempt.judgements, lambda term: _name(robot, term))),
         notes=(
             *(note for recording in recordings for note in recording.notes),
@@ -102,7 +104,7 @@ def told(
             *_briefly(equations),
             *[AT_AN_END] * bool(at_ends),
             *[FAR_OFF] * far_off,
-            *[AT_REST.format(joints=listed(at_rest))] * bool(at_rest),
+            *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
         ),
     )
 
@@ -249,10 +251,10 @@ def _briefly(equations: Equations) -> list[str]:
     return [BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least)] if longest < least else []
 
 
-def _unexplained_sentence(share: float, remainder: Remainder, near: bool) -> str:
+def _unexplained_sentence(share: float, remainder: Remainder, near: bool, reference: str) -> str:
     if share > 1.0:
-        return "What was found predicts the motion that was held out worse than the simulation does."
-    left = f"{100.0 * share:.1f} % of the simulation's squared error is left above the noise"
+        return f"What was found predicts the motion that was held out worse than the {reference} does."
+    left = f"{100.0 * share:.1f} % of the {reference}'s squared error is left above the noise"
     if remainder.depends_on:
         return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."
     if remainder.bursts:

@@ -254,6 +254,17 @@ class Effect(ABC):
         sliding.slides = True
         return sliding
 
+    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
+        """The effect as a change from an earlier model of a robot, which may have had more of it."""
+        return self
+
+    def with_less(self, had: float) -> Effect:
+        """The effect where there may also be less of its first coefficient than there was, by up to all of it."""
+        (_, most), *others = self.coefficient_bounds
+        changed = copy(self)
+        changed.coefficient_bounds = ((-had, most), *others)  # type: ignore[misc]
+        return changed
+
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
         numbers = ", ".join(
@@ -261,4 +272,6 @@ class Effect(ABC):
             for p in self.parameters
             if p.name in values
         )
+        if any(values.get(p.name, p.lower) < p.lower for p in self.parameters):
+            return f"{where} has less {self.title} than the model ({numbers})."
         return f"{where} has {self.title} that the model leaves out ({numbers})."

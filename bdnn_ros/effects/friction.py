@@ -10,6 +10,7 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot import Robot
 
 ARMSTRONG = (
     "Armstrong-Hélouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and compensation methods "
@@ -51,6 +52,9 @@ class CoulombFriction(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["coulomb"]]), {}
 
+    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
+        return self.with_less(float(robot.coulomb[target]))
+
 
 class ViscousFriction(Effect):
     """Friction in proportion to the velocity."""
@@ -79,6 +83,9 @@ class ViscousFriction(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["viscous"]]), {}
+
+    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
+        return self.with_less(float(robot.viscous[target]))
 
 
 class StribeckFriction(Effect):

@@ -56,6 +56,9 @@ class Armature(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["armature"]]), {}
 
+    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
+        return self.with_less(float(robot.armature[target]))
+
 
 class OnBody(Effect):
     """What changes one body's inertial parameters: its columns are that body's part of the regressor."""
@@ -120,21 +123,33 @@ class Payload(OnBody):
         return mass * OFF_CENTRE ** powers.astype(float)
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
-        mass = coefficients[0] + (0.0 if std is None else CERTAIN * std[0])
+        mass = abs(coefficients[0]) + (0.0 if std is None else CERTAIN * std[0])
         return bool(np.linalg.norm(coefficients[1:]) <= REACH * mass)
 
     def shown(self, values: Values, stds: Values) -> bool:
-        return values["mass"] > SHOWN * stds["mass"]
+        return abs(values["mass"]) > SHOWN * stds["mass"]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         moments = np.asarray(coefficients[1:4])
-        mass = max(float(coefficients[0]), float(np.linalg.norm(moments)) / REACH)
-        centre = moments / mass if mass > 1e-9 else np.zeros(3)
+        least = float(np.linalg.norm(moments)) / REACH
+        mass = math.copysign(max(abs(float(coefficients[0])), least), coefficients[0])
+        centre = moments / mass if abs(mass) > 1e-9 else np.zeros(3)
         return {"mass": mass, **dict(zip(SHAPE, centre.tolist(), strict=True))}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         shape = {name: values[name] for name in SHAPE}
         return values["mass"] * np.array([1.0, *shape.values()]), shape
+
+    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
+        return self.with_less(float(robot.inertials[target, 0]))
+
+    def sentence(self, where: str, values: Values) -> str:
+        if values["mass"] >= 0.0:
+            return super().sentence(where, values)
+        centre = ", ".join(f"{values[name]:.3g}" for name in SHAPE)
+        return (
+            f"{where} carries {-values['mass']:.3g} kg less than in the model, at ({centre}) m of its frame."
+        )
 
 
 class LinkInertia(OnBody):

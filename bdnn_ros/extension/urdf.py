@@ -81,7 +81,7 @@ def _write_bodies(document: UrdfText, model: ExtendedModel) -> None:
         members[body][link] = np.array(pin.SE3(rotation, translation).act(inertia).toDynamicParameters())
     for body, joint in enumerate(model.joints):
         _write_body(document, model, robot.moving_link(joint), members[body], wanted[body])
-    for effect in named(model, "payload"):
+    for effect in _carried(model):
         _write_payload(document, effect)
 
 
@@ -124,10 +124,15 @@ def _inertial(inertia: pin.Inertia) -> str:
     )
 
 
+def _carried(model: ExtendedModel) -> list[Installed]:
+    """Payloads; what is carried less than an earlier model did is taken from the links themselves."""
+    return [effect for effect in named(model, "payload") if effect.values["mass"] > 0.0]
+
+
 def _payloads(model: ExtendedModel) -> np.ndarray:
     """What the payloads add to the bodies, (n, PER_LINK)."""
     total = np.zeros_like(model.robot.inertials)
-    for effect in named(model, "payload"):
+    for effect in _carried(model):
         coefficients, shape = effect.effect.coefficients(effect.values)
         body, parameters = payload_parameters(model.robot.body_of(str(effect.link)), shape)
         total[body] += parameters @ coefficients

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.result import Diagnosis, Finding
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, reference
 from bdnn_ros.report import words
 from bdnn_ros.report.view import Cause, LinkChange, View
 from bdnn_ros.robot.units import printed
@@ -205,7 +205,7 @@ def method(shown: View) -> list[tuple[str, str]]:
     """How it was computed: a term and its explanation each."""
     examination = shown.examination
     equations, pool = examination.equations, examination.pool
-    signals, compared = equations.motion.signals, words.reference(shown.since)
+    signals, compared = equations.motion.signals, reference(shown.since)
     held = len(np.unique(equations.block[shown.held]))
     seconds = float(np.median([b - a for a, b in shown.held_spans()])) if shown.held.any() else 0.0
     doubt = f"{100.0 * pool.link_error:.0f} "

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.noise import rms
+from bdnn_ros.diagnosis.result import reference
 from bdnn_ros.report.chart import ROBUST, Axes, Panel, Range, span
 from bdnn_ros.report.view import Cause, View
 from bdnn_ros.report.words import named as name_of
-from bdnn_ros.report.words import reference
 
 BINS = 36
 """Most bins along an input; half as many of even width, half with as many points each."""

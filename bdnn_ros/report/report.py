@@ -12,6 +12,7 @@ from markupsafe import Markup, escape
 
 import bdnn_ros
 from bdnn_ros.diagnosis.diagnose import Examination
+from bdnn_ros.diagnosis.result import reference
 from bdnn_ros.report import contents, panels, words
 from bdnn_ros.report.chart import SIZE
 from bdnn_ros.report.view import coverage, link_changes, view
@@ -62,7 +63,7 @@ def render(examination: Examination, data_check: Sequence[str] = ()) -> str:
         .render(
             diagnosis=diagnosis,
             since=shown.since,
-            reference=words.reference(shown.since),
+            reference=reference(shown.since),
             version=bdnn_ros.__version__,
             recorded=contents.recorded(examination),
             roots=contents.roots(diagnosis),

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, reference
 from bdnn_ros.effects.base import Parameter
 from bdnn_ros.effects.registry import ALL, EFFECTS
 from bdnn_ros.robot.units import printed
@@ -77,11 +77,6 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     return CLAIMS[diagnosis.verdict].format(
         these=these, These=these.capitalize(), explain=explain, reference=reference(since)
     )
-
-
-def reference(since: bool) -> str:
-    """What the recording is compared with."""
-    return "earlier model" if since else "simulation"
 
 
 def kinds(findings: Sequence[Finding]) -> str:
