@@ -1,9 +1,10 @@
 """What changed since? A worn robot is identified, something about it changes, and a new recording is diagnosed against the model.
 
-    python benchmarks/since.py    # 15 minutes
+    python benchmarks/since.py    # 20 minutes
 
 Links are 5 % off and every joint is worn: both are in the model, so only the change may be named. Every fourth robot is
-unchanged. Changes are 5 to 40 % of the effort of the joint that they show in most.
+unchanged. Changes are 5 to 40 % of the effort of the joint that they show in most; what is "less" was there when the robot
+was identified and is gone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import argparse
 import json
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,8 @@ CHANGES = (
     "joint_elasticity",
     "external_wrench",
 )
+LESS = {"less payload": "mass", "less coulomb_friction": "coulomb", "less viscous_friction": "viscous"}
+"""The parameter that is negative then."""
 UNCHANGED = "nothing"
 EVERY_UNCHANGED = 4
 
@@ -56,7 +59,8 @@ EVERY_UNCHANGED = 4
 def done(seed: int) -> dict[str, Any]:
     """The record of one draw."""
     name = BUNDLED[seed % len(BUNDLED)]
-    change = UNCHANGED if seed % EVERY_UNCHANGED == 0 else CHANGES[seed // EVERY_UNCHANGED % len(CHANGES)]
+    kinds = (*CHANGES, *LESS)
+    change = UNCHANGED if seed % EVERY_UNCHANGED == 0 else kinds[seed // EVERY_UNCHANGED % len(kinds)]
     robot = Robot.bundled(name)
     record: dict[str, Any] = {"draw": {"seed": seed, "robot": name}, "change": change}
 
@@ -66,12 +70,16 @@ def done(seed: int) -> dict[str, Any]:
         plan = fourier(robot, np.arange(round(seconds * RATE)) / RATE, rng)
         return Scenario(robot, seed=seed, wrong=0.05, worn=True, plan=plan, name=name, **options)
 
-    hidden = {} if change == UNCHANGED else {"hide": 1, "hidden_names": (change,)}
+    kind = change.removeprefix("less ")
+    hidden = {} if change == UNCHANGED else {"hide": 1, "hidden_names": (kind,)}
+    first, then = (hidden, {}) if change in LESS else ({}, hidden)
     try:
-        before, _ = scenario(BEFORE).run()
-        after, truth = scenario(AFTER, **hidden).run()
+        before, earlier = scenario(BEFORE, **first).run()
+        after, truth = scenario(AFTER, **then).run()
     except BdnnError as error:
         return {**record, "status": NOT_DRAWN, "why": str(error)}
+    if change in LESS:
+        truth = {**truth, "effects": [_negated(effect, LESS[change]) for effect in earlier["effects"]]}
     model = Identifier(robot).fit([before.recording])
     report = examine([after.recording], model.robot, model=model).diagnosis.as_json()
     outcome = judge({**truth, "worn": None, "links": {}}, report["findings"], robot)
@@ -84,10 +92,16 @@ def done(seed: int) -> dict[str, Any]:
     }
 
 
+def _negated(effect: Mapping[str, Any], parameter: str) -> dict[str, Any]:
+    """A true effect as a change to the contrary."""
+    values = effect["parameters"]
+    return {**effect, "parameters": {**values, parameter: -values[parameter]}}
+
+
 def table(records: Sequence[dict[str, Any]]) -> list[list[str]]:
     """One row a change, and one for all."""
     drawn = counted(records)
-    kinds = [kind for kind in (*CHANGES, UNCHANGED) if any(r["change"] == kind for r in drawn)]
+    kinds = [kind for kind in (*CHANGES, *LESS, UNCHANGED) if any(r["change"] == kind for r in drawn)]
     rows = [[kind, *in_brief([r for r in drawn if r["change"] == kind])] for kind in kinds]
     return [["changed", *BRIEF], *rows, ["all", *in_brief(drawn)]]
 
