@@ -17,6 +17,7 @@ from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
+from bdnn_ros.effects.rigid import slots as of_body
 from bdnn_ros.excitation.motions import Piece
 from bdnn_ros.excitation.rivals import Case, Suspect
 from bdnn_ros.physical.links import relative_inertials
@@ -218,8 +219,12 @@ def _suspect_columns(suspect: Suspect, motion: Motion) -> tuple[np.ndarray, np.n
         coefficients, shape = effect.coefficients(suspect.values)
         columns = effect.columns(motion, target, shape, link)
         return columns, columns @ coefficients
-    shapes = _spread_out(effect, motion, target, link)
-    columns = np.concatenate([effect.columns(motion, target, shape, link) for shape in shapes], axis=2)
+    body = effect.general(motion.robot, link) if link else None
+    if body is not None:  # wherever on its link it is: what is beyond any body there tells them apart
+        columns = motion.regressor[:, :, of_body(body[0])] @ body[1]
+    else:
+        shapes = _spread_out(effect, motion, target, link)
+        columns = np.concatenate([effect.columns(motion, target, shape, link) for shape in shapes], axis=2)
     return columns, np.zeros(columns.shape[:2])
 
 
