@@ -1,6 +1,7 @@
 """Messages published twice: left out, and the stamps put right."""
 
 import numpy as np
+import pytest
 
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import prepare
@@ -76,3 +77,14 @@ def test_a_robot_at_rest_and_coarse_encoders_are_left_alone():
     assert without_repeats(coarse) is coarse
     smooth = Recording(time, ("a",), np.sin(time)[:, None])
     assert without_repeats(smooth) is smooth
+
+
+@pytest.mark.parametrize("repeats", [(300, 301, 302, 306), (300, 301, 303)])
+def test_repeats_close_to_each_other_never_set_stamps_back(repeats):
+    recording = slow_driver()
+    position, effort = recording.position.copy(), recording.effort.copy()
+    for row in repeats:
+        position[row:], effort[row:] = position[row - 1 : -1].copy(), effort[row - 1 : -1].copy()
+    repeating = Recording(recording.time, recording.joints, position, None, effort)
+    mended = without_repeats(repeating)
+    assert (np.diff(mended.time) > 0.0).all() and len(mended) <= len(repeating) - len(repeats)

@@ -31,9 +31,11 @@ def without_repeats(recording: Recording) -> Recording:
     keep = np.ones(len(recording), bool)
     for start, stop, _ in runs:
         keep[start:stop] = False
-    time = recording.time - _ahead(recording.time, slips)
+    time = (recording.time - _ahead(recording.time, slips))[keep]
+    if (np.diff(time) <= 0.0).any():
+        time = recording.time[keep]  # no clock slips so
     note = f"{recording.name}: {np.count_nonzero(~keep)} messages repeat the one before in motion; left out."
-    return replace(replace(recording, time=time).part(keep), notes=(*recording.notes, note))
+    return replace(recording.part(keep), time=time, notes=(*recording.notes, note))
 
 
 def _runs(recording: Recording) -> list[tuple[int, int, bool]]:
