@@ -103,3 +103,17 @@ def test_what_the_motion_does_not_show_has_no_number() -> None:
     assert words.estimate("mass", Quantity(200.0, 8.0, "kg"), heavy)[0] == "200"
     placed = Quantity(0.0, 1e-6, "m")
     assert words.estimate("point_x", placed, point) == ("0", "–")
+
+
+def test_an_interval_of_what_became_less_is_below_nothing() -> None:
+    mass = Quantity(-1.0, 0.01, "kg")
+    assert words.estimate("mass", mass, parameter("payload", "mass"))[1] == "−1.020 to −0.980"
+
+
+def test_the_centre_of_a_payload_that_no_motion_shows_has_no_number() -> None:
+    height = parameter("payload", "com_z")
+    assert words.estimate("com_z", Quantity(0.0, 0.13, "m"), height)[1] == "not shown by this motion"
+    assert words.estimate("com_z", Quantity(0.0, 0.03, "m"), height)[1] != "not shown by this motion"
+    assert "com_z ? m" in EFFECTS["payload"].sentence(
+        "hand", {"mass": 1.0, "com_x": 0.0, "com_z": float("nan")}
+    )

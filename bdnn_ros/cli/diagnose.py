@@ -107,8 +107,9 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
     diagnosis = examination.diagnosis
     lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
     if diagnosis.verdict == "nothing_wrong" and diagnosis.gain_interval[0] > SLIGHT_GAIN:
+        errors = "the links' masses and inertias" if examination.model is None else "the earlier model"
         lines.append(
-            "Errors of the links' masses and inertias, none of which stands out, account for what differs; "
+            f"Errors of {errors}, none of which stands out, account for what differs; "
             "the extended model mends them."
         )
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):

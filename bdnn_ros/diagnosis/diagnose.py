@@ -35,6 +35,10 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, flattened, prepare
 
 
+FEWEST_VALUES = 12.0
+"""A low-pass has to leave so many independent values of the joint that moves longest: fewer suit any cause."""
+
+
 class Predicts(Protocol):
     """A model that predicts the effort along a motion."""
 
@@ -193,7 +197,8 @@ def _looks(
     known = getattr(model, "covariance", None)
     equations = build(signals, robot, predicted, known)
     equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
-    if equations.blocks < EVERY_TEST_BLOCK:
+    values = 2.0 * signals.cutoff * equations.moving.max()
+    if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
         raise _too_short(recordings)
     errors = LINK_ERRORS if known is None else DOUBTS
     return Looks(equations, Candidates.shown_by(equations, since=model is not None), errors, say)

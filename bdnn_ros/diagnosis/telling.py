@@ -46,7 +46,7 @@ AT_REST = (
     "Where it rests, the effort at {joints} is far from the {reference}'s for a while: something pushes then, or dry friction "
     "holds what it likes, and no motion shows which. Keep the robot moving."
 )
-MUCH_LEFT = 0.3
+MUCH_LEFT = 0.5
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
 UNLIKELY = 0.5
 """And with this one it is no more than as likely as nothing."""

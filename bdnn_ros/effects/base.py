@@ -35,6 +35,7 @@ class Parameter:
         lower, upper: what is physically possible.
         plausible: magnitudes met in practice, (low, high); the simulation draws from it.
         of_effort: the plausible range is a share of the joint's typical effort instead of absolute.
+        believed: what is known of it beforehand: a standard deviation as large says nothing.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Parameter:
     upper: float = np.inf
     plausible: tuple[float, float] = (0.0, 1.0)
     of_effort: bool = False
+    believed: float = np.inf
     phase: bool = False
     """An angle on any joint."""
     default: float | str | None = None
@@ -55,7 +57,7 @@ class Parameter:
     def seen(self, value: float, std: float) -> bool:
         """Whether a recording says anything of it: that a force is below a hundred kilonewtons is nothing."""
         usual = 0.0 if self.of_effort else max(map(abs, self.plausible))
-        return usual == 0.0 or std < UNSEEN * max(usual, abs(value))
+        return std < self.believed and (usual == 0.0 or std < UNSEEN * max(usual, abs(value)))
 
 
 class Effect(ABC):
@@ -268,10 +270,15 @@ class Effect(ABC):
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
         numbers = ", ".join(
-            f"{p.name} {values[p.name]:.3g} {printed(p.unit_at(self.slides))}".rstrip()
+            f"{p.name} {shown_as(values[p.name])} {printed(p.unit_at(self.slides))}".rstrip()
             for p in self.parameters
             if p.name in values
         )
         if any(values.get(p.name, p.lower) < p.lower for p in self.parameters):
             return f"{where} has less {self.title} than the model ({numbers})."
         return f"{where} has {self.title} that the model leaves out ({numbers})."
+
+
+def shown_as(value: float) -> str:
+    """A value in a sentence: "?" for what a motion does not show."""
+    return "?" if math.isnan(value) else f"{value:.3g}"

@@ -11,7 +11,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
+from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values, shown_as
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
@@ -93,10 +93,11 @@ class Payload(OnBody):
     title = "a payload"
     parameters = (
         Parameter("mass", "kg", 0.0, plausible=(0.2, 3.0)),
-        Parameter("com_x", "m", -1.0, 1.0, plausible=(-0.05, 0.05), default=0.0),
-        Parameter("com_y", "m", -1.0, 1.0, plausible=(-0.05, 0.05), default=0.0),
-        Parameter("com_z", "m", -1.0, 1.0, plausible=(0.0, 0.12), default=0.0),
+        Parameter("com_x", "m", -1.0, 1.0, plausible=(-0.05, 0.05), believed=OFF_CENTRE, default=0.0),
+        Parameter("com_y", "m", -1.0, 1.0, plausible=(-0.05, 0.05), believed=OFF_CENTRE, default=0.0),
+        Parameter("com_z", "m", -1.0, 1.0, plausible=(0.0, 0.12), believed=OFF_CENTRE, default=0.0),
     )
+    parts = SHAPE
     equation = "Y_link(q, qd, qdd) * (mass, mass * com, mass * (com.com * 1 - com * com'))"
     confused_with = ("link_inertia", "base_tilt", "effort_scale")
     shown_by = "poses in which the link points in all directions, and its accelerations"
@@ -146,7 +147,7 @@ class Payload(OnBody):
     def sentence(self, where: str, values: Values) -> str:
         if values["mass"] >= 0.0:
             return super().sentence(where, values)
-        centre = ", ".join(f"{values[name]:.3g}" for name in SHAPE)
+        centre = ", ".join(shown_as(values[name]) for name in SHAPE)
         return (
             f"{where} carries {-values['mass']:.3g} kg less than in the model, at ({centre}) m of its frame."
         )

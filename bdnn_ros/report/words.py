@@ -130,7 +130,7 @@ def estimate(name: str, quantity: Quantity, parameter: Parameter | None) -> tupl
         return "–", "not shown by this motion"
     half = INTERVAL * quantity.std
     low, high = quantity.value - half, quantity.value + half
-    if parameter is not None:
+    if parameter is not None and quantity.value >= parameter.lower:  # unless there is less than there was
         low, high = max(low, parameter.lower), min(high, parameter.upper)
     decimals = decimals_of(half)
     return fixed(quantity.value, decimals), f"{fixed(low, decimals)} to {fixed(high, decimals)}"
