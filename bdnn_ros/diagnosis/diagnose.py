@@ -34,7 +34,6 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, flattened, prepare
 
-
 FEWEST_VALUES = 12.0
 """A low-pass has to leave so many independent values of the joint that moves longest: fewer suit any cause."""
 
