@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from live_support import motion, real_robot
+from scipy.interpolate import CubicSpline
 
 from bdnn_ros.online.changes import Change, Monitor
 from bdnn_ros.online.chunks import Chunks
@@ -30,10 +31,15 @@ def carrying(robot: Robot, mass: float, centre: np.ndarray) -> Robot:
 
 
 def told(
-    effort: np.ndarray, before: Robot = REAL, moved: Recording = RECORDING, arm: Robot = ARM
+    effort: np.ndarray,
+    before: Robot = REAL,
+    moved: Recording = RECORDING,
+    arm: Robot = ARM,
+    known: float = 1.0,
 ) -> list[Change]:
-    """What is noticed in a stream with this effort by one who knows the robot as it was."""
-    monitor, model = Monitor(arm), nominal(before)
+    """What is noticed in a stream with this effort by one who knows the robot as it was, this well."""
+    model = nominal(before)
+    monitor, model = Monitor(arm), replace(model, covariance=known**2 * model.covariance)
     changes = []
     recording: Recording = replace(moved, effort=effort)
     chunks = Chunks(arm.joints)
@@ -108,6 +114,43 @@ def test_a_push_is_no_payload():
     assert (change.finding["effect"], change.finding["link"]) == ("external_wrench", link)
     assert value(change, "start") == pytest.approx(MOMENT + 0.3, abs=0.4)
     assert value(change, "force_x") == pytest.approx(25.0, rel=0.3)
+
+
+WORN = REAL.with_joint_parameters(coulomb=3.0 * REAL.coulomb)
+
+
+def standing(joints: list[int], start: float, end: float) -> Recording:
+    """The worn robot's motion, but that some joints rest for a while, each held by any part of its dry friction."""
+    time, step = RECORDING.time, RECORDING.time[1] - RECORDING.time[0]
+    pace = np.interp(time, [start - 0.4, start, end, end + 0.4], [1.0, 0.0, 0.0, 1.0])
+    course = np.cumsum(pace) * step
+    position = RECORDING.position.copy()
+    position[:, joints] = CubicSpline(time, RECORDING.position[:, joints])(course - course[0])
+    velocity = np.gradient(position, step, axis=0)
+    effort = WORN.inverse_dynamics(position, velocity, np.gradient(velocity, step, axis=0))
+    held = np.zeros(effort.shape)
+    held[np.ix_(pace == 0.0, joints)] = 1.0
+    noise = np.random.default_rng(5).standard_normal(effort.shape)
+    effort = effort + 0.9 * WORN.coulomb * held + 0.003 * np.abs(effort).max(axis=0) * noise
+    return replace(RECORDING, position=position, velocity=velocity, effort=effort)
+
+
+@pytest.mark.parametrize("joints", [[0], [1], [2], [1, 2]])
+def test_a_joint_that_sticks_is_not_pushed(joints):
+    moved = standing(joints, MOMENT + 0.3, MOMENT + 2.1)
+    assert told(moved.effort, before=WORN, moved=moved, known=0.01) == []
+
+
+def test_a_push_at_a_robot_that_stands_still_is_stronger_than_its_friction():
+    link = ARM.moving_link(ARM.joints[-1])
+    moved = standing(list(range(ARM.width)), MOMENT, MOMENT + 3.0)
+    force = np.array([120.0, -60.0, 100.0, 0.0, 0.0, 0.0])
+    pushed = np.einsum("tij,i->tj", ARM.link_jacobian(moved.position, link), force)
+    during = (moved.time > MOMENT + 0.6) & (moved.time < MOMENT + 2.4)
+    (change,) = told(moved.effort - during[:, None] * pushed, before=WORN, moved=moved, known=0.01)
+    assert (change.finding["effect"], change.finding["link"]) == ("external_wrench", link)
+    assert value(change, "start") == pytest.approx(MOMENT + 0.6, abs=0.4)
+    assert value(change, "end") == pytest.approx(MOMENT + 2.4, abs=0.4)
 
 
 def test_friction_is_neither():

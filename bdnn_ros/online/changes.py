@@ -14,6 +14,8 @@ from bdnn_ros.online.scene import BLOCK_SECONDS, Block, Scene, base_parameters, 
 from bdnn_ros.online.wording import finding
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior
+from bdnn_ros.physical.presliding import directions
+from bdnn_ros.physical.weighing import certainty
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
@@ -129,7 +131,8 @@ class Monitor:
         self._correlation.append(_correlation(residual))
         self._reference, self._before = model, (signals, rows)
         columns = self.scene.columns(signals, rows)
-        phi = columns / self._noise[:, None]
+        certain = _certainty(signals, rows, model, self._noise)
+        phi = columns * (np.sqrt(certain) / self._noise)[:, :, None]
         self._information += np.tensordot(phi, phi, axes=((0, 1), (0, 1)))
         return self._drifts(signals, rows, columns, model, self._noise if ready else None)
 
@@ -182,7 +185,8 @@ class Monitor:
         data: list[Block] = []
         for signals, rows in window:
             residual = _residual(self._reference, signals, rows)
-            data += blocks(self.scene, signals, rows, residual, self._noise)
+            certain = _certainty(signals, rows, self._reference, self._noise)
+            data += blocks(self.scene, signals, rows, residual, self._noise, certain=certain)
         found = explain(self.scene, data, self._information)
         self._evidence = max(e.evidence - e.edge for e in found)
         best = found[0]
@@ -212,6 +216,22 @@ def _residual(model: PhysicalModel, signals: Signals, rows: np.ndarray) -> np.nd
     """What the model leaves of the effort, low-passed, (R, n) [N·m]."""
     assert signals.effort is not None
     return np.asarray(signals.smooth(signals.effort - model.predict(signals))[rows])
+
+
+def _certainty(signals: Signals, rows: np.ndarray, model: PhysicalModel, noise: np.ndarray) -> np.ndarray:
+    """What rows count, from 0 to 1, (R, n): less where dry friction may hold a joint in either direction.
+
+    All rows in which it sticks are off alike, so that they say together what one does. A push that is stronger than
+    both noise and friction is still one.
+
+    Args:
+        noise: standard deviation of one row, (n,) [N·m].
+    """
+    slow = np.full((len(rows), signals.width), np.finfo(float).tiny)
+    position = signals.position[rows]
+    dry = 0.5 * np.abs(model.friction(position, slow) - model.friction(position, -slow)).max(axis=0)
+    doubt = np.sqrt(CORRELATION[1]) * np.hypot(dry, model.std.coulomb)
+    return certainty(signals, rows, directions(signals), doubt, noise)
 
 
 def _correlation(residual: np.ndarray) -> np.ndarray:

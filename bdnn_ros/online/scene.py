@@ -37,7 +37,7 @@ class Block:
         pull_moment: (n, 6).
         cross: wrench against parameters, (n, 6, P).
         energy: Σ w r².
-        count: rows of all joints.
+        count: rows of all joints, by what they count.
     """
 
     start: float
@@ -48,7 +48,7 @@ class Block:
     pull_moment: np.ndarray
     cross: np.ndarray
     energy: float
-    count: int
+    count: float
 
 
 class Scene:
@@ -111,13 +111,17 @@ def blocks(
     residual: np.ndarray,
     noise: np.ndarray,
     pushes: bool = True,
+    certain: np.ndarray | None = None,
 ) -> list[Block]:
     """Statistics of residuals (R, n) [N·m] at the chosen samples, in blocks of time.
 
     Args:
         noise: standard deviation of one row, widened for the rows' correlation, (n,) [N·m].
         pushes: whether wrenches will be asked about.
+        certain: what each row counts for each joint, from 0 to 1, (R, n); None for all alike.
     """
+    certain = np.ones(residual.shape) if certain is None else certain
+    scale = np.sqrt(certain) / noise
     columns = scene.columns(signals, rows)
     pull = scene.pulls(signals, rows) if pushes else np.zeros((len(rows), scene.width, scene.width, 6))
     time = signals.time[rows]
@@ -125,9 +129,9 @@ def blocks(
     result = []
     for k in np.unique(number):
         inside = number == k
-        phi = (columns[inside] / noise[:, None]).reshape(-1, columns.shape[2])
-        r = (residual[inside] / noise).ravel()
-        w = (pull[inside] / noise[:, None, None]).reshape(-1, scene.width, 6).transpose(1, 0, 2)
+        phi = (columns[inside] * scale[inside, :, None]).reshape(-1, columns.shape[2])
+        r = (residual[inside] * scale[inside]).ravel()
+        w = (pull[inside] * scale[inside, :, None, None]).reshape(-1, scene.width, 6).transpose(1, 0, 2)
         result.append(
             Block(
                 float(time[inside][0]),
@@ -138,7 +142,7 @@ def blocks(
                 np.swapaxes(w, 1, 2) @ r,
                 np.swapaxes(w, 1, 2) @ phi,
                 float(r @ r),
-                len(r),
+                float(certain[inside].sum()),
             )
         )
     return result
