@@ -10,7 +10,8 @@ MOVABLE = ("revolute", "continuous", "prismatic")
 def movable_joints(urdf: str | None) -> tuple[str, ...]:
     """Names of the movable joints of a URDF, from the base outwards, one limb after another; none where it does not parse.
 
-    Some descriptions list their joints from the tip.
+    Some descriptions list their joints from the tip. Those that mimic another are not among them, as they are none of
+    the robot's.
     """
     try:
         root = ElementTree.fromstring(urdf or "<none/>")
@@ -24,7 +25,7 @@ def movable_joints(urdf: str | None) -> tuple[str, ...]:
     waiting = [joint for link, joints in below.items() if link not in moved for joint in joints][::-1]
     while waiting:
         joint = waiting.pop()
-        if joint.get("type") in MOVABLE:
+        if joint.get("type") in MOVABLE and joint.find("mimic") is None:
             found.append(str(joint.get("name")))
         waiting += below.pop(_link(joint, "child"), [])[::-1]
     return tuple(found)

@@ -9,6 +9,7 @@ from bdnn_ros.errors import RobotError, UsageError, listed
 from bdnn_ros.left_out import disturbing, standing
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mimics import held_mimics, standing_still, with_mimics
 
 
 def described_robot(recordings: Sequence[Recording], name: str | None, needed: bool) -> Robot | None:
@@ -66,14 +67,18 @@ def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording],
         RobotError: the robot lacks a joint.
         UsageError: a recording is disturbed.
     """
-    out = [joint for joint in robot.joints if joint not in chosen]
+    complete = Robot.from_urdf(robot.urdf, with_mimics(robot))
+    out = [joint for joint in complete.joints if joint not in chosen]
     held = standing(whole, out)
     looked_at = Robot.from_urdf(robot.urdf, chosen, held)
-    unknown = [joint for joint in out if joint not in held]
+    mimics = {joint: leader for joint, leader in held_mimics(looked_at).items() if leader in chosen}
+    if mimics:
+        say(f"{standing_still(mimics)}, unless --joints names it.")
+    unknown = [joint for joint in out if joint not in held and joint not in mimics]
     if unknown:
         say(f"No message that is used holds {listed(unknown)} of the URDF; held at zero.")
     for recording in whole if held else ():
-        felt = disturbing(recording, robot, looked_at)
+        felt = disturbing(recording, complete, looked_at)
         if felt and undisturbed:
             raise UsageError(
                 f"{recording.name}: {listed(felt)} moves and is left out: what the others feel of it would pass for causes.",

@@ -79,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
     outputs.require_directory(args.out)
     robot = _robot(args)
+    options.say_mimics(robot)
     case = read_case(args.case, robot) if args.case else None
     bounds = Bounds.of(
         robot,

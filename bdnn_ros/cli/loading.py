@@ -17,6 +17,7 @@ from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import BdnnError, RobotError, UsageError, listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mimics import with_mimics
 from bdnn_ros.signals import mended
 
 Read = TypeVar("Read")
@@ -62,7 +63,8 @@ def load(
         if moves:
             require_motion(recording)
     if robot is not None:
-        if required and set(required) < set(robot.joints):
+        every = with_mimics(robot)
+        if set(chosen) < set(every) and (required or every != robot.joints):
             whole = _of_all_joints(args, robot)
         robot = _fitted(robot, chosen, whole, undisturbed, given is not None or needs_robot)
     convention = _convention(args, recordings, robot)
@@ -84,7 +86,8 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     for note in _with_notes(every.motion).notes[len(every.motion.notes) :]:
         say(f"For the motion alone, {note}")
     if robot is not None:
-        whole = _of_all_joints(args, robot) if set(joints) < set(robot.joints) else [every.motion]
+        fewer = set(joints) < set(with_mimics(robot))
+        whole = _of_all_joints(args, robot) if fewer else [every.motion]
         robot = _fitted(robot, joints, whole, False, given is not None or args.add_gravity)
     convention = _convention(args, [every.motion], robot)
     if convention is None:
@@ -121,11 +124,11 @@ def _fitted(
 
 
 def _of_all_joints(args: argparse.Namespace, robot: Robot) -> list[Recording]:
-    """What the bags hold of all the robot's joints, but for those where they cannot be read: a gripper may say NaN."""
+    """What the bags hold of all joints of the URDF, but for those bags where they cannot be read: a gripper may say NaN."""
     found = []
     for path in args.bags:
         with suppress(BdnnError):
-            found.append(_read(path, args, (), robot.joints))
+            found.append(_read(path, args, (), with_mimics(robot)))
     return found
 
 

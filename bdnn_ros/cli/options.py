@@ -14,6 +14,7 @@ from tqdm import tqdm
 from bdnn_ros.bags import Progress
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import BUNDLED, Robot
+from bdnn_ros.robot.mimics import held_mimics, standing_still
 
 
 def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one", "many"]) -> None:
@@ -98,6 +99,12 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 def say(sentence: str) -> None:
     """Tells the user something beside the result."""
     print(f"bdnn: note: {sentence}", file=sys.stderr)
+
+
+def say_mimics(robot: Robot) -> None:
+    """Tells which joints a motion leaves alone because they mimic another."""
+    if mimics := held_mimics(robot):
+        say(f"{standing_still(mimics)}, not moved on its own.")
 
 
 def of_sliding(robot: Robot | None) -> list[str]:

@@ -86,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.require_directory(args.out)
     robot = _robot(args)
     require_mass(robot)
+    options.say_mimics(robot)
     installed = read_effects(args.effects, robot) if args.effects else []
     scenario = Scenario(
         robot,

@@ -62,7 +62,7 @@ class Robot:
 
         Args:
             urdf: the XML text.
-            joints: joints to keep, in this order; empty keeps every movable one in the tree's order.
+            joints: joints to keep, in this order; empty keeps all in the tree's order but those that mimic another.
             held: where others stand [rad] ([m]).
 
         Raises:

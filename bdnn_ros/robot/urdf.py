@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.errors import RobotError, listed
+from bdnn_ros.robot.mimics import mimicking
 
 UNLIMITED = 1e9
 """Limit that stands for none: of the position [rad] while Pinocchio has the robot, in SI units wherever a URDF has one."""
@@ -54,7 +55,7 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
 
     Args:
         urdf: the XML text.
-        joints: movable joints to keep; empty keeps all.
+        joints: movable joints to keep; empty keeps all but those that mimic another.
         held: where others are held [rad] ([m]); the rest is at zero, or at the nearest limit.
 
     Raises:
@@ -75,7 +76,8 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
     movable = tuple(full.names[1:])
     if full.nv != len(movable):
         raise RobotError("The URDF has a joint of more than one degree of freedom.", "Use a fixed-base arm.")
-    names = joints or movable
+    mimics = mimicking(urdf)
+    names = joints or tuple(name for name in movable if name not in mimics) or movable
     missing = [name for name in names if name not in movable]
     if not movable:
         raise RobotError("The URDF has no movable joint.", "Use the URDF of this robot.")

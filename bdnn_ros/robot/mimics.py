@@ -1,0 +1,37 @@
+"""Joints that follow another one by a <mimic> tag of the URDF."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from typing import TYPE_CHECKING
+
+from bdnn_ros.errors import listed
+
+if TYPE_CHECKING:
+    from bdnn_ros.robot.robot import Robot
+
+
+def mimicking(urdf: str) -> dict[str, str]:
+    """Joints of a URDF that mimic another, and which."""
+    joints = [(joint, joint.find("mimic")) for joint in ElementTree.fromstring(urdf).findall("joint")]
+    return {
+        str(joint.get("name")): str(mimic.get("joint"))
+        for joint, mimic in joints
+        if mimic is not None and joint.get("type") != "fixed"
+    }
+
+
+def held_mimics(robot: Robot) -> dict[str, str]:
+    """Joints that mimic another and are none of the robot's, so that they stand still; and which they mimic."""
+    return {joint: leader for joint, leader in mimicking(robot.urdf).items() if joint not in robot.joints}
+
+
+def with_mimics(robot: Robot) -> tuple[str, ...]:
+    """The robot's joints, then those that mimic another and are not among them."""
+    return (*robot.joints, *held_mimics(robot))
+
+
+def standing_still(mimics: dict[str, str]) -> str:
+    """How a sentence begins that tells of joints (keys) that mimic others (values)."""
+    pairs = [f"{joint} mimics {leader}" for joint, leader in mimics.items()]
+    return f"{listed(pairs)}: held still"
