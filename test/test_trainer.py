@@ -13,6 +13,7 @@ from live_support import children, motion, real_robot, wait_until
 
 from bdnn_ros.efforts import COMMAND_AGE
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
+from bdnn_ros.online.analysis import Analyst
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.feed import Feed
@@ -122,6 +123,27 @@ def test_a_diagnosis_that_is_broken_off_leaves_no_process(session, ending):
     else:
         session.stop()
     wait_until(lambda: not Path(f"/proc/{diagnosis}").exists(), 5.0)
+
+
+@pytest.mark.parametrize(
+    ("before", "verdict"),
+    [
+        (None, "partly_explained"),
+        ("nothing_wrong", "explained"),
+        ("explained", "explained"),
+        ("partly_explained", "partly_explained"),
+        ("cannot_tell", "partly_explained"),
+    ],
+)
+def test_a_change_explains_no_more_than_itself(before, verdict):
+    analyst = Analyst(lambda message: None)
+    if before is not None:
+        gain = {"value": 0.2, "interval": [0.1, 0.3]}
+        analyst._last = {"verdict": before, "findings": [], "gain": gain, "advice": []}
+    told = analyst.with_change({"share": 0.75})
+    assert told["verdict"] == verdict and len(told["findings"]) == 1
+    assert told["gain"]["value"] == pytest.approx(0.5 if before is None else 0.2)
+    assert bool(told["advice"]) == (before is None)
 
 
 def test_models_of_others_are_not_loaded(session, tmp_path):

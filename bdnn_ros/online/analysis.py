@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
@@ -20,6 +22,9 @@ from bdnn_ros.robot import Robot
 FIRST = 10.0
 """Stream time before the first diagnosis of its own accord [s]."""
 MOST_WAITING = 4
+UNDIAGNOSED = (
+    "Only this change was looked at so far. Move the robot, or call ~/diagnose, for what else differs."
+)
 DIAGNOSIS = (sys.executable, "-m", "bdnn_ros.online.diagnosing")
 
 
@@ -69,14 +74,18 @@ class Analyst:
             self.since = 0.0
 
     def with_change(self, finding: dict[str, Any]) -> dict[str, Any]:
-        """The last diagnosis with a change that was noticed since as its first finding."""
-        known = self._last.get("findings", [])
-        share = float(finding["share"])
+        """The last diagnosis with a change that was noticed since as its first finding.
+
+        All is explained only where all but the change was: of a robot that was not diagnosed yet nobody knows.
+        """
+        gain = 1.0 - float(np.sqrt(1.0 - finding["share"]))
+        last = self._last or {"gain": {"value": gain, "interval": [gain, gain]}, "advice": [UNDIAGNOSED]}
+        explained = last.get("verdict") in ("nothing_wrong", "explained")
         return {
-            "verdict": self._last.get("verdict", "partly_explained") if known else "explained",
-            "findings": [finding, *known],
-            "gain": self._last.get("gain", {"value": share, "interval": [share, share]}),
-            "advice": self._last.get("advice", []),
+            "verdict": "explained" if explained else "partly_explained",
+            "findings": [finding, *last.get("findings", [])],
+            "gain": last["gain"],
+            "advice": last["advice"],
         }
 
     def tick(self, time: float) -> None:
