@@ -108,10 +108,11 @@ def children(parent: int) -> list[int]:
 
 
 @contextlib.contextmanager
-def node_process(tmp_path: Path, domain: int, **parameters: Any) -> Iterator[Process]:
+def node_process(tmp_path: Path, domain: int, namespace: str = "", **parameters: Any) -> Iterator[Process]:
     """An identification node with these parameters; ended and checked for traces at the end."""
     arguments = [sys.executable, "-m", "bdnn_ros.nodes.identification_node"]
-    arguments += ["--ros-args"] if parameters else []
+    arguments += ["--ros-args"] if parameters or namespace else []
+    arguments += ["-r", f"__ns:={namespace}"] if namespace else []
     for name, value in parameters.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         arguments += ["-p", f"{name}:={text}"]

@@ -21,6 +21,9 @@ THROTTLE = 10.0
 """Warnings about the same go to the log so often at most [s]."""
 
 
+UNSTAMPED = "joint_states comes without stamps: when it was sent stands for them. Let the driver stamp at measurement."
+
+
 class Warnings:
     """What also goes to the log, each subject once in a while.
 
@@ -65,22 +68,29 @@ class Reporter:
     Args:
         session: that counts.
         log: writes a warning.
+        name: full name of the node, which tells several apart.
     """
 
-    def __init__(self, session: Session, log: Callable[[str], object]) -> None:
+    def __init__(self, session: Session, log: Callable[[str], object], name: str) -> None:
         self._session = session
+        self._name = name
+        self._without_stamp = 0
+        self._unstamped = ""
         self._warnings = Warnings(log)
         self._refusals = Refusals()
         self._received = 0
         self._progress = time.monotonic()
         self._looked = time.monotonic()
 
-    def status(self, error: ErrorNow, active: bool, trouble: str, message_lost: int) -> DiagnosticStatus:
+    def status(
+        self, error: ErrorNow, active: bool, trouble: str, message_lost: int, unheard: str = ""
+    ) -> DiagnosticStatus:
         """The status now.
 
         Args:
             trouble: what keeps the node from working, one sentence; empty if nothing does.
             message_lost: messages the middleware says it lost.
+            unheard: which publisher is not heard, one sentence and what to do; empty if all are.
         """
         session, now = self._session, time.monotonic()
         intake, served = session.intake, session.served
@@ -94,6 +104,9 @@ class Reporter:
         if commands is not None:
             rejected |= {f"command_{reason}": count for reason, count in dict(commands.rejected).items()}
         refused, more = self._refusals.look(commands)
+        self._unstamped = self._look_for_stamps()
+        self._warnings.say("quality of service", unheard)
+        self._warnings.say("stamps", self._unstamped)
         self._warnings.say("joints", session.watch.complaint)
         self._warnings.say("absent", session.watch.absent)
         self._warnings.say("commands", f"effort_commands: {refused}" if more else "", again=True)
@@ -126,11 +139,19 @@ class Reporter:
             "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
         }
-        level, message = self._verdict(active, trouble, now, refused)
+        level, message = self._verdict(active, trouble, now, refused, unheard)
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
-        return DiagnosticStatus(level=level, name=NAME, message=message, values=pairs)
+        return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
 
-    def _verdict(self, active: bool, trouble: str, now: float, refused: str) -> tuple[bytes, str]:
+    def _look_for_stamps(self) -> str:
+        """What is wrong with the stamps since the last look, empty if nothing is."""
+        intake = self._session.intake
+        before, self._without_stamp = self._without_stamp, intake.unstamped if intake else 0
+        return UNSTAMPED if self._without_stamp > before else ""
+
+    def _verdict(
+        self, active: bool, trouble: str, now: float, refused: str, unheard: str
+    ) -> tuple[bytes, str]:
         session = self._session
         if trouble:
             return DiagnosticStatus.ERROR, trouble
@@ -141,13 +162,15 @@ class Reporter:
         if session.robot is None:
             return DiagnosticStatus.WARN, "waiting for robot_description"
         if session.intake is None:
-            return DiagnosticStatus.WARN, "waiting for joint states"
+            return DiagnosticStatus.WARN, f"waiting for joint states. {unheard}".removesuffix(". ")
         if not session.supervisor.alive:
             why = session.supervisor.trouble
             return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
         if now - self._progress > SILENCE:
-            return DiagnosticStatus.WARN, f"no joint state for {now - self._progress:.0f} s"
-        told = (session.counts.unlike, refused, session.watch.complaint, session.watch.absent)
+            silent = f"no joint state for {now - self._progress:.0f} s"
+            return DiagnosticStatus.WARN, f"{silent}. {unheard}".removesuffix(". ")
+        watch = session.watch
+        told = (session.counts.unlike, refused, unheard, self._unstamped, watch.complaint, watch.absent)
         if any(told):
             return DiagnosticStatus.WARN, " ".join(filter(None, told))
         if session.counts.updates_rejected and session.counts.reason:

@@ -258,7 +258,8 @@ class IdentificationNode(LifecycleNode):
         if self._streams is not None:
             self._streams.look_around()
         lost = self._message_lost + (self._streams.lost if self._streams else 0)
-        self._publishing.tell(self._active, self._trouble or self._complained, lost)
+        unheard = self._streams.complaint if self._streams else ""
+        self._publishing.tell(self._active, self._trouble or self._complained, lost, unheard)
         # what outlives a collection is not looked at again: it stays short however long the node runs
         gc.collect()
         gc.freeze()

@@ -40,7 +40,7 @@ class Publishing:
         self._node = node
         self._session = session
         self._error = ErrorNow()
-        self._reporter = Reporter(session, node.get_logger().warning)
+        self._reporter = Reporter(session, node.get_logger().warning, node.get_fully_qualified_name())
         self._last_stamp = 0
         self._forgotten = session.forgotten
         self._estimates = self._publisher(DynamicsEstimate, "~/estimate", 10)
@@ -75,17 +75,17 @@ class Publishing:
         self._error = ErrorNow()
         self._findings.publish(nothing_yet_message(self._now()))
 
-    def tell(self, active: bool, trouble: str, message_lost: int) -> None:
+    def tell(self, active: bool, trouble: str, message_lost: int, unheard: str = "") -> None:
         """Publish the state of things, and what diagnoses have said since.
 
         Args:
-            active, trouble, message_lost: as `Reporter.status`.
+            active, trouble, message_lost, unheard: as `Reporter.status`.
         """
         self.forget()
         now = self._now()
         array = DiagnosticArray()
         array.header.stamp = now
-        array.status = [self._reporter.status(self._error, active, trouble, message_lost)]
+        array.status = [self._reporter.status(self._error, active, trouble, message_lost, unheard)]
         self._diagnostics.publish(array)
         while self._session.findings:
             info = self._session.findings.popleft().info

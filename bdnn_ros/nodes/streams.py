@@ -7,12 +7,14 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.online.session import Session
+
+NOT_HEARD = "A publisher of {} offers best effort only: nothing comes from it. Set the parameter reliability to best_effort."
 
 
 class Streams:
@@ -31,6 +33,7 @@ class Streams:
 
     Attributes:
         lost: messages the middleware says it lost.
+        complaint: which publisher is not heard, and what to do; empty if all are.
     """
 
     def __init__(
@@ -43,6 +46,8 @@ class Streams:
         commands: bool,
     ) -> None:
         self.lost = 0
+        self.complaint = ""
+        self._incompatible = False
         self._node = node
         self._lane = lane
         self._session = session
@@ -52,19 +57,22 @@ class Streams:
             self._commands = node.create_subscription(
                 Float64MultiArray, "effort_commands", self._on_command, profile, callback_group=lane.group()
             )
-        lost = SubscriptionEventCallbacks(message_lost=self._on_lost)
+        events = SubscriptionEventCallbacks(
+            message_lost=self._on_lost, incompatible_qos=self._on_incompatible_qos
+        )
         self._states = node.create_subscription(
             JointState,
             "joint_states",
             self._on_joint_state,
             profile,
             callback_group=lane.group(),
-            event_callbacks=lost,
+            event_callbacks=events,
         )
         self._joints_are_fixed()
 
     def look_around(self) -> None:
         """Begin anew where more of the robot's joints come than are in use; meanwhile the queue keeps messages."""
+        self._look_for_unheard()
         joints = self._session.wider()
         if joints:
             self._lane.forget(self._states)  # commands come in an order that was given: these joints stay
@@ -104,6 +112,18 @@ class Streams:
     def _on_command(self, message: Float64MultiArray, info: dict[str, int]) -> None:
         if self._session.commands is not None:
             self._session.commands.take(message.data, info["source_timestamp"])
+
+    def _look_for_unheard(self) -> None:
+        """After an event, as long as such a publisher is there: no event tells that it has gone."""
+        if self._incompatible:
+            topic = self._states.topic_name
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            unheard = any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in publishers)
+            self.complaint = NOT_HEARD.format(topic) if unheard else ""
+            self._incompatible = unheard
+
+    def _on_incompatible_qos(self, event: Any) -> None:
+        self._incompatible = True
 
     def _on_lost(self, event: Any) -> None:
         self.lost = int(event.total_count)

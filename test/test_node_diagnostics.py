@@ -1,0 +1,62 @@
+"""What /diagnostics says of several nodes, of a publisher that is not heard, and of stamps that are none."""
+
+from __future__ import annotations
+
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from live_support import Robotics, motion, node_process, real_robot, status, urdf_file, wait_until
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+
+from bdnn_ros.robot import Robot
+
+pytestmark = pytest.mark.ros
+
+ARM = Robot.bundled("arm2")
+REAL = real_robot(ARM)
+
+
+def test_two_nodes_can_be_told_apart(tmp_path):
+    domain = 181
+    (tmp_path / "left").mkdir()
+    (tmp_path / "right").mkdir()
+    with (
+        node_process(tmp_path / "left", domain, namespace="/left"),
+        node_process(tmp_path / "right", domain, namespace="/right"),
+        Robotics(domain) as ros,
+    ):
+        kept = ros.keep(DiagnosticArray, "/diagnostics")
+        names = {"/left/identification_node", "/right/identification_node"}
+        wait_until(lambda: {message.status[0].hardware_id for message in kept} == names, 30.0)
+        assert {message.status[0].name for message in kept} == {"bdnn: identification"}
+
+
+def test_a_publisher_that_is_not_heard_is_told_of(tmp_path):
+    domain = 182
+    with node_process(tmp_path, domain, urdf_file=urdf_file(tmp_path, ARM)) as node, Robotics(domain) as ros:
+        kept = ros.keep(DiagnosticArray, "/diagnostics")
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        deaf = ros.node.create_publisher(JointState, "joint_states", profile)
+        told = "A publisher of /joint_states offers best effort only"
+        wait_until(lambda: kept and told in status(kept)["message"], 30.0)
+        assert "reliability to best_effort" in status(kept)["message"] and status(kept)["level"] == "1"
+        assert status(kept)["samples_received"] == "0" and told in node.output
+        ros.node.destroy_publisher(deaf)
+        wait_until(lambda: told not in status(kept)["message"], 10.0)
+
+
+def test_stamps_that_are_none_are_told_of(tmp_path):
+    domain = 183
+
+    def unstamped(row, message):
+        message.header.stamp = Time()
+        return message
+
+    with node_process(tmp_path, domain, urdf_file=urdf_file(tmp_path, ARM)) as node, Robotics(domain) as ros:
+        kept = ros.keep(DiagnosticArray, "/diagnostics")
+        ros.stream(motion(REAL, 4.0, 250.0), change=unstamped)
+        told = "joint_states comes without stamps"
+        assert any(told in message.status[0].message for message in kept) and node.output.count(told) == 1
+        ros.stream(motion(REAL, 4.0, 250.0), start=2_000_000_000_000_000_000)
+        wait_until(lambda: told not in status(kept)["message"], 10.0)
