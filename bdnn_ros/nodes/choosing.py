@@ -6,15 +6,16 @@ from collections.abc import Sequence
 
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mimics import with_mimics
 
 
 def with_joints(robot: Robot, joints: Sequence[str]) -> Robot:
-    """The robot with these joints only, in this order; all of its joints where none is named.
+    """The robot with these joints only, in this order; all but those that mimic another where none is named.
 
     Raises:
         UsageError: it has no such joint.
     """
-    unknown = [joint for joint in joints if joint not in robot.joints]
+    unknown = [joint for joint in joints if joint not in with_mimics(robot)]
     if unknown:
         raise UsageError(
             f"The robot description has no movable joint {listed(unknown)}; it has {listed(robot.joints, 20)}.",
