@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -122,3 +123,26 @@ def test_damaged_diagnoses(diagnosis: Path, change: tuple[str, str], says: str, 
     assert main(["excite", "--robot", "arm2", "--for", str(diagnosis)]) == 2
     error = capsys.readouterr().err
     assert says in error and "Traceback" not in error
+
+
+def test_limits_that_stand_for_missing_ones_are_said(tmp_path: Path, capsys) -> None:
+    urdf = Robot.bundled("arm2").urdf
+    open_ = re.sub(r"<limit[^>]*/>", "", urdf).replace('type="revolute"', 'type="continuous"')
+    (tmp_path / "open.urdf").write_text(open_)
+    words = [
+        "excite",
+        "--urdf",
+        str(tmp_path / "open.urdf"),
+        "--out",
+        str(tmp_path / "out"),
+        "--duration",
+        "6",
+    ]
+    assert main(words) == 0
+    said = capsys.readouterr().err
+    assert "gives arm2_joint1 and arm2_joint2 no position limits" in said
+    assert "no velocity limit: 2 rad/s (or m/s) is taken" in said
+    (tmp_path / "shut.urdf").write_text(urdf)
+    capsys.readouterr()
+    assert main([*words[:2], str(tmp_path / "shut.urdf"), *words[3:]]) == 0
+    assert "limit" not in capsys.readouterr().err

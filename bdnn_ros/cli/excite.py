@@ -12,13 +12,13 @@ import numpy as np
 from tqdm import tqdm
 
 from bdnn_ros.cli import options, outputs
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.excitation.choice import DECISIVE, Excitation, Progress, excite
 from bdnn_ros.excitation.motions import Bounds
 from bdnn_ros.excitation.rivals import Case, joints_of, read_case
 from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import BUNDLED, Robot
-from bdnn_ros.simulation.excitation import Trajectory
+from bdnn_ros.simulation.excitation import OPEN_VELOCITY, Trajectory
 
 HELP = "make the motion that tells the rivals of a diagnosis apart"
 MOST_SAID = 1000.0
@@ -69,7 +69,7 @@ def _numbers(parser: argparse.ArgumentParser) -> None:
         "--acceleration",
         metavar="X",
         type=float,
-        help="limit [rad/s²] (default: thrice the velocity per second)",
+        help="limit [rad/s²] (default: thrice the velocity that may be used, per second)",
     )
 
 
@@ -80,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.require_directory(args.out)
     robot = _robot(args)
     options.say_mimics(robot)
+    _say_open(robot)
     case = read_case(args.case, robot) if args.case else None
     bounds = Bounds.of(
         robot,
@@ -107,6 +108,19 @@ def run(args: argparse.Namespace) -> int:
     print("\n".join(_summary(found, robot, case)))
     print(f"trajectory: {args.out / CSV}, {args.out / YAML}")
     return 0
+
+
+def _say_open(robot: Robot) -> None:
+    """Tells of limits that the description lacks, and what stands for them."""
+    limits = robot.limits
+    within = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    for known, taken in (
+        (within, "position limits: half a turn (or π m) either way is taken; --range narrows it."),
+        (np.isfinite(limits.velocity), f"velocity limit: {OPEN_VELOCITY:g} rad/s (or m/s) is taken."),
+    ):
+        if not known.all():
+            joints = listed([joint for joint, one in zip(robot.joints, known, strict=True) if not one])
+            options.say(f"the description gives {joints} no {taken}")
 
 
 def csv_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:

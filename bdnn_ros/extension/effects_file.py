@@ -21,12 +21,14 @@ ALSO_IN = "also_in"
 
 def preamble(stem: str) -> str:
     """Which file carries what, as comments."""
+    urdf, mjcf = f"{stem}.urdf", f"{stem}.mjcf.xml"
+    wide = len(mjcf)
     return f"""\
-# What {stem}.urdf cannot say. Nothing is to be applied twice:
-#   {stem}.urdf      carries the links' inertias, payloads, the base's tilt, damping and friction
-#   this file          carries all the rest; with {stem}.urdf it is the whole model:
-#                      bdnn simulate --urdf {stem}.urdf --effects effects.yaml
-#   {stem}.mjcf.xml  stands alone: what {stem}.urdf carries, and of this file what says so under {ALSO_IN}
+# What {urdf} cannot say. Nothing is to be applied twice:
+#   {urdf:{wide}}  carries the links' inertias, payloads, the base's tilt, damping and friction
+#   {"this file":{wide}}  carries all the rest; with {urdf} it is the whole model:
+#   {"":{wide}}  bdnn simulate --urdf {urdf} --effects effects.yaml
+#   {mjcf}  stands alone: what {urdf} carries, and of this file what says so under {ALSO_IN}
 # Effort that really acts(t) = scale * measured(t - delay) + offset. SI units and radians.
 """
 
