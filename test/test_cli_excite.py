@@ -140,7 +140,7 @@ def test_limits_that_stand_for_missing_ones_are_said(tmp_path: Path, capsys) -> 
     ]
     assert main(words) == 0
     said = capsys.readouterr().err
-    assert "gives arm2_joint1 and arm2_joint2 no position limits" in said
+    assert "gives arm2_joint1, arm2_joint2 no position limits" in said
     assert "no velocity limit: 2 rad/s (or m/s) is taken" in said
     (tmp_path / "shut.urdf").write_text(urdf)
     capsys.readouterr()
