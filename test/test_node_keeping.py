@@ -9,7 +9,7 @@ import pytest
 from bdnn_cases import scales
 
 from bdnn_ros.bdnn.dynamics import BDNN
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.online.serving import Settings, nominal
@@ -110,3 +110,15 @@ def test_what_cannot_be_written_is_said(tmp_path, session):
     Kept(str(blocked), session, log).save()
     assert len(log) == 1 and "cannot be written" in log[0]
     assert Path(blocked).read_text() == "a file"
+
+
+def test_a_model_of_joints_that_the_parameter_leaves_out_says_what_to_set(tmp_path):
+    path = save_model(tmp_path, nominal(ARM))
+    session = Session(Settings(capacity=1000))
+    try:
+        session.set_robot(Robot.from_urdf(ARM.urdf, ARM.joints[:1]))
+        session.begin(ARM.joints[:1])
+        with pytest.raises(ModelFileError, match=r"joints set to \[arm2_joint1, arm2_joint2\]"):
+            session.load_now(path)
+    finally:
+        session.stop()

@@ -55,7 +55,10 @@ def requested(
         raise UsageError(f"Joint {listed(twice)} is named twice.")
     missing = [name for name in joints if name not in order]
     if missing:
-        raise UsageError(f"Joint {listed(missing)} is missing; the model needs all of {listed(joints, 20)}.")
+        joint, is_ = ("Joint", "is") if len(missing) == 1 else ("Joints", "are")
+        raise UsageError(
+            f"{joint} {listed(missing)} {is_} missing; the model needs all of {listed(joints, 20)}."
+        )
     index = np.array([list(joints).index(name) for name in order])
     arranged: dict[str, np.ndarray] = {}
     for field, values in fields.items():
@@ -120,7 +123,7 @@ def nothing_yet_message(now: Time) -> Findings:
     message.header.stamp = now
     message.verdict = "cannot_tell"
     message.advice = [
-        "Nothing was diagnosed since the model was forgotten. Move the robot, or call ~/diagnose."
+        "Nothing was diagnosed yet of what is being learned. Move the robot, or call ~/diagnose."
     ]
     return message
 

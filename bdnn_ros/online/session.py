@@ -25,6 +25,7 @@ from bdnn_ros.online.supervisor import Supervisor
 from bdnn_ros.online.watch import Watch
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mimics import with_mimics
 
 
 class Session:
@@ -235,7 +236,7 @@ class Session:
     def read(self, path: Path) -> Model:
         """A model of the joints in use, whatever their order; raises UsageError while these are not known."""
         model = load_model(path)
-        known = self.description.joints if self.description else ()
+        known = with_mimics(Robot.from_urdf(self.description.urdf)) if self.description else ()
         require_joints(model, self.known().joints, known, path.name)
         return model
 
