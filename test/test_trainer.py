@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import time
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from bdnn_ros.online.models import save_model
 from bdnn_ros.online.places import make_directory, model_place, model_to_load
 from bdnn_ros.online.serving import Settings, nominal
 from bdnn_ros.online.session import Session
+from bdnn_ros.online.trainer import Trainer
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -331,3 +333,17 @@ def test_a_directory_that_cannot_hold_models(tmp_path, monkeypatch, directory):
     with pytest.raises(UsageError, match="cannot be written to model_directory") as refused:
         make_directory(directory)
     assert directory in str(refused.value)
+
+
+def test_a_trainer_that_is_far_behind_ends_all_the_same(monkeypatch):
+    """What it has not learned by then is lost, but not what it has."""
+    here, there = Channel.pair()
+    trainer = Trainer(Channel(there))
+    done = []
+    monkeypatch.setattr(trainer, "_learn", lambda: time.sleep(0.02) or True)
+    monkeypatch.setattr(trainer, "_finish", lambda: done.append("finished"))
+    begun = time.monotonic()
+    trainer._stop()
+    assert time.monotonic() - begun < 2.0 and done == ["finished"]
+    assert here.receive().kind == "stopped"
+    here.close()

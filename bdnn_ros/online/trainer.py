@@ -13,6 +13,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable
 
 from bdnn_ros.errors import BdnnError
@@ -27,6 +28,8 @@ from bdnn_ros.robot import Robot
 
 BATCH = 500
 """Samples taken at once; commands are looked at between batches."""
+CATCHING_UP = 1.0
+"""What came already is learned for so long before the end [s]: who asked for it waits, and kills what takes much longer."""
 IDLE = 0.02
 """Pause when there is nothing to learn [s]."""
 
@@ -180,9 +183,10 @@ class Trainer:
         self.analyst.ask(float(message.info["window"]), int(message.info["request"]))
 
     def _stop(self) -> None:
-        """Learn what came already, hand it over, and end."""
+        """Learn what came already, as far as there is time for it, hand it over, and end."""
         if self.training:
-            while self._learn():
+            until = time.monotonic() + CATCHING_UP
+            while time.monotonic() < until and self._learn():
                 pass
             self._finish()
         self.say(Message("stopped"))
