@@ -254,14 +254,14 @@ def test_joints_that_move_one_after_the_other_move_in_several_blocks(in_turn):
 
 
 def in_time(equations: Equations) -> tuple[set[str], int]:
-    """What changes with time of the candidates, and how many kinds there are of all."""
+    """What changes with time or winds with the position of the candidates, and how many kinds there are of all."""
     names = {term.effect.name for term in Candidates.shown_by(equations).terms}
-    return names & {"external_wrench", "drift"}, len(names)
+    return names & {"external_wrench", "drift", "cogging"}, len(names)
 
 
 def test_of_joints_that_move_now_and_then_nothing_is_told_that_changes_with_time(in_turn, plain):
     (seldom, less), (always, more) = in_time(in_turn), in_time(plain)
-    assert not seldom and always == {"external_wrench", "drift"} and more - less == 2
+    assert not seldom and always == {"external_wrench", "drift", "cogging"} and more - less == 3
 
 
 def test_nor_where_the_low_pass_leaves_few_values_of_a_motion(plain):

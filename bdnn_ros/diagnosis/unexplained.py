@@ -83,10 +83,14 @@ def describe(equations: Equations, residual: np.ndarray) -> Remainder:
 
 
 def _borne_at_rest(equations: Equations, residual: np.ndarray) -> np.ndarray:
-    """Joints with a large residual, rows (R, n), throughout one period of the low-pass in which they rest, (n,) bool."""
+    """Joints with a large residual, rows (R, n), throughout one period of the low-pass in which they rest, (n,) bool.
+
+    Beyond what the description's own friction may hold: that is between both directions'.
+    """
     signals = equations.motion.signals
+    held = 2.0 * equations.motion.robot.coulomb
     resting = signals.seen[equations.rows] & ~equations.ever_usable
-    large = resting & (np.abs(residual) > LARGE_ERROR * equations.effort_scale)
+    large = resting & (np.abs(residual) > LARGE_ERROR * equations.effort_scale + held)
     step = float(np.median(np.diff(signals.time[equations.rows])))
     period = int(np.ceil(1.0 / (signals.cutoff * step)))
     return np.asarray(binary_opening(large, np.ones((period, 1), bool)).any(axis=0))
