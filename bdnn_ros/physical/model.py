@@ -14,6 +14,7 @@ from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.parameters import Parameters, parameter_names
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
 from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
@@ -23,8 +24,8 @@ LOAD_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
-class PhysicalModel:
-    """An identified robot: rigid bodies, armature, friction, offset, and what the joints add to them.
+class PhysicalModel(ReadOnlyArrays):
+    """An identified robot: rigid bodies, armature, friction, offset, and what the joints add to them; arrays are read-only.
 
     Attributes:
         robot: bodies, armature and friction as identified; feasible, so M is positive-definite everywhere.
@@ -42,6 +43,7 @@ class PhysicalModel:
     """
 
     kind: ClassVar[str] = "physical"
+    READ_ONLY = ("offset", "covariance", "noise")
 
     robot: Robot
     offset: np.ndarray
@@ -82,20 +84,21 @@ class PhysicalModel:
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> np.ndarray:
         """Effort [N·m], (..., n)."""
-        load = self.robot.rigid_effort(position, velocity, acceleration)
-        inertial = self.robot.armature * acceleration + self.motors.inertial(acceleration)
-        return load + inertial + self._friction(position, velocity, load)
+        q, v, a = fitting(self.robot.width, position, velocity, acceleration)
+        load = self.robot.rigid_effort(q, v, a)
+        return load + self.robot.armature * a + self.motors.inertial(a) + self._friction(q, v, load)
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Acceleration [rad/s²], (..., n)."""
-        M = self.mass_matrix(position)
-        load = bias = self.robot.rigid_effort(position, velocity, np.zeros_like(position))
+        q, v, u = fitting(self.robot.width, position, velocity, effort)
+        M = self.mass_matrix(q)
+        load = bias = self.robot.rigid_effort(q, v, np.zeros_like(q))
         for _ in range(LOAD_ITERATIONS):
-            drive = effort - bias - self._friction(position, velocity, load)
+            drive = u - bias - self._friction(q, v, load)
             acceleration = np.linalg.solve(M, drive[..., None])[..., 0]
             if self.learned is None or not self.learned.by_load:
                 break
-            before, load = load, self.robot.rigid_effort(position, velocity, acceleration)
+            before, load = load, self.robot.rigid_effort(q, v, acceleration)
             if np.abs(load - before).max(initial=0.0) <= LOAD_TOLERANCE * (
                 1.0 + np.abs(load).max(initial=0.0)
             ):
@@ -116,8 +119,8 @@ class PhysicalModel:
 
     def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Friction, offset and what is learned, at zero acceleration [N·m], (..., n)."""
-        load = self.robot.rigid_effort(position, velocity, np.zeros_like(position))
-        return self._friction(position, velocity, load)
+        q, v = fitting(self.robot.width, position, velocity)
+        return self._friction(q, v, self.robot.rigid_effort(q, v, np.zeros_like(q)))
 
     def _friction(self, position: np.ndarray, velocity: np.ndarray, load: np.ndarray) -> np.ndarray:
         way = np.sign(velocity)
@@ -158,9 +161,11 @@ class PhysicalModel:
 
     def effort_std(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Standard deviation of the effort by parameters and residual, (N, n) [N·m]; all (N, n)."""
-        regressor = self.robot.regressor(position, velocity, acceleration)
-        own = np.stack([acceleration, velocity, np.sign(velocity), np.ones_like(position)], axis=-1)
-        result, width = np.empty(np.shape(position)), self.robot.width
+        width = self.robot.width
+        q, v, a = fitting(width, position, velocity, acceleration)
+        regressor = self.robot.regressor(q, v, a)
+        own = np.stack([a, v, np.sign(v), np.ones_like(q)], axis=-1)
+        result = np.empty(q.shape)
         bodies = np.arange(regressor.shape[-1])
         for joint in range(width):
             index = np.concatenate([bodies, len(bodies) + np.arange(own.shape[-1]) * width + joint])

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
 from bdnn_ros.robot.urdf import (
     NONE_HELD,
     Held,
@@ -22,18 +22,17 @@ from bdnn_ros.robot.urdf import (
     limits_of,
     model_of,
 )
-from bdnn_ros.robot.urdf_file import text_of
+from bdnn_ros.robot.urdf_file import bundled_text, text_of
 from bdnn_ros.robot.urdf_values import refuse_impossible
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
-BUNDLED = ("arm2", "arm6", "arm7")
 PER_LINK = 10
 """Inertial parameters of a link: m, m·c (3), then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin."""
 
 
 @dataclass(frozen=True)
-class Robot:
-    """A fixed-base robot with n joints of one degree of freedom each.
+class Robot(ReadOnlyArrays):
+    """A fixed-base robot with n joints of one degree of freedom each; its arrays are read-only.
 
     Attributes:
         urdf: the description's text.
@@ -45,6 +44,8 @@ class Robot:
         gravity_vector: acceleration of gravity in the base frame, (3,) [m/s²].
         held: other joints of the URDF, and where they stand [rad] ([m]); the rest is at zero, or at the nearest limit.
     """
+
+    READ_ONLY = ("inertials", "armature", "viscous", "coulomb", "gravity_vector")
 
     urdf: str
     joints: tuple[str, ...]
@@ -87,10 +88,7 @@ class Robot:
         Raises:
             UsageError: there is none of that name.
         """
-        if name not in BUNDLED:
-            raise UsageError(f"No bundled robot {name!r}.", f"There are {listed(BUNDLED)}.")
-        file = resources.files("bdnn_ros") / "robots" / f"{name}.urdf"
-        return cls.from_urdf(file.read_text(encoding="utf-8"), joints)
+        return cls.from_urdf(bundled_text(name), joints)
 
     @property
     def width(self) -> int:
@@ -134,9 +132,9 @@ class Robot:
     ) -> np.ndarray:
         """M q̈ + C q̇ + g of the bodies, without armature or friction, (..., n) [N·m]."""
         model, data, order = self._model, self._data, self._order
-        q, v, a = self._columns(position), self._columns(velocity), self._columns(acceleration)
+        (q, v, a), shape = self._rows(position, velocity, acceleration)
         result = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
-        return result.reshape(len(q), self.width)[:, order].reshape(np.shape(position))
+        return result.reshape(len(q), self.width)[:, order].reshape(shape)
 
     def drive_effort(
         self, velocity: np.ndarray, acceleration: np.ndarray, direction: np.ndarray
@@ -146,8 +144,8 @@ class Robot:
         Args:
             direction: of each joint, -1 to 1; between them while it turns round.
         """
-        turning = self.armature * acceleration + self.viscous * velocity
-        return np.asarray(turning + self.coulomb * direction)
+        v, a, way = fitting(self.width, velocity, acceleration, direction)
+        return self.armature * a + self.viscous * v + self.coulomb * way
 
     def inverse_dynamics(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
@@ -158,18 +156,18 @@ class Robot:
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Acceleration under an effort, (..., n) [rad/s²]."""
-        drive = effort - self.rigid_effort(position, velocity, np.zeros_like(position))
-        drive = drive - self.friction(position, velocity)
-        return np.linalg.solve(self.mass_matrix(position), drive[..., None])[..., 0]
+        q, v, u = fitting(self.width, position, velocity, effort)
+        drive = u - self.rigid_effort(q, v, np.zeros_like(q)) - self.friction(q, v)
+        return np.linalg.solve(self.mass_matrix(q), drive[..., None])[..., 0]
 
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         """M(q) with armature on its diagonal, (..., n, n) [kg·m²]."""
         model, data, order = self._model, self._data, self._order
-        rows = [pin.crba(model, data, row) for row in self._columns(position)]
-        upper = np.array(rows).reshape(-1, self.width, self.width)
+        (q,), shape = self._rows(position)
+        upper = np.array([pin.crba(model, data, row) for row in q]).reshape(-1, self.width, self.width)
         full = np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
         full = full[:, order][:, :, order] + np.diag(self.armature)
-        return full.reshape(*np.shape(position), self.width)
+        return full.reshape(*shape, self.width)
 
     def gravity(self, position: np.ndarray) -> np.ndarray:
         """g(q), (..., n) [N·m]."""
@@ -182,12 +180,13 @@ class Robot:
 
     def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Viscous and Coulomb friction, (..., n) [N·m]."""
-        return self.viscous * velocity + self.coulomb * np.sign(velocity)
+        _, v = fitting(self.width, position, velocity)
+        return self.viscous * v + self.coulomb * np.sign(v)
 
     def regressor(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Y with rigid_effort = Y · inertials.ravel(), (N, n, n * PER_LINK), for (N, n) arrays."""
         model, data = self._model, self._data
-        q, v, a = self._columns(position), self._columns(velocity), self._columns(acceleration)
+        (q, v, a), _ = self._rows(position, velocity, acceleration)
         result = np.empty((len(q), self.width, self.width * PER_LINK))
         for k, row in enumerate(zip(q, v, a, strict=True)):
             result[k] = pin.computeJointTorqueRegressor(model, data, *row)
@@ -199,7 +198,7 @@ class Robot:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of `rigid_effort` by position, velocity and acceleration, (N, n, n) each, for (N, n) arrays."""
         model, data = self._model, self._data
-        q, v, a = self._columns(position), self._columns(velocity), self._columns(acceleration)
+        (q, v, a), _ = self._rows(position, velocity, acceleration)
         result = np.empty((3, len(q), self.width, self.width))
         for k, row in enumerate(zip(q, v, a, strict=True)):
             pin.computeRNEADerivatives(model, data, *row)
@@ -242,8 +241,8 @@ class Robot:
             UsageError: the URDF has no such link.
         """
         frame, aligned = self._frame(link), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        at = self._columns(position)
-        rows = [pin.computeFrameJacobian(self._model, self._data, row, frame, aligned) for row in at]
+        (q,), _ = self._rows(position)
+        rows = [pin.computeFrameJacobian(self._model, self._data, row, frame, aligned) for row in q]
         jacobian = np.array(rows).reshape(-1, 6, self.width)[:, :, self._order]
         if point is not None:
             arm = self.link_rotation(position, link) @ point
@@ -252,7 +251,7 @@ class Robot:
 
     def link_rotation(self, position: np.ndarray, link: str) -> np.ndarray:
         """Rotation from a link's frame to the base's, (N, 3, 3)."""
-        frame, rows = self._frame(link), self._columns(position)
+        frame, ((rows,), _) = self._frame(link), self._rows(position)
         result = np.empty((len(rows), 3, 3))
         for k, row in enumerate(rows):
             pin.forwardKinematics(self._model, self._data, row)
@@ -314,7 +313,8 @@ class Robot:
         tilt = pin.utils.rotate("y", pitch) @ pin.utils.rotate("x", roll)
         return replace(self, gravity_vector=tilt.T @ np.array(STANDARD_GRAVITY))
 
-    def _columns(self, values: np.ndarray) -> np.ndarray:
-        """Values (..., n) as contiguous rows in Pinocchio's order, (N, n)."""
-        rows = np.asarray(values, dtype=float).reshape(-1, self.width)
-        return np.ascontiguousarray(rows[:, self._from_pinocchio])
+    def _rows(self, *values: np.ndarray) -> tuple[list[np.ndarray], tuple[int, ...]]:
+        """Values (..., n) as contiguous rows in Pinocchio's order, (N, n) each, and their common shape."""
+        arrays, order = fitting(self.width, *values), self._from_pinocchio
+        rows = [np.ascontiguousarray(array.reshape(-1, self.width)[:, order]) for array in arrays]
+        return rows, arrays[0].shape

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.errors import RobotError, listed
+from bdnn_ros.robot.arrays import ReadOnlyArrays
 from bdnn_ros.robot.mimics import mimicking
 
 UNLIMITED = 1e9
@@ -25,8 +26,10 @@ NONE_HELD: Held = MappingProxyType({})
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What the URDF allows each joint; (n,) each, infinite where it says nothing."""
+class Limits(ReadOnlyArrays):
+    """What the URDF allows each joint; (n,) each, infinite where it says nothing; read-only."""
+
+    READ_ONLY = ("lower", "upper", "velocity", "effort")
 
     lower: np.ndarray
     upper: np.ndarray

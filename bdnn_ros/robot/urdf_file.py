@@ -1,13 +1,15 @@
-"""The text of a URDF file, in whatever encoding it declares."""
+"""The text of a URDF file, in whatever encoding it declares, and of those that come along."""
 
 from __future__ import annotations
 
 import codecs
 import re
+from importlib import resources
 from pathlib import Path
 
-from bdnn_ros.errors import RobotError
+from bdnn_ros.errors import RobotError, UsageError, listed
 
+BUNDLED = ("arm2", "arm6", "arm7")
 DECLARED = re.compile(r"""^\s*<\?xml\b[^>]*?\bencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
 MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 """What a file may begin with, and the encoding that it means."""
@@ -34,6 +36,18 @@ def text_of(path: str | Path) -> str:
         ) from None
     declared = DECLARED.match(text)
     return text if declared is None else f"{text[: declared.start(1)]}UTF-8{text[declared.end(1) :]}"
+
+
+def bundled_text(name: str) -> str:
+    """The text of a URDF that comes along.
+
+    Raises:
+        UsageError: there is none of that name.
+    """
+    if name not in BUNDLED:
+        raise UsageError(f"No bundled robot {name!r}.", f"There are {listed(BUNDLED)}.")
+    file = resources.files("bdnn_ros") / "robots" / f"{name}.urdf"
+    return file.read_text(encoding="utf-8")
 
 
 def _encoding(content: bytes) -> str:
