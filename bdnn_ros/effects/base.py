@@ -279,6 +279,6 @@ class Effect(ABC):
         return f"{where} has {self.title} that the model leaves out ({numbers})."
 
 
-def shown_as(value: float) -> str:
+def shown_as(value: float, digits: int = 3) -> str:
     """A value in a sentence: "?" for what a motion does not show."""
-    return "?" if math.isnan(value) else f"{value:.3g}"
+    return "?" if math.isnan(value) else f"{value:.{digits}g}"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from types import MappingProxyType
 
 import numpy as np
 
-from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
+from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values, shown_as
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.rigid import needed_link
@@ -128,10 +127,7 @@ class ExternalWrench(Push):
         return any(abs(values[c]) > SHOWN * stds[c] for c in COMPONENTS)
 
     def sentence(self, where: str, values: Values) -> str:
-        force, torque = (
-            ", ".join("?" if math.isnan(values[c]) else f"{values[c]:.2g}" for c in names)
-            for names in (FORCE, TORQUE)
-        )
+        force, torque = (", ".join(shown_as(values[c], digits=2) for c in names) for names in (FORCE, TORQUE))
         point = ", ".join(f"{values[c]:.3g}" for c in POINT)
         return (
             f"Something pushes {where} from {values['start']:.2f} s to {values['end']:.2f} s "

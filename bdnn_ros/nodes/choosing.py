@@ -15,7 +15,8 @@ def with_joints(robot: Robot, joints: Sequence[str]) -> Robot:
     Raises:
         UsageError: it has no such joint.
     """
-    unknown = [joint for joint in joints if joint not in with_mimics(robot)]
+    movable = with_mimics(robot)
+    unknown = [joint for joint in joints if joint not in movable]
     if unknown:
         raise UsageError(
             f"The robot description has no movable joint {listed(unknown)}; it has {listed(robot.joints, 20)}.",

@@ -75,7 +75,6 @@ class Reporter:
         self._session = session
         self._name = name
         self._without_stamp = 0
-        self._unstamped = ""
         self._warnings = Warnings(log)
         self._refusals = Refusals()
         self._received = 0
@@ -104,9 +103,9 @@ class Reporter:
         if commands is not None:
             rejected |= {f"command_{reason}": count for reason, count in dict(commands.rejected).items()}
         refused, more = self._refusals.look(commands)
-        self._unstamped = self._look_for_stamps()
+        unstamped = self._look_for_stamps()
         self._warnings.say("quality of service", unheard)
-        self._warnings.say("stamps", self._unstamped)
+        self._warnings.say("stamps", unstamped)
         self._warnings.say("joints", session.watch.complaint)
         self._warnings.say("absent", session.watch.absent)
         self._warnings.say("commands", f"effort_commands: {refused}" if more else "", again=True)
@@ -139,7 +138,7 @@ class Reporter:
             "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
         }
-        level, message = self._verdict(active, trouble, now, refused, unheard)
+        level, message = self._verdict(active, trouble, now, refused, unheard, unstamped)
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
 
@@ -150,7 +149,7 @@ class Reporter:
         return UNSTAMPED if self._without_stamp > before else ""
 
     def _verdict(
-        self, active: bool, trouble: str, now: float, refused: str, unheard: str
+        self, active: bool, trouble: str, now: float, refused: str, unheard: str, unstamped: str
     ) -> tuple[bytes, str]:
         session = self._session
         if trouble:
@@ -162,15 +161,15 @@ class Reporter:
         if session.robot is None:
             return DiagnosticStatus.WARN, "waiting for robot_description"
         if session.intake is None:
-            return DiagnosticStatus.WARN, f"waiting for joint states. {unheard}".removesuffix(". ")
+            return DiagnosticStatus.WARN, ". ".join(filter(None, ("waiting for joint states", unheard)))
         if not session.supervisor.alive:
             why = session.supervisor.trouble
             return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
         if now - self._progress > SILENCE:
             silent = f"no joint state for {now - self._progress:.0f} s"
-            return DiagnosticStatus.WARN, f"{silent}. {unheard}".removesuffix(". ")
+            return DiagnosticStatus.WARN, ". ".join(filter(None, (silent, unheard)))
         watch = session.watch
-        told = (session.counts.unlike, refused, unheard, self._unstamped, watch.complaint, watch.absent)
+        told = (session.counts.unlike, refused, unheard, unstamped, watch.complaint, watch.absent)
         if any(told):
             return DiagnosticStatus.WARN, " ".join(filter(None, told))
         if session.counts.updates_rejected and session.counts.reason:
