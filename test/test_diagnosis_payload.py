@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.diagnosis.diagnose import diagnose, examine
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.gains import rms
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.extension.extend import extend
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.sensors import Noise as SensorNoise
 from bdnn_ros.simulation.simulate import simulate
 
-QUIET = SensorNoise.of(0.0)
+QUIET, NOISE = SensorNoise.of(0.0), SensorNoise.of(0.005)
 LOW = 5.0
 """A low-pass that diagnoses use [Hz]."""
 
@@ -72,3 +75,23 @@ def test_what_an_arm_carries_is_not_believed_smaller_where_only_its_wrist_shows_
         assert np.hypot(found.parameters["com_x"].value - 0.02, found.parameters["com_y"].value + 0.03) < 0.01
         masses.append(found.parameters["mass"].value / mass)
     assert np.mean(masses) == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_is_carried_is_no_point_and_still_weighed_right():
+    """What turns about its own centre is not put down to the link, which would grow by mass that the payload has."""
+    robot = Robot.bundled("arm6")
+    body, rotation, translation = robot.body_of("arm6_link6")
+    at = rotation @ np.array([0.02, -0.03, 0.08]) + translation
+    ball = pin.Inertia(0.6, at, 0.6 * 0.04**2 * np.eye(3)).toDynamicParameters()
+    inertials = robot.inertials.copy()
+    inertials[body] += ball
+    recording = simulate(robot.with_inertials(inertials), [], seed=3, duration=20.0, noise=NOISE).recording
+    found = examine([recording], robot)
+    (payload,) = found.diagnosis.findings
+    assert (payload.effect, payload.link) == ("payload", "arm6_link6")
+    assert payload.parameters["mass"].value == pytest.approx(0.6, rel=0.02)
+    signals = found.equations.motion.signals
+    left = found.equations.reduced(signals.effort - extend(found).predict(signals))
+    assert rms(left, found.equations.usable) == pytest.approx(
+        rms(found.pool.residual(found.fit, blur=False), found.equations.usable), rel=0.02
+    )

@@ -22,6 +22,8 @@ AXES = ("x", "y", "z")
 SHAPE = ("com_x", "com_y", "com_z")
 CARRIED, OFF_CENTRE = 0.1, 0.1
 """Arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
+GYRATION = 0.03
+"""And what they carry has about such a radius of gyration about its own centre [m]."""
 REACH = 0.5
 """Nothing is carried further than this from its link's origin [m]."""
 CERTAIN = 2.0
@@ -82,11 +84,12 @@ class OnBody(Effect):
 
 
 class Payload(OnBody):
-    """A mass fixed to a link, a point at its centre; its own rotational inertia is left out.
+    """A mass fixed to a link, a point at its centre; a rotational inertia of its own is fitted and not told.
 
     Linear in mass and first moments; the second moments m·c·cᵀ are those of the tangent at the centre of mass that
     the shape names: exact there, and the next centre found with them is nearer (Newton). The first comes from a body
-    with any second moments: without them a light link's inertia leaves no room for a mass.
+    with any second moments: without them a light link's inertia leaves no room for a mass. The last coefficient is that
+    of a ball about its centre: without it the link takes the inertia of what it carries, and with it some of the mass.
     """
 
     name = "payload"
@@ -102,10 +105,13 @@ class Payload(OnBody):
     confused_with = ("link_inertia", "base_tilt", "effort_scale")
     shown_by = "poses in which the link points in all directions, and its accelerations"
     source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, ICRA 2007"
-    coefficient_bounds = ((0.0, np.inf), (-np.inf, np.inf), (-np.inf, np.inf), (-np.inf, np.inf))
+    coefficient_bounds = ((0.0, np.inf), *(((-np.inf, np.inf),) * 3), (0.0, np.inf))
 
     def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray]:
-        return payload_parameters(robot.body_of(link), shape)
+        body, parameters = payload_parameters(robot.body_of(link), shape)
+        ball = np.zeros((PER_LINK, 1))
+        ball[[4, 6, 9]] = 1.0
+        return body, np.hstack([parameters, ball])
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [dict.fromkeys(SHAPE, 0.0)]
@@ -120,12 +126,12 @@ class Payload(OnBody):
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         mass = CARRIED * float(motion.robot.inertials[:, 0].sum())
-        powers = np.repeat([0, 1, 2], [1, 3, 6])[: len(typical)]
-        return mass * OFF_CENTRE ** powers.astype(float)
+        own = [GYRATION**2] if len(typical) == len(self.coefficient_bounds) else [OFF_CENTRE**2] * 6
+        return mass * np.array([1.0, OFF_CENTRE, OFF_CENTRE, OFF_CENTRE, *own])
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
         mass = abs(coefficients[0]) + (0.0 if std is None else CERTAIN * std[0])
-        return bool(np.linalg.norm(coefficients[1:]) <= REACH * mass)
+        return bool(np.linalg.norm(coefficients[1:4]) <= REACH * mass)
 
     def shown(self, values: Values, stds: Values) -> bool:
         return abs(values["mass"]) > SHOWN * stds["mass"]
@@ -139,10 +145,12 @@ class Payload(OnBody):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         shape = {name: values[name] for name in SHAPE}
-        return values["mass"] * np.array([1.0, *shape.values()]), shape
+        return values["mass"] * np.array([1.0, *shape.values(), 0.0]), shape
 
     def since(self, robot: Robot, target: int, link: str | None) -> Effect:
-        return self.with_less(float(robot.inertials[target, 0]))
+        changed = self.with_less(float(robot.inertials[target, 0]))
+        changed.coefficient_bounds = (*changed.coefficient_bounds[:-1], (-np.inf, np.inf))  # type: ignore[misc]
+        return changed
 
     def sentence(self, where: str, values: Values) -> str:
         if values["mass"] >= 0.0:

@@ -11,6 +11,7 @@ import numpy as np
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
+from bdnn_ros.effects.rigid import Payload
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of, tilt_of
 from bdnn_ros.physical.consistency import consistent
@@ -19,6 +20,7 @@ from bdnn_ros.robot import PER_LINK, Robot
 
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination
+    from bdnn_ros.diagnosis.posterior import Estimate
 
 __all__ = ["ExtendedModel", "corrected_links", "extend", "of_physical"]
 
@@ -49,7 +51,8 @@ def extend(examination: Examination) -> ExtendedModel:
     found = _tilted_further(robot, _scaled_offsets(found))
     links = equations.rigid.shape[2]
     errors, covariance = fit.coefficients[:links], fit.covariance[:links, :links]
-    corrected = corrected_links(robot, found, equations.relative, errors, covariance)
+    turning = robot.with_inertials(robot.inertials + _own_inertias(robot, examination.estimates))
+    corrected = corrected_links(turning, found, equations.relative, errors, covariance)
     if equations.jointwise is not None:
         moved = (equations.jointwise @ errors).reshape(len(COMMON), -1)
         earlier = _offsets_moved(earlier, moved[COMMON.index("effort_offset")])
@@ -130,6 +133,17 @@ def corrected_links(
     information = back @ back.T
     total = consistent(mean, 0.5 * (information + information.T), robot.width, np.array([], dtype=int))
     return robot.with_inertials((total - added).reshape(-1, PER_LINK))
+
+
+def _own_inertias(robot: Robot, estimates: Sequence[Estimate]) -> np.ndarray:
+    """How payloads turn about their own centres, which their values do not say: of the bodies, (n, PER_LINK)."""
+    total = np.zeros_like(robot.inertials)
+    for one in estimates:
+        effect, link = one.term.effect, one.term.link
+        if isinstance(effect, Payload) and link is not None:
+            body, columns = effect.inertials(robot, dict(one.term.shape), link)
+            total[body] += columns[:, -1] * one.coefficients[-1]
+    return total
 
 
 def _joints_moved(robot: Robot, errors: np.ndarray) -> Robot:

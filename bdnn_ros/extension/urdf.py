@@ -135,7 +135,7 @@ def _payloads(model: ExtendedModel) -> np.ndarray:
     for effect in _carried(model):
         coefficients, shape = effect.effect.coefficients(effect.values)
         body, parameters = payload_parameters(model.robot.body_of(str(effect.link)), shape)
-        total[body] += parameters @ coefficients
+        total[body] += parameters @ coefficients[:4]
     return total
 
 
