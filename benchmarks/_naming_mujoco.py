@@ -206,7 +206,9 @@ def _hidden(
         case "payload":
             mass = float(rng.uniform(0.5, 2.0))
             centre = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.12)])
-            real.payload = pin.Inertia(mass, centre, np.zeros((3, 3)))
+            radius = float(rng.uniform(0.02, 0.08))
+            real.payload = pin.Inertia.FromSphere(mass, radius)
+            real.payload.lever = centre
             return {"mass": mass, **dict(zip(("com_x", "com_y", "com_z"), centre.tolist(), strict=True))}
         case "base_tilt":
             roll, pitch = rng.uniform(-5.0, 5.0, 2)
