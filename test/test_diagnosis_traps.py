@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cli_cases import sliding_arm
 from diagnosis_cases import equations_of
 
 from bdnn_ros.diagnosis.building import build
@@ -102,6 +103,19 @@ def test_columns_are_as_large_as_the_effect_behind_the_low_pass_of_a_diagnosis(s
         found = np.linalg.lstsq(tall, target, rcond=None)[0]
         best.append((float(np.sum((target - tall @ found) ** 2)), float(found[0])))
     assert min(best)[1] == pytest.approx(1.0, abs=within)
+
+
+@pytest.mark.parametrize("pitch", [0.042, 0.016])
+def test_the_screw_of_what_slides_ripples_many_times_a_metre(pitch: float) -> None:
+    """Finer than the low-pass lets through at the usual speed, and no turning motor's few times in a revolution."""
+    robot, periods = sliding_arm(), 2.0 * np.pi / pitch
+    one = parse_spec(f"cogging@arm2_joint2:amplitude=4,periods_per_rev={periods},phase=1", robot)
+    recording = simulate(robot, [one], seed=2, duration=20.0, noise=SensorNoise.of(0.005)).recording
+    found, *others = diagnose([recording], robot).findings
+    assert (found.effect, found.joint) == ("cogging", "arm2_joint2")
+    assert sum(other.share for other in others) < 1e-3
+    assert found.parameters["amplitude"].value == pytest.approx(4.0, rel=0.02)
+    assert found.parameters["periods_per_rev"].value == pytest.approx(periods, rel=1e-3)
 
 
 def test_friction_of_a_joint_that_sticks_is_not_a_delay_of_its_effort():

@@ -20,6 +20,15 @@ GAUTIER = (
     "robots, JDSMC 136(5), 2014"
 )
 
+FINEST = 2000.0
+"""Most periods in a revolution, or in 2 pi metres (a pitch of 3 mm), that are looked for."""
+LEAST_HALVES = 4
+"""Fewest half periods along the stroke of a joint that slides."""
+BLURRED = 4.0
+"""At a joint's usual speed the ripple may come so many times as often as the low-pass lets through: slow moments show it."""
+SHORTEST = 1e-3
+"""No stroke counts as shorter [m], and no speed as slower [m/s]."""
+
 
 class EffortOffset(Effect):
     """A constant that acts beside the measured effort: sensor bias, or a drive's offset."""
@@ -135,9 +144,10 @@ class EffortDelay(Effect):
 
 
 class Cogging(Effect):
-    """A ripple over position: magnets and slots, or the teeth of a gear.
+    """A ripple over position: magnets and slots, the teeth of a gear, or the lead of a screw.
 
-    It is looked for from three periods a revolution on: fewer are what gravity and springs do.
+    It is looked for from three periods a revolution on, or two along what a joint slides: fewer are what gravity and
+    springs do. A joint that slides has 2 pi of them in a metre for each turn of its screw.
     """
 
     name = "cogging"
@@ -147,7 +157,7 @@ class Cogging(Effect):
     winding = True
     parameters = (
         Parameter("amplitude", "N*m", 0.0, plausible=(0.05, 0.3), of_effort=True),
-        Parameter("periods_per_rev", "-", 0.5, 400.0, plausible=(6.0, 36.0)),
+        Parameter("periods_per_rev", "-", 0.5, 5000.0, plausible=(6.0, 36.0)),
         Parameter("phase", "rad", -math.pi, math.pi, plausible=(-math.pi, math.pi), phase=True, default=0.0),
     )
     equation = "amplitude * sin(periods_per_rev * q + phase)"
@@ -158,7 +168,7 @@ class Cogging(Effect):
         "magnet motor drives, IEEE TIE 43(2), 1996"
     )
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
-    shape_bounds = MappingProxyType({"periods_per_rev": (3.0, 80.0)})
+    shape_bounds = MappingProxyType({"periods_per_rev": (3.0, FINEST)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         amplitude, periods, phase = values["amplitude"], values["periods_per_rev"], values["phase"]
@@ -171,7 +181,9 @@ class Cogging(Effect):
         return motion.sharp_column(target, np.sin(angle), np.cos(angle))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"periods_per_rev": float(p)} for p in (*range(3, 25), *range(26, 61, 2))]
+        turning = (*range(3, 25), *range(26, 61, 2))
+        periods = _along(motion, target) if motion.robot.slides[target] else turning
+        return [{"periods_per_rev": float(p)} for p in periods]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         sine, cosine = (float(c) for c in coefficients)
@@ -185,6 +197,14 @@ class Cogging(Effect):
         sine = values["amplitude"] * math.cos(values["phase"])
         cosine = values["amplitude"] * math.sin(values["phase"])
         return np.array([sine, cosine]), {"periods_per_rev": values["periods_per_rev"]}
+
+
+def _along(motion: Motion, target: int) -> list[float]:
+    """Periods to try along what a joint slides: half a one more each time, up to what the low-pass leaves of none."""
+    half = math.pi / max(float(np.ptp(motion.position[:, target])), SHORTEST)
+    speed = float(np.sqrt(np.mean(motion.velocity[:, target] ** 2)))
+    finest = min(FINEST, BLURRED * 2.0 * math.pi * motion.signals.cutoff / max(speed, SHORTEST))
+    return [half * count for count in range(LEAST_HALVES, int(finest / half) + 1)]
 
 
 class JointSpring(Effect):
