@@ -13,6 +13,10 @@ ARGUMENTS = {
     "bag": (None, "an .mcap file, a rosbag2 directory or a .db3 file"),
     "rate": ("1.0", "speed, as a multiple of the bag's own"),
     "urdf_file": ("", "URDF; empty takes the bag's own"),
+    "joint_states_topic": ("/joint_states", "topic of the joint states in the bag"),
+    "effort_commands_topic": ("", "topic of the effort commands in the bag; empty plays none"),
+    "loop": ("false", "start over at the end"),
+    "use_sim_time": ("false", "play the bag's stamps on /clock and let the node take its time from there"),
     "model_directory": ("", "where the model is kept; empty keeps none"),
 }
 
@@ -32,7 +36,13 @@ def generate_launch_description() -> LaunchDescription:
         executable="identification_node",
         name="identification_node",
         namespace="",
-        parameters=[{"urdf_file": argument("urdf_file"), "model_directory": argument("model_directory")}],
+        parameters=[
+            {
+                "urdf_file": argument("urdf_file"),
+                "model_directory": argument("model_directory"),
+                "use_sim_time": argument("use_sim_time", bool),
+            }
+        ],
         output="screen",
     )
     player = Node(
@@ -40,7 +50,15 @@ def generate_launch_description() -> LaunchDescription:
         executable="replay_node",
         name="replay_node",
         parameters=[
-            {"bag": argument("bag"), "rate": argument("rate", float), "urdf_file": argument("urdf_file")}
+            {
+                "bag": argument("bag"),
+                "rate": argument("rate", float),
+                "urdf_file": argument("urdf_file"),
+                "joint_states_topic": argument("joint_states_topic"),
+                "effort_commands_topic": argument("effort_commands_topic"),
+                "loop": argument("loop", bool),
+                "clock": argument("use_sim_time", bool),
+            }
         ],
         output="screen",
     )

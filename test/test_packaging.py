@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import os
 import re
@@ -15,6 +16,7 @@ from ament_index_python import packages as ament
 from catkin_pkg.package import parse_package
 
 import bdnn_ros
+from bdnn_ros.nodes import parameters
 
 ROOT = Path(__file__).resolve().parent.parent
 EXECUTABLES = ["bdnn", "identification_node", "replay_node"]
@@ -155,7 +157,31 @@ def test_manifest_names_the_messages_that_the_nodes_import() -> None:
         re.findall(r"^\s*(?:from|import) (\w+_(?:msgs|srvs|interfaces)|rclpy)\b", sources, re.MULTILINE)
     )
     assert imported
-    assert imported - {"builtin_interfaces"} <= depends
+    assert imported <= depends
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "launch").glob("*.py")), ids=lambda file: file.name)
+def test_launch_files_set_parameters_that_the_nodes_have(file: Path) -> None:
+    known = {
+        "identification_node": {setting.name for setting in parameters.IDENTIFICATION},
+        "replay_node": {setting.name for setting in parameters.REPLAY},
+    }
+    calls = [
+        call for call in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(call, ast.Call)
+    ]
+    nodes = [
+        given
+        for given in ({k.arg: k.value for k in call.keywords} for call in calls)
+        if "executable" in given
+    ]
+    assert nodes
+    for given in nodes:
+        settings = [one for one in ast.walk(given["parameters"]) if isinstance(one, ast.Dict)]
+        keys = {ast.literal_eval(key) for one in settings for key in one.keys if key is not None}
+        assert (
+            keys - {"use_sim_time"}
+            and keys - {"use_sim_time"} <= known[ast.literal_eval(given["executable"])]
+        )
 
 
 def test_torch_comes_without_cuda() -> None:
