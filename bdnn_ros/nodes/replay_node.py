@@ -75,7 +75,8 @@ class ReplayNode(Node):
         start = self.recording.epoch
         while rclpy.ok():
             played = self._play_once(start)
-            self.get_logger().info(f"played {played} joint states")
+            if rclpy.ok():  # a log after the end of ROS is an error of its own
+                self.get_logger().info(f"played {played} joint states")
             if not self.settings["loop"]:
                 break
             start += round(self.recording.duration * 1e9) + LOOP_PAUSE
