@@ -21,9 +21,9 @@ from bdnn_ros.effects.motion import Motion
 EVERY_TEST_BLOCK = 5
 """One block in so many is kept out of the search and of the fit that the gain is measured with."""
 TEST_PHASES = (2, 4)
-"""Which one of them; the second where the first held something out that shows nowhere else."""
+"""Which of every five blocks is held out; the second is tried where the first holds something that is seen nowhere else."""
 SURPRISING = 2.0
-"""Held-out error per error of the rest that says so."""
+"""Another block is held out where the error of the first is so many times that of the other rows."""
 AROUND = 0.3
 """A push is in what was low-passed so long before it begins and after it ends [s]."""
 SWAPS = 5

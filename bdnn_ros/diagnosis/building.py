@@ -19,7 +19,7 @@ BLOCK_SECONDS, MOST_BLOCKS = 2.0, 40
 SHORTEST_BLOCK, LEAST_MOTION = 0.5, 8.0
 """And shorter, down to the first [s], where a joint moves for less than the second [s]: it has to move in some of all sets."""
 LEAST_VALUES = 100.0
-"""A push and a drift, with their times, say anything of a joint's motion that the low-pass leaves fewer independent values of."""
+"""With fewer independent low-passed values of a joint's motion, a push or a drift can fit anything: neither is named."""
 IDENTIFIED = 0.01
 """One standard deviation of what was identified, where errors of a description's links are relative."""
 TURNING_WIDTHS = 2.0

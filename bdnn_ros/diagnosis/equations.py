@@ -28,7 +28,7 @@ USUAL_MASS_ERROR = 0.05
 STICKING_LEAD = 0.003
 """How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
 HARDLY_SEEN = 1e-4
-"""What the motion shows less of an effect's coefficient than this share of the others' is as good as unknown, not unbounded."""
+"""A coefficient that the motion hardly shows counts as shown by this share of the best: its prior spread stays finite."""
 HARDLY_USABLE = 0.05
 """A joint hardly moves where a smaller share of its rows counts."""
 BLURS = slice(1, 3)
@@ -131,7 +131,7 @@ class Equations:
         return self._columns[term]
 
     def made(self, term: Term, motion: Motion | None = None) -> np.ndarray:
-        """The same, made and not kept.
+        """Columns as those of `columns`, computed anew and not kept.
 
         Args:
             motion: with another estimate of the load.

@@ -286,7 +286,7 @@ class Pool:
         return fit.coefficients[self._rows(fit, chosen)]
 
     def acting(self, fit: Fit, chosen: int) -> float:
-        """What a term's coefficients act with, of what they are measured with.
+        """Acting effort per measured effort of a term: the effort scale of its joint if it is in the drive, else 1.
 
         What a drive takes is measured in its sensor's units: where the fit has a wrong effort scale there, it takes that
         much more or less.

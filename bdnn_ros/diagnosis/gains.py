@@ -16,7 +16,7 @@ FEWEST_PIECES = 8
 MINIMUM_SHARE = 0.02
 """An effect that removes an error of this share of the effort's spread at some joint is worth a name."""
 OUTSTANDING_SHARE, BRIEF_SHARE = 0.01, 0.005
-"""So is one of this share that removes more than all that is left, and a brief one of half of that."""
+"""A smaller effect, one that lasts or a brief one, is worth a name if it removes more error than is left."""
 OVERSHADOWED = 0.5
 """Less than this share of what is left could as well be a part of that, and earns no name."""
 ACTING = 0.25
@@ -24,7 +24,7 @@ ACTING = 0.25
 LASTING = 0.5
 """A push that lasts this share of the recording is not brief."""
 PASSING = 0.1
-"""An effect of whose moments no more than this share lies in some rows came and went elsewhere."""
+"""An effect with no more than this share of its energy in some rows acted elsewhere."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from scipy.linalg import qr
 NEW = 1e-6
 """Columns that add less than this share to others say nothing of their own."""
 MOST_REGRET = 0.5
-"""Logarithm of what a joint counts for at most, for whom a reading is not the best."""
+"""Most that one joint's log error may speak against a reading: no joint outvotes all others."""
 
 
 def basis(columns: np.ndarray) -> np.ndarray:

@@ -29,8 +29,7 @@ LINK_COST = 3.5
 PAYLOAD_COST = 5.5
 """The same against a payload at the end of an arm: there tools are changed."""
 INNER_COST, FIRST_COST = COST - PAYLOAD_COST, 8.5
-"""What it costs more on a link with joints after it, as any effect does; before all others it is hardly more than a rotor or a
-spring."""
+"""What a payload costs more on an inner link, and on the first, where a rotor or a spring does nearly the same."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""
 LINK_ERROR_COST = 150.0

@@ -32,7 +32,7 @@ NOISE_FLOOR = 1e-4
 OUTSTANDING = 0.1
 """What brings less than this share of the largest gain waits until noise and load are known better."""
 FALLS = 0.8
-"""Noise that is less than this share of what it was has not been found yet, nor has what it hides."""
+"""Search again while a joint's noise falls below this share of the last estimate: it may have hidden an effect."""
 HIDDEN_TRIED = 3
 """So many effects, or sets of them, are tried at their own noise."""
 FAINT = 3.0

@@ -18,7 +18,6 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.links import described_inertial, link_inertial
 
-AXES = ("x", "y", "z")
 SHAPE = ("com_x", "com_y", "com_z")
 CARRIED, OFF_CENTRE = 0.1, 0.1
 """Arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""

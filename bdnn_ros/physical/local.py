@@ -32,7 +32,7 @@ class LocalResiduals:
 
     @property
     def active(self) -> bool:
-        """Whether any joint has any."""
+        """Whether any joint has a group of features switched on."""
         return any(self.groups)
 
     @property

@@ -41,7 +41,7 @@ BEST = 8
 RELEVANCE_ROUNDS = 10
 """In which what is believed of the harmonics and their weights are found in turn."""
 LEAST_SHOWN = 1e-3
-"""Of the two weights of a harmonic, how many the motion is taken to show at least: it divides by this."""
+"""A motion is taken to show at least so much of a harmonic's two weights: what is divided by it stays finite."""
 LEAST_WAVE = 1e-4
 """Of what a harmonic may weigh at most: what is left of one that the motion does not show."""
 ROUNDS = 2
