@@ -66,7 +66,8 @@ def test_the_worn_arm_shows_its_payload_friction_and_rotors():
     motion = Motion(signals, robot, signals.effort)
     values = truth["effects"][0]["parameters"]
     _, shape = get("payload").coefficients(values)
-    columns = [get("payload").columns(motion, 6, shape, "arm7_hand"), motion.load_rate[..., None]]
+    carried = get("payload").columns(motion, 6, shape, "arm7_hand")
+    columns = [carried, motion.load_rate[..., None]]
     for joint in range(7):
         columns += [
             get(name).columns(motion, joint, {})
@@ -75,7 +76,7 @@ def test_the_worn_arm_shows_its_payload_friction_and_rotors():
     found = fitted(signals, robot, np.concatenate(columns, axis=2))
     assert found[0] == pytest.approx(values["mass"], rel=0.1)
     assert found[3] / found[0] == pytest.approx(values["com_z"], abs=0.02)
-    for name, joint in zip(robot.joints, found[5:].reshape(7, 3), strict=True):
+    for name, joint in zip(robot.joints, found[carried.shape[2] + 1 :].reshape(7, 3), strict=True):
         worn = truth["worn"][name]
         assert joint[0] == pytest.approx(worn["coulomb"], rel=0.25)
         assert joint[1] == pytest.approx(worn["viscous"], rel=0.25)

@@ -151,7 +151,7 @@ def test_the_top_lists_the_causes_with_numbers_gain_and_doubt(page: Page, three:
     assert re.search(r"Payload at arm7_link7 1\.\d+ ± 0\.\d+ kg", words)
     assert "This data cannot tell it from: Stribeck friction at arm7_joint4 (31 %)" in words
     assert "bdnn excite --for diagnosis.json" in words and "`" not in words
-    gain = f"{100.0 * three.diagnosis.gain:.0f} %"
+    gain = f"{100.0 * three.diagnosis.gain:.1f} %"
     assert words.index(gain) < words.index("Root causes identified")
     for finding in three.diagnosis.findings:
         assert finding.sentence in words

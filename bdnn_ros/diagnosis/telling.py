@@ -49,7 +49,7 @@ AT_REST = (
 MUCH_LEFT = 0.5
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
 UNLIKELY = 0.5
-"""And with this one it is no more than as likely as nothing."""
+"""What has no name is told as a doubt only where nothing at all is no likelier than this."""
 EXPLAINED = 1.3
 """An extended model within this factor of the noise floor explains the recording."""
 
