@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.effects.registry import parse_spec
-from bdnn_ros.errors import RobotError, UsageError
+from bdnn_ros.errors import ModelFileError, RobotError, UsageError
 from bdnn_ros.extension.effects_file import effects_text, read_effects
 from bdnn_ros.extension.extended import ExtendedModel, tilt_of
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
@@ -178,6 +178,50 @@ def test_urdf_and_effects_are_the_whole_model(robot: Robot, tmp_path) -> None:
         ("{effects: [{effect: cogging, joint: arm7_joint1, parameters: {amplitude: 1}}]}", "periods_per_rev"),
         ("{effects: [{effect: cogging, joint: elbow, parameters: {}}]}", "elbow"),
         ("{effects: [7]}", "not complete"),
+        ("{effects: [{effect: cogging}]}", "effect 1 of 1: it is not complete: it lacks parameters"),
+        ("{effects: [{effect: cogging, parameters: 7}]}", "name and a number"),
+        ("{effects: [{effect: coulomb_friction, parameters: {coulomb: 1}}]}", "does not say where"),
+        ("{effects: [{effect: payload, parameters: {mass: 1}}]}", "does not say where"),
+        (
+            "{effects: [{effect: coulomb_friction, link: arm7_link1, parameters: {coulomb: 1}}]}",
+            "cannot act on a link. It acts on a joint",
+        ),
+        (
+            "{effects: [{effect: payload, joint: arm7_joint1, link: arm7_link1, parameters: {mass: 1}}]}",
+            "a joint and a link",
+        ),
+        (
+            "{effects: [{effect: base_tilt, joint: arm7_joint1, parameters: {roll_deg: 1}}]}",
+            "cannot act on 'arm7_joint1'",
+        ),
+        (
+            "{effects: [{effect: coulomb_friction, joint: arm7_joint1, parameters: {coulomb: 1, bogus: 2}}]}",
+            "no parameter bogus",
+        ),
+        (
+            "{effects: [{effect: coulomb_friction, joint: arm7_joint1, bogus: 2, parameters: {coulomb: 1}}]}",
+            "unknown key bogus",
+        ),
+        (
+            "{effects: [{effect: coulomb_friction, joint: arm7_joint1, parameters: {coulomb: null}}]}",
+            "not a number",
+        ),
+        ("{effects: [{effect: velocity_filter, joint: arm7_joint1, parameters: {cutoff: 0}}]}", "bounds"),
+        ("{effects: [{effect: joint_spring, joint: arm7_joint1, parameters: {stiffness: -100}}]}", "bounds"),
+        (
+            "{effects: [{effect: joint_elasticity, joint: arm7_joint1, parameters: {stiffness: -100}}]}",
+            "bounds",
+        ),
+        (
+            "{effects: [{effect: stribeck_friction, joint: arm7_joint1, "
+            "parameters: {coulomb: 1, static: 2, velocity: 0}}]}",
+            "velocity=0 .* out of bounds",
+        ),
+        (
+            "{effects: [{effect: link_inertia, link: arm7_link4, "
+            "parameters: {mass: 5, nominal_mass: 2, scale: 1.2}}]}",
+            "contradicts itself",
+        ),
         ("{", "cannot be read"),
     ],
 )
@@ -185,6 +229,45 @@ def test_bad_effects_are_refused(robot: Robot, tmp_path, text: str, says: str) -
     (tmp_path / "effects.yaml").write_text(text)
     with pytest.raises(UsageError, match=says):
         read_effects(tmp_path / "effects.yaml", robot)
+
+
+FOUND = (
+    ("coulomb_friction@arm7_joint4:coulomb=1", {"coulomb": -0.4}),
+    ("viscous_friction@arm7_joint4:viscous=1", {"viscous": -0.4}),
+    ("armature@arm7_joint4:armature=1", {"armature": -0.01}),
+    ("payload@arm7_link7:mass=1", {"mass": -0.5}),
+    ("base_tilt:roll_deg=1", {"roll_deg": 178.0}),
+    ("joint_spring@arm7_joint4:stiffness=1", {"rest": 40.0}),
+    ("velocity_filter@arm7_joint4:cutoff=10", {"cutoff": 1500.0}),
+    ("effort_scale@arm7_joint4:scale=5", {"scale": 5.000000000000001}),
+    ("link_inertia@arm7_link4:scale=1.5", {"mass": 3.0, "nominal_mass": 2.0}),
+    ("drift@arm7_joint4:of=offset,start_value=0,end_value=1", {}),
+)
+"""What a fit may find and nobody may ask for: less than an earlier model had, and the nominal mass of other links."""
+
+
+@pytest.mark.parametrize(("spec", "values"), FOUND)
+def test_what_a_diagnosis_writes_is_read_again(robot: Robot, tmp_path, spec: str, values: dict) -> None:
+    asked = parse_spec(spec, robot)
+    found = replace(asked, values={**asked.values, **values})
+    path = tmp_path / "effects.yaml"
+    path.write_text(effects_text([found], robot))
+    assert read_effects(path, robot) == [found]
+    model = ExtendedModel(robot, (found,), np.zeros(robot.width))
+    assert ExtendedModel.from_state(*model.to_state()).effects == (found,)
+
+
+def test_a_model_with_an_effect_nowhere_is_refused(robot: Robot) -> None:
+    arrays, info = model_of(robot, "coulomb_friction@arm7_joint4:coulomb=1").to_state()
+    info["effects"][0]["joint"] = None
+    with pytest.raises(ModelFileError, match="coulomb_friction does not say where"):
+        ExtendedModel.from_state(arrays, info)
+
+
+def test_a_joint_of_an_effects_file_stands_for_the_link_it_moves(robot: Robot, tmp_path) -> None:
+    path = tmp_path / "effects.yaml"
+    path.write_text("effects: [{effect: payload, joint: arm7_joint7, parameters: {mass: 1}}]")
+    assert read_effects(path, robot) == [parse_spec("payload@arm7_joint7:mass=1", robot)]
 
 
 def test_text_edits_keep_every_other_character() -> None:

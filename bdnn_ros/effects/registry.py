@@ -8,11 +8,12 @@ the names.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from bdnn_ros.effects import actuation, backlash, drift, environment, friction, rigid, sensing, transmission
-from bdnn_ros.effects.base import Effect, Parameter, Where
+from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.checks import ROUNDED, as_found, checked, having, placed, placed_by_key, refuse_odd
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
@@ -145,32 +146,56 @@ def parse_spec(spec: str, robot: Robot) -> Installed:
     choices = variants(name.strip())
     given = _pairs(spec, tail)
     variant = given.pop("of", "")
-    choices = (get(name.strip(), variant),) if variant else _having(choices, given)
-    effect, target, link = _placed(spec, choices, place.strip(), robot)
-    given_values = _checked(spec, effect, given)
+    choices = (get(name.strip(), variant),) if variant else having(choices, given)
+    effect, target, link = placed(spec, choices, place.strip(), robot)
+    given_values = checked(spec, effect, given)
     values = completed(effect, given_values, robot, link)
     for parameter in effect.parameters:
-        _refuse_outside(spec, parameter, values[parameter.name])
-        if abs(given_values.get(parameter.name, values[parameter.name]) - values[parameter.name]) > 1e-6:
-            raise UsageError(
-                f"{spec!r} contradicts itself or the robot.", "Leave out all but one of mass and scale."
-            )
+        refuse_odd(spec, parameter, given_values, values)
+    return Installed(effect, target, link, values)
+
+
+def from_values(
+    name: str,
+    given: Mapping[str, object],
+    robot: Robot,
+    *,
+    joint: str | None = None,
+    link: str | None = None,
+    variant: str = "",
+) -> Installed:
+    """An effect as a file says it, checked as a specification is.
+
+    A fit may have found what nobody asks for: less of something than an earlier model had, and what `FOUND` says.
+    A scaled link keeps the nominal mass that the file gives: that of the robot before its links were corrected.
+
+    Raises:
+        UsageError: the effect, place or a parameter is unknown, missing or out of bounds.
+    """
+    place = link if joint is None else joint
+    spec = name if place is None else f"{name}@{place}"
+    choices = (get(name, variant),) if variant else having(variants(name), given)
+    effect, target, link = placed_by_key(spec, choices, joint, link, robot)
+    parameters = [as_found(effect, parameter) for parameter in effect.parameters]
+    given_values = checked(spec, effect, given, parameters, ROUNDED)
+    nominal = given_values.get("nominal_mass")
+    values = _scaled(given_values, nominal) if nominal else completed(effect, given_values, robot, link)
+    for parameter in parameters:
+        refuse_odd(spec, parameter, given_values, values, ROUNDED)
     return Installed(effect, target, link, values)
 
 
 def completed(effect: Effect, values: dict[str, float], robot: Robot, link: str | None) -> dict[str, float]:
     """Parameters with those that follow from the robot: the nominal mass of a scaled link."""
     if effect.name == "link_inertia" and link is not None:
-        nominal = float(link_inertial(robot, link)[1][0])
-        scale = values["scale"] if "scale" in values else values["mass"] / nominal
-        return {"mass": scale * nominal, "nominal_mass": nominal, "scale": scale}
+        return _scaled(values, float(link_inertial(robot, link)[1][0]))
     return values
 
 
-def _having(choices: tuple[Effect, ...], given: Iterable[str]) -> tuple[Effect, ...]:
-    """The variants that have all these parameters; all where none has."""
-    having = [c for c in choices if set(given) <= {p.name for p in c.parameters}]
-    return tuple(having) or choices
+def _scaled(values: Mapping[str, float], nominal: float) -> dict[str, float]:
+    """All that is said of a scaled link, from its nominal mass and either its mass or its scale."""
+    scale = values["scale"] if "scale" in values else values["mass"] / nominal
+    return {"mass": scale * nominal, "nominal_mass": nominal, "scale": scale}
 
 
 def _pairs(spec: str, tail: str) -> dict[str, str]:
@@ -186,73 +211,3 @@ def _pairs(spec: str, tail: str) -> dict[str, str]:
             raise UsageError(f"{key.strip()!r} is given twice in {spec!r}.", "Give it once.")
         pairs[key.strip()] = value.strip()
     return pairs
-
-
-def _placed(spec: str, choices: Sequence[Effect], place: str, robot: Robot) -> tuple[Effect, int, str | None]:
-    """Which of the variants acts there, the joint's index and the link."""
-    kinds: dict[Where, Effect] = {}
-    for effect in choices:
-        for where in (effect.on, *effect.also_on):
-            kinds.setdefault(where, effect)
-    if place in ("", "base", "all"):
-        anywhere = kinds.get("base") or kinds.get("all")
-        if anywhere is not None:
-            return anywhere, -1, None
-        raise UsageError(f"{spec!r} does not say where.", f"Write {choices[0].name}@{_places(kinds, robot)}.")
-    if place in robot.joints and "joint" in kinds:
-        return kinds["joint"], robot.joints.index(place), None
-    if place in robot.joints and "link" in kinds:
-        link = robot.moving_link(place)
-        return kinds["link"], robot.joints.index(place), link
-    if "link" in kinds and place in robot.links:
-        return kinds["link"], robot.body_of(place)[0], place
-    raise UsageError(
-        f"{spec!r}: {choices[0].name} cannot act on {place!r}.", f"It acts on {_places(kinds, robot)}."
-    )
-
-
-def _places(kinds: dict[Where, Effect], robot: Robot) -> str:
-    """Where an effect may act, for a message."""
-    places = {
-        "joint": f"a joint ({listed(robot.joints, 20)})",
-        "link": f"a link ({listed(robot.links, 20)})",
-        "base": "base",
-        "all": "all",
-    }
-    return " or ".join(places[kind] for kind in kinds)
-
-
-def _checked(spec: str, effect: Effect, given: dict[str, str]) -> dict[str, float]:
-    """Numbers within their bounds, defaults filled in."""
-    known = {parameter.name: parameter for parameter in effect.parameters}
-    unknown = [key for key in given if key not in known]
-    if unknown:
-        raise UsageError(
-            f"{effect.name} has no parameter {listed(unknown)} ({spec!r}).", f"It has {listed(known, 20)}."
-        )
-    values: dict[str, float] = {}
-    for key, text in given.items():
-        try:
-            values[key] = float(text)
-        except ValueError:
-            raise UsageError(f"{key}={text} in {spec!r} is not a number.", "Give a number.") from None
-        _refuse_outside(spec, known[key], values[key])
-    values = effect.with_defaults(values)
-    missing = [key for key in known if key not in values]
-    if effect.name == "link_inertia" and {"mass", "scale"} & set(values):
-        missing = []
-    if missing:
-        raise UsageError(
-            f"{spec!r} leaves out {listed(missing)}.", f"{effect.name} needs {listed(known, 20)}."
-        )
-    if effect.name == "stribeck_friction" and values["static"] < values["coulomb"]:
-        raise UsageError(f"{spec!r}: static friction is below Coulomb friction.", "Give static >= coulomb.")
-    return values
-
-
-def _refuse_outside(spec: str, parameter: Parameter, value: float) -> None:
-    if not (parameter.lower <= value <= parameter.upper) or math.isnan(value):
-        raise UsageError(
-            f"{parameter.name}={value:g} in {spec!r} is out of bounds.",
-            f"It lies between {parameter.lower:g} and {parameter.upper:g} {parameter.unit}.",
-        )

@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 import yaml
 
-from bdnn_ros.effects.registry import Installed, get
-from bdnn_ros.errors import UsageError
+from bdnn_ros.effects.registry import Installed, from_values
+from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
 
 FORMAT = "bdnn_ros/effects"
 VERSION = 1
 ALSO_IN = "also_in"
 """Key of an entry that says which other file carries the effect as well."""
+KEYS = ("effect", "variant", "joint", "link", "parameters", ALSO_IN)
+"""Of an entry."""
 
 
 def preamble(stem: str) -> str:
@@ -40,32 +42,41 @@ def entry(effect: Installed, robot: Robot) -> dict[str, Any]:
     return result
 
 
-def from_entry(one: Mapping[str, Any], robot: Robot) -> Installed:
+def from_entry(one: object, robot: Robot) -> Installed:
     """The effect of an entry, defaults filled in.
 
     Raises:
-        UsageError: the robot has no such joint or link, there is no such effect, or a parameter is missing.
+        UsageError: it is not complete, or place or numbers do not fit the effect and the robot.
     """
-    try:
-        effect = get(str(one["effect"]), str(one.get("variant") or ""))
-        joint, link = one.get("joint"), one.get("link")
-        given = {str(key): float(value) for key, value in one["parameters"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UsageError(
-            f"An entry of the effects is not complete ({error!r}).", "Each needs effect and parameters."
-        ) from None
-    target = -1
-    if link is not None:
-        target = robot.body_of(str(link))[0]
-    elif joint is not None:
-        if joint not in robot.joints:
-            raise UsageError(f"{effect.name}: the robot has no joint {joint!r}.", "Give the robot it is for.")
-        target = robot.joints.index(str(joint))
-    values = effect.with_defaults(given)
-    missing = [p.name for p in effect.parameters if p.name not in values]
-    if missing:
-        raise UsageError(f"{effect.name} lacks {', '.join(missing)}.", "Add it to its parameters.")
-    return Installed(effect, target, None if link is None else str(link), values)
+    if not isinstance(one, Mapping):
+        raise UsageError("it is not complete: it has no keys.", "Each effect needs effect and parameters.")
+    lacking = [key for key in ("effect", "parameters") if one.get(key) is None]
+    if lacking:
+        raise UsageError(f"it is not complete: it lacks {listed(lacking)}.", "Add what is missing.")
+    unknown = [key for key in one if key not in KEYS]
+    if unknown:
+        raise UsageError(f"it has the unknown key {listed(unknown)}.", f"The keys are {listed(KEYS)}.")
+    if not isinstance(one["parameters"], Mapping):
+        raise UsageError("its parameters are not pairs of a name and a number.", "Write name: number.")
+    joint, link = (None if one.get(key) is None else str(one[key]) for key in ("joint", "link"))
+    given = {str(key): value for key, value in one["parameters"].items()}
+    variant = str(one.get("variant") or "")
+    return from_values(str(one["effect"]), given, robot, joint=joint, link=link, variant=variant)
+
+
+def from_entries(entries: Sequence[object], robot: Robot) -> list[Installed]:
+    """The effects of entries, in their order.
+
+    Raises:
+        UsageError: one cannot be read; the sentence says which.
+    """
+    found = []
+    for number, one in enumerate(entries, 1):
+        try:
+            found.append(from_entry(one, robot))
+        except UsageError as error:
+            raise UsageError(f"effect {number} of {len(entries)}: {error.problem}", error.remedy) from None
+    return found
 
 
 def effects_text(
@@ -106,4 +117,7 @@ def read_effects(path: str | Path, robot: Robot) -> list[Installed]:
             f"{path} has version {document.get('version')}, this program reads version {VERSION}.",
             "Use the release that wrote it.",
         )
-    return [from_entry(one, robot) for one in document["effects"]]
+    try:
+        return from_entries(document["effects"], robot)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error.problem}", error.remedy) from None

@@ -15,7 +15,7 @@ from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import BdnnError, ModelFileError
-from bdnn_ros.extension.effects_file import entry, from_entry
+from bdnn_ros.extension.effects_file import entry, from_entries
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.state import robot_from_state, robot_state
@@ -259,7 +259,7 @@ class ExtendedModel:
             held = {key[len("beyond.") :]: v for key, v in arrays.items() if key.startswith("beyond.")}
             return cls(
                 bare=robot,
-                effects=tuple(from_entry(one, robot) for one in info["effects"]),
+                effects=tuple(from_entries(info["effects"], robot)),
                 noise=np.asarray(arrays["noise"], float),
                 stds=tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
                 lead=float(info["lead"]),
