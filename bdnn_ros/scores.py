@@ -137,7 +137,7 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
     if not horizon > 0.0:
         raise UsageError(f"A horizon of {horizon:g} s is no time.", "Give seconds above zero.")
     longest = max(rows.stop - rows.start for rows in signals.segments) - 1
-    steps = int(np.clip(round(horizon * signals.rate), 1, longest))
+    steps = max(round(min(horizon * signals.rate, longest)), 1)
     starts = np.array([k for s in signals.segments for k in range(s.start, s.stop - steps, steps)])
     end = integrated(model, signals, signals.effort, starts, steps)
     error = np.sqrt(np.mean((end - signals.position[starts + steps]) ** 2, axis=0))

@@ -138,6 +138,7 @@ def test_the_implicit_step_is_of_second_order(pendulum: Model) -> None:
 def test_horizons(pendulum: Model) -> None:
     signals = driven(pendulum, 4.0)
     assert rollout_error(pendulum, signals, 100.0).windows == 1
+    assert rollout_error(pendulum, signals, np.inf).windows == 1
     assert rollout_error(pendulum, signals, 1e-9).horizon == pytest.approx(1.0 / signals.rate)
     with pytest.raises(UsageError, match="is no time"):
         rollout_error(pendulum, signals, 0.0)

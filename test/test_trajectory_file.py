@@ -74,6 +74,25 @@ def test_a_missing_or_empty_table_is_refused(tmp_path: Path) -> None:
             read_trajectory(path, ROBOT, 500.0)
 
 
+@pytest.mark.parametrize("rate", [np.nan, np.inf, -5.0, 0.0])
+def test_a_rate_that_is_none_is_refused(file: Path, rate: float) -> None:
+    with pytest.raises(UsageError, match="cannot be simulated"):
+        read_trajectory(file, ROBOT, rate)
+
+
+def test_a_table_that_lasts_for_ages_is_refused(file: Path) -> None:
+    lines = file.read_text().splitlines(keepends=True)
+    file.write_text("".join(lines[:-1]) + "1e12" + lines[-1][lines[-1].index(",") :])
+    with pytest.raises(UsageError, match="cannot be simulated"):
+        read_trajectory(file, ROBOT, 500.0)
+
+
+def test_an_endless_field_is_refused(file: Path) -> None:
+    file.write_text(file.read_text() + "1" * 140_000 + "\n")
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_trajectory(file, ROBOT, 500.0)
+
+
 def test_simulate_follows_a_trajectory_with_the_effects_of_a_file(file: Path, tmp_path: Path) -> None:
     effects = [parse_spec("coulomb_friction@arm2_joint1:coulomb=0.5", ROBOT)]
     (tmp_path / "effects.yaml").write_text(effects_text(effects, ROBOT))

@@ -11,6 +11,7 @@ from scipy.interpolate import BPoly
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
+from bdnn_ros.simulation.simulate import check
 
 QUANTITIES = ("position", "velocity", "acceleration")
 HOLD = 0.5
@@ -27,13 +28,14 @@ def read_trajectory(path: Path, robot: Robot, rate: float) -> Trajectory:
         rate: of the new samples [Hz].
 
     Raises:
-        UsageError: the file cannot be read, is no such table, lacks a joint, or its stamps do not increase.
+        UsageError: the file cannot be read, is no such table, lacks a joint, or its stamps do not increase, or it cannot be
+            simulated for so long or at this rate.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header, *lines = list(csv.reader(file))
         table = np.array([[float(x) for x in line] for line in lines], dtype=float)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
         raise UsageError(
             f"The trajectory {path} cannot be read ({error}).", "Give a CSV of bdnn excite."
         ) from None
@@ -48,6 +50,7 @@ def read_trajectory(path: Path, robot: Robot, rate: float) -> Trajectory:
     time, points = values[:, 0] - values[0, 0], values[:, 1:].reshape(len(values), 3, robot.width)
     if not np.isfinite(values).all() or (np.diff(time) <= 0.0).any():
         raise UsageError(f"{path}: stamps do not increase, or a value is not a number.", "Correct the file.")
+    check(float(time[-1]) + HOLD, rate)
     path_ = BPoly.from_derivatives(time, points)
     stamps = np.arange(int(np.ceil((time[-1] + HOLD) * rate)) + 1) / rate
     inside = np.clip(stamps - HOLD, 0.0, time[-1])
