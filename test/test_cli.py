@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -92,6 +93,28 @@ def test_a_full_standard_output_is_said_to_be(pendulum: Robot, tmp_path: Path) -
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.stderr.splitlines()[0].startswith("bdnn: error: No space left on device: the standard output")
     assert done.returncode == 2
+
+
+@pytest.mark.parametrize("words", [["info"], ["info", "--urdf", "motör·.urdf"]])
+def test_an_output_without_the_letters_gets_their_codes(
+    words: list[str], pendulum: Robot, tmp_path: Path
+) -> None:
+    """What is printed has dots and Greek letters, which an ASCII pipe lacks."""
+    command = [
+        sys.executable,
+        "-m",
+        "bdnn_ros.cli.main",
+        words[0],
+        str(bag_of(tmp_path / "bag", swing(pendulum))),
+    ]
+    done = subprocess.run(
+        [*command, *words[1:]],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii:strict"},
+    )
+    assert b"Traceback" not in done.stderr
+    assert b"\\x" in done.stdout + done.stderr
+    assert (done.stdout + done.stderr).isascii()
 
 
 def test_files_that_cannot_be_written_are_the_users(

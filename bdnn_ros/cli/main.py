@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -44,6 +45,7 @@ class Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command line and returns its exit status: 0 done, 1 the data cannot answer, 2 wrong usage."""
     words = list(sys.argv[1:] if argv is None else argv)
+    _print_anything()
     try:
         status = _run(words)
         sys.stdout.flush()
@@ -63,6 +65,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(f"{BROKE_DOWN} ({error}).", DataError.exit_status)
     except OSError as error:
         return _complain(_of_a_file(error), USAGE_STATUS)
+
+
+def _print_anything() -> None:
+    """A terminal or pipe that lacks a character gets its code: units have a dot, and names may have any letter."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _run(words: list[str]) -> int:
