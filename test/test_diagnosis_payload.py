@@ -61,7 +61,8 @@ def test_a_payload_far_from_a_light_wrist_has_its_centre(worn):
     (found,) = (f for f in diagnose([simulated.recording], robot).findings if f.effect == "payload")
     assert found.link == "arm6_link6"
     assert found.parameters["mass"].value == pytest.approx(0.5, rel=0.15)
-    assert found.parameters["com_z"].value == pytest.approx(0.128, abs=0.01)
+    height = found.parameters["com_z"]  # less sure than of a point: what is carried may turn about itself as well
+    assert height.value == pytest.approx(0.128, abs=2.0 * height.std) and height.std < 0.012
 
 
 def test_what_an_arm_carries_is_not_believed_smaller_where_only_its_wrist_shows_it():
@@ -82,9 +83,10 @@ def test_what_is_carried_is_no_point_and_still_weighed_right():
     robot = Robot.bundled("arm6")
     body, rotation, translation = robot.body_of("arm6_link6")
     at = rotation @ np.array([0.02, -0.03, 0.08]) + translation
-    ball = pin.Inertia(0.6, at, 0.6 * 0.04**2 * np.eye(3)).toDynamicParameters()
+    box = pin.Inertia.FromBox(0.6, 0.16, 0.08, 0.05)
+    box.lever = at
     inertials = robot.inertials.copy()
-    inertials[body] += ball
+    inertials[body] += box.toDynamicParameters()
     recording = simulate(robot.with_inertials(inertials), [], seed=3, duration=20.0, noise=NOISE).recording
     found = examine([recording], robot)
     (payload,) = found.diagnosis.findings

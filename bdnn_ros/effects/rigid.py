@@ -19,6 +19,9 @@ from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.links import described_inertial, link_inertial
 
 SHAPE = ("com_x", "com_y", "com_z")
+POINT = 1 + len(SHAPE)
+"""A point has so many inertial parameters, mass and first moments; a body's inertia comes after them."""
+ANY, NONE_LESS = (-np.inf, np.inf), (0.0, np.inf)
 CARRIED, OFF_CENTRE = 0.1, 0.1
 """Arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
 GYRATION = 0.03
@@ -87,8 +90,8 @@ class Payload(OnBody):
 
     Linear in mass and first moments; the second moments m·c·cᵀ are those of the tangent at the centre of mass that
     the shape names: exact there, and the next centre found with them is nearer (Newton). The first comes from a body
-    with any second moments: without them a light link's inertia leaves no room for a mass. The last coefficient is that
-    of a ball about its centre: without it the link takes the inertia of what it carries, and with it some of the mass.
+    with any second moments: without them a light link's inertia leaves no room for a mass. The last coefficients are its
+    inertia about its own centre: without them the link takes that, and with it some of the mass, or the load is turned.
     """
 
     name = "payload"
@@ -104,13 +107,11 @@ class Payload(OnBody):
     confused_with = ("link_inertia", "base_tilt", "effort_scale")
     shown_by = "poses in which the link points in all directions, and its accelerations"
     source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, ICRA 2007"
-    coefficient_bounds = ((0.0, np.inf), *(((-np.inf, np.inf),) * 3), (0.0, np.inf))
+    coefficient_bounds = (NONE_LESS, ANY, ANY, ANY, NONE_LESS, ANY, NONE_LESS, ANY, ANY, NONE_LESS)
 
     def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray]:
         body, parameters = payload_parameters(robot.body_of(link), shape)
-        ball = np.zeros((PER_LINK, 1))
-        ball[[4, 6, 9]] = 1.0
-        return body, np.hstack([parameters, ball])
+        return body, np.hstack([parameters, np.eye(PER_LINK)[:, POINT:]])
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [dict.fromkeys(SHAPE, 0.0)]
@@ -120,23 +121,26 @@ class Payload(OnBody):
         return {name: found[name] for name in SHAPE}
 
     def general(self, robot: Robot, link: str) -> tuple[int, np.ndarray]:
-        body, parameters = payload_parameters(robot.body_of(link), dict.fromkeys(SHAPE, 0.0))
-        return body, np.hstack([parameters, np.eye(PER_LINK)[:, 4:]])
+        body, parameters = self.inertials(robot, dict.fromkeys(SHAPE, 0.0), link)
+        parameters[:, POINT:] *= (
+            OFF_CENTRE / GYRATION
+        ) ** 2  # so much further from the origin than from its own centre
+        return body, parameters
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         mass = CARRIED * float(motion.robot.inertials[:, 0].sum())
-        own = [GYRATION**2] if len(typical) == len(self.coefficient_bounds) else [OFF_CENTRE**2] * 6
+        own = GYRATION**2 * np.array([1.0, 0.5, 1.0, 0.5, 0.5, 1.0])
         return mass * np.array([1.0, OFF_CENTRE, OFF_CENTRE, OFF_CENTRE, *own])
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
         mass = abs(coefficients[0]) + (0.0 if std is None else CERTAIN * std[0])
-        return bool(np.linalg.norm(coefficients[1:4]) <= REACH * mass)
+        return bool(np.linalg.norm(coefficients[1:POINT]) <= REACH * mass)
 
     def shown(self, values: Values, stds: Values) -> bool:
         return abs(values["mass"]) > SHOWN * stds["mass"]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        moments = np.asarray(coefficients[1:4])
+        moments = np.asarray(coefficients[1:POINT])
         least = float(np.linalg.norm(moments)) / REACH
         mass = math.copysign(max(abs(float(coefficients[0])), least), coefficients[0])
         centre = moments / mass if abs(mass) > 1e-9 else np.zeros(3)
@@ -144,11 +148,12 @@ class Payload(OnBody):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         shape = {name: values[name] for name in SHAPE}
-        return values["mass"] * np.array([1.0, *shape.values(), 0.0]), shape
+        return values["mass"] * np.array([1.0, *shape.values(), *np.zeros(PER_LINK - POINT)]), shape
 
     def since(self, robot: Robot, target: int, link: str | None) -> Effect:
         changed = self.with_less(float(robot.inertials[target, 0]))
-        changed.coefficient_bounds = (*changed.coefficient_bounds[:-1], (-np.inf, np.inf))  # type: ignore[misc]
+        own = (ANY,) * (PER_LINK - POINT)
+        changed.coefficient_bounds = (*changed.coefficient_bounds[:POINT], *own)  # type: ignore[misc]
         return changed
 
     def sentence(self, where: str, values: Values) -> str:

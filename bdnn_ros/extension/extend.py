@@ -11,7 +11,7 @@ import numpy as np
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
-from bdnn_ros.effects.rigid import Payload
+from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of, tilt_of
 from bdnn_ros.physical.consistency import consistent
@@ -142,7 +142,7 @@ def _own_inertias(robot: Robot, estimates: Sequence[Estimate]) -> np.ndarray:
         effect, link = one.term.effect, one.term.link
         if isinstance(effect, Payload) and link is not None:
             body, columns = effect.inertials(robot, dict(one.term.shape), link)
-            total[body] += columns[:, -1] * one.coefficients[-1]
+            total[body] += columns[:, POINT:] @ one.coefficients[POINT:]
     return total
 
 

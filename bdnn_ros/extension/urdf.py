@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.effects.registry import Installed, get
-from bdnn_ros.effects.rigid import payload_parameters
+from bdnn_ros.effects.rigid import POINT, payload_parameters
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extended import ExtendedModel, tilt_of
 from bdnn_ros.extension.urdf_text import UrdfText, tag
@@ -135,7 +135,7 @@ def _payloads(model: ExtendedModel) -> np.ndarray:
     for effect in _carried(model):
         coefficients, shape = effect.effect.coefficients(effect.values)
         body, parameters = payload_parameters(model.robot.body_of(str(effect.link)), shape)
-        total[body] += parameters @ coefficients[:4]
+        total[body] += parameters @ coefficients[:POINT]
     return total
 
 
