@@ -16,6 +16,8 @@ from bdnn_ros.bdnn.networks import Network, vector_size
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError, UsageError
+from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 
 
@@ -136,6 +138,20 @@ def test_a_prior_of_another_kind_needs_its_builder():
     arrays, info = MODELS["on any dynamics"]().to_state()
     with pytest.raises(ModelFileError, match="opaque"):
         BDNNOnPrior.from_state(arrays, info)
+
+
+@pytest.mark.parametrize("cls", [BDNN, BDNNOnPrior])
+def test_a_model_on_an_identified_one_survives_its_file(cls, tmp_path):
+    physical = PhysicalModel(worn("arm2"), np.array([0.3, -0.1]), 0.01 * np.eye(28), np.zeros(2))
+    model = cls(prior_core(physical, 2))
+    again = load_model(save_model(tmp_path, model))
+    q, v, a = motion(model, 4)
+    assert isinstance(again, cls) and isinstance(again.core.prior, PhysicalModel)
+    np.testing.assert_array_equal(again.inverse_dynamics(q, v, a), model.inverse_dynamics(q, v, a))
+    np.testing.assert_array_equal(again.forward_dynamics(q, v, a), model.forward_dynamics(q, v, a))
+    save_model(tmp_path, cls(prior_core(Opaque(worn("arm2")), 2)))
+    with pytest.raises(ModelFileError, match="kind 'opaque'"):
+        load_model(tmp_path)
 
 
 def test_silent_networks_leave_the_prior_as_it_is():

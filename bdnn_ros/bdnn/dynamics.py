@@ -11,7 +11,7 @@ import numpy as np
 from bdnn_ros.bdnn.cores import Core, NetworkCore, PriorCore
 from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.bdnn.mechanics import coriolis_matrix
-from bdnn_ros.bdnn.restoring import prior_core, prior_core_state
+from bdnn_ros.bdnn.restoring import Build, prior_core, prior_core_state
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.signals import Signals
 
@@ -108,16 +108,21 @@ class BDNN:
         return arrays, {**info, "core": "chain"}
 
     @classmethod
-    def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> BDNN:
+    def from_state(
+        cls, arrays: dict[str, np.ndarray], info: dict[str, Any], build: Build | None = None
+    ) -> BDNN:
         """The model of `to_state`.
 
+        Args:
+            build: makes a prior that is not a `Robot` from its kind, arrays and info.
+
         Raises:
-            ModelFileError: something is missing or does not fit.
+            ModelFileError: something is missing or does not fit, or the prior's kind needs `build`.
         """
         try:
             if info["core"] == "networks":
                 return cls(NetworkCore.from_state(tuple(info["joints"]), arrays, info))
-            return cls(prior_core(arrays, info))
+            return cls(prior_core(arrays, info, build))
         except (KeyError, TypeError, ValueError) as error:
             raise ModelFileError(f"The BDNN is incomplete ({error!r}).", "Identify it again.") from None
 

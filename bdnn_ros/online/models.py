@@ -33,6 +33,8 @@ KINDS = {
     "extended": "bdnn_ros.extension.extended:ExtendedModel",
 }
 """Where the class of each kind of model is, imported when one is met."""
+ON_A_PRIOR = ("bdnn", "bdnn_on_prior")
+"""Kinds that may hold a model of any kind."""
 
 
 def load_model(path: str | Path) -> Model:
@@ -55,7 +57,8 @@ def build_model(
     if kind not in KINDS:
         raise ModelFileError(f"{source} holds a model of kind {kind!r}.", f"Known kinds are {listed(KINDS)}.")
     module, name = KINDS[kind].split(":")
-    model: Model = getattr(import_module(module), name).from_state(arrays, info)
+    read = getattr(import_module(module), name).from_state
+    model: Model = read(arrays, info, build_model) if kind in ON_A_PRIOR else read(arrays, info)
     return model
 
 
