@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,8 @@ def test_a_narrow_range_is_kept(robot: Robot) -> None:
         {"acceleration": -1.0},
         {"ranges": {"elbow": (0, 1)}},
         {"ranges": {"arm2_joint1": (1, 1)}},
+        {"ranges": {"arm2_joint1": (math.nan, 1)}},
+        {"ranges": {"arm2_joint1": (0, math.nan)}},
     ],
 )
 def test_limits_that_make_no_sense_are_refused(options: dict) -> None:

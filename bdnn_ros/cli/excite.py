@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         velocity=args.velocity,
         acceleration=args.acceleration,
         effort=args.effort,
-        ranges=dict(_range(text) for text in args.ranges),
+        ranges=_ranges(args.ranges),
     )
     with _progress() as say:
         found = excite(
@@ -167,6 +167,16 @@ def _robot(args: argparse.Namespace) -> Robot:
     raise UsageError(
         "There is no robot.", "Give MODEL (the diagnosis's directory), --urdf FILE or --robot NAME."
     )
+
+
+def _ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Ranges by joint; one for each, since of two the wider might be the one that is forgotten."""
+    ranges: dict[str, tuple[float, float]] = {}
+    for joint, ends in map(_range, texts):
+        if joint in ranges:
+            raise UsageError(f"--range is given twice for {joint}.", "Give each joint one range.")
+        ranges[joint] = ends
+    return ranges
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import (
     ACCELERATION_PER_VELOCITY,
@@ -80,7 +80,14 @@ class Bounds:
         low, high = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
         for joint, (least, most_) in (ranges or {}).items():
             if joint not in robot.joints:
-                raise UsageError(f"There is no joint {joint!r} to narrow.", f"There are {robot.joints}.")
+                raise UsageError(
+                    f"There is no joint {joint!r} to narrow.", f"There are {listed(robot.joints, 20)}."
+                )
+            if not least < most_:  # also where one is no number, which no comparison would keep
+                raise UsageError(
+                    f"The range {least:g} to {most_:g} of {joint} is none.",
+                    "Give a lower and a higher number.",
+                )
             k = robot.joints.index(joint)
             low[k], high[k] = max(low[k], least), min(high[k], most_)
         reserve = margin * (high - low)
