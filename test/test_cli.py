@@ -18,7 +18,8 @@ from cli_cases import Pendulum, swing
 
 from bdnn_ros import bags, cli
 from bdnn_ros.cli import info, loading, options
-from bdnn_ros.cli.main import VERBS, main
+from bdnn_ros.cli.main import BROKEN_PIPE_STATUS, INTERRUPTED_STATUS, VERBS, main
+from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score
@@ -50,6 +51,19 @@ def test_help_is_quick_and_lists_every_verb() -> None:
     for verb, text in VERBS.items():
         assert f"{verb} " in done.stdout
         assert text in done.stdout
+
+
+def test_no_verb_at_all_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.startswith("usage: bdnn VERB")
+    assert printed.err.splitlines()[-1].startswith("bdnn: error: No verb is given.")
+
+
+def test_every_status_is_in_the_documentation() -> None:
+    table = (Path(__file__).parent.parent / "docs" / "commands.md").read_text(encoding="utf-8")
+    for status in (0, DataError.exit_status, UsageError.exit_status, INTERRUPTED_STATUS, BROKEN_PIPE_STATUS):
+        assert f"\n| {status} | " in table
 
 
 def test_the_table_of_verbs_is_what_is_there() -> None:

@@ -109,7 +109,10 @@ def test_chosen_formats_only(tmp_path: Path) -> None:
 def test_a_format_that_cannot_be_is_status_one(tmp_path: Path, capsys) -> None:
     save_model(tmp_path, models()["bdnn"])
     assert main(["export", str(tmp_path), "--out", str(tmp_path / "out"), "--formats", "urdf"]) == 1
-    assert "black box" in capsys.readouterr().err
+    note, error = capsys.readouterr().err.splitlines()
+    assert "black box" in note
+    assert error.startswith("bdnn: error: ") and "cannot be written as urdf" in error
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

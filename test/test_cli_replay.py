@@ -51,6 +51,12 @@ def test_the_model_goes_into_a_directory_with_dots_in_its_name(bag, tmp_path):
     assert [path.name for path in (tmp_path / "rep.v1").iterdir()] == ["model.bdnn"]
 
 
+def test_without_a_model_that_passes_the_data_cannot_answer(bag, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("bdnn_ros.cli.replay.replayed", lambda *_: iter(()))
+    assert main(["replay", str(bag), "--out", str(tmp_path / "model")]) == 1
+    assert "No model passed its checks" in capsys.readouterr().err
+
+
 def test_table_and_pace(bag, capsys):
     began = time.monotonic()
     assert main(["replay", str(bag), "--rate", "8"]) == 0

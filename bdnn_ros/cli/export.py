@@ -59,9 +59,14 @@ def run(args: argparse.Namespace) -> int:
             written.append(write_bytes(place / PARAMETERS, text.encode("utf-8")))
         if "onnx" in formats:
             written += _write_graph(model, place / GRAPH)
+        if not written:
+            raise DataError(
+                f"{args.model} cannot be written as {listed(sorted(formats))}.",
+                "The notes above say why; name other --formats.",
+            )
     for path in written:
         print(args.out / path.name)
-    return 0 if written else DataError.exit_status
+    return 0
 
 
 def _write_robot(model: Model, out: Path, formats: set[str]) -> list[Path]:

@@ -75,9 +75,12 @@ def _print_anything() -> None:
 
 
 def _run(words: list[str]) -> int:
-    if not words or words[0] in ("-h", "--help"):
+    if not words:
+        print(f"{_help()}\n", file=sys.stderr)
+        raise UsageError("No verb is given.", "See bdnn --help.")
+    if words[0] in ("-h", "--help"):
         print(_help())
-        return 0 if words else USAGE_STATUS
+        return 0
     verb, *rest = words
     if verb not in VERBS:
         raise UsageError(f"There is no verb {verb!r}; there are {listed(VERBS, 20)}.", "See bdnn --help.")

@@ -12,7 +12,7 @@ import numpy as np
 
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import fitness, loading, options, outputs
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
 from bdnn_ros.recording import Recording
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         _print(learning, errors, recording, took, table=args.rate is None)
     if args.out:
         if learning.served is None:
-            raise UsageError("No model passed its checks; nothing is saved.", "Replay a longer motion.")
+            raise DataError("No model passed its checks; nothing is saved.", "Replay a longer motion.")
         path = save_model(args.out, learning.served.model)
         options.say(f"the model is {path}")
     return 0
