@@ -50,11 +50,6 @@ class LocalNetworks:
         bias = rng.normal(size=(n, HIDDEN))
         return cls(weights, bias, np.zeros((n, PLAIN + 2 * HARMONICS + HIDDEN)), velocity, load)
 
-    @property
-    def is_silent(self) -> bool:
-        """Whether they add nothing."""
-        return not self.output_weights.any()
-
     def with_offset(self, offset: np.ndarray) -> LocalNetworks:
         """The same networks with a constant effort added, (n,) [N·m]."""
         weights = self.output_weights.copy()

@@ -22,7 +22,6 @@ FILE_NAME = "model.bdnn"
 SUFFIX = ".bdnn"
 FORMAT = "bdnn_ros/model"
 VERSION = 1
-REMEDY = "Identify the model again."
 
 
 def model_path(path: str | Path) -> Path:
@@ -128,10 +127,6 @@ def load(path: str | Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
             f"{target} is damaged: its description is incomplete.", "Identify the model again."
         )
     return header["kind"], arrays, header["info"]
-
-
-def _header(kind: str, info: dict[str, Any]) -> dict[str, Any]:
-    return {"format": FORMAT, "version": VERSION, "kind": kind, "info": info}
 
 
 def _umask() -> int:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bdnn_ros.diagnosis.building import nominal_effort
+from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
@@ -272,13 +273,6 @@ class ExtendedModel:
             raise ModelFileError(
                 f"The extended model is incomplete ({error!r}).", "Diagnose again."
             ) from None
-
-
-def contribution(effect: Installed, motion: Motion) -> np.ndarray:
-    """What an effect adds to the measured effort along a motion, (N, n) [N·m]."""
-    coefficients, shape = effect.effect.coefficients(effect.values)
-    columns = effect.effect.columns(motion, effect.target, shape, effect.link)
-    return np.asarray(columns @ coefficients)
 
 
 def plant_of(robot: Robot, effects: Sequence[Installed]) -> Plant:
