@@ -10,11 +10,13 @@ import pytest
 import yaml
 from excitation_cases import finding, place, write_diagnosis
 
+from bdnn_ros.cli.excite import yaml_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.excitation import choice
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import save_model
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import Trajectory
 
 JOINTS = ("arm2_joint1", "arm2_joint2")
 
@@ -71,6 +73,13 @@ def test_files_agree_and_keep_the_limits(diagnosis: Path, tmp_path: Path, capsys
     np.testing.assert_allclose([p["accelerations"] for p in points], table[:, 5:7], atol=1e-9)
     stamps = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
     np.testing.assert_allclose(stamps, table[:, 0], atol=1e-9)
+
+
+def test_any_name_of_a_joint_is_read_again() -> None:
+    names = ('it\'s a "joint"', "back\\slash", "größe 😀")
+    still = np.zeros((1, 3))
+    lines = yaml_lines(Trajectory(np.zeros(1), still, still, still), names)
+    assert tuple(yaml.safe_load("".join(lines))["joint_names"]) == names
 
 
 def test_the_same_seed_gives_the_same_files(diagnosis: Path, tmp_path: Path) -> None:

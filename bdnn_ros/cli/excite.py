@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -135,7 +136,7 @@ def yaml_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:
     """A trajectory_msgs/JointTrajectory."""
     yield "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}\njoint_names:\n"
     for joint in joints:
-        yield f"- '{joint}'\n" if "'" not in joint else f'- "{joint}"\n'
+        yield f"- {json.dumps(joint, ensure_ascii=False)}\n"
     yield "points:\n"
     rows = zip(motion.time.tolist(), motion.position, motion.velocity, motion.acceleration, strict=True)
     for time, *values in rows:
