@@ -12,7 +12,8 @@ from bdnn_ros.bdnn.cores import Core, NetworkCore, PriorCore
 from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.bdnn.mechanics import coriolis_matrix
 from bdnn_ros.bdnn.restoring import Build, prior_core, prior_core_state
-from bdnn_ros.errors import ModelFileError, UsageError
+from bdnn_ros.errors import UsageError
+from bdnn_ros.robot.entries import reading
 from bdnn_ros.signals import Signals
 
 
@@ -119,12 +120,10 @@ class BDNN:
         Raises:
             ModelFileError: something is missing or does not fit, or the prior's kind needs `build`.
         """
-        try:
+        with reading("The BDNN", "Identify it again.", arrays, info) as (arrays, info):
             if info["core"] == "networks":
                 return cls(NetworkCore.from_state(tuple(info["joints"]), arrays, info))
             return cls(prior_core(arrays, info, build))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ModelFileError(f"The BDNN is incomplete ({error!r}).", "Identify it again.") from None
 
 
 def _rows(values: np.ndarray) -> np.ndarray:

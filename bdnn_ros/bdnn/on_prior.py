@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.restoring import Build, prior_core
-from bdnn_ros.errors import ModelFileError
+from bdnn_ros.robot.entries import reading
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,5 @@ class BDNNOnPrior(BDNN):
         Raises:
             ModelFileError: something is missing or does not fit, or the prior's kind needs `build`.
         """
-        try:
+        with reading("The BDNN", "Identify it again.", arrays, info) as (arrays, info):
             return cls(prior_core(arrays, info, build))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ModelFileError(f"The BDNN is incomplete ({error!r}).", "Identify it again.") from None

@@ -13,8 +13,9 @@ import numpy as np
 from bdnn_ros.diagnosis.result import FORMAT
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.registry import variants
-from bdnn_ros.errors import BdnnError, UsageError
+from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.entries import reading
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,10 @@ def read_case(path: Path, robot: Robot) -> Case:
         UsageError: the file cannot be read, is no diagnosis, or belongs to another robot.
     """
     content = _content(path)
-    try:
+    with reading(str(path), "Diagnose again.", content, error=UsageError) as (content,):
         joints = tuple(str(joint) for joint in content["source"]["joints"])
         noise = np.array([float(value) for value in content["effort_rmse"]["noise_floor"]])
         questions = tuple(_question(one, robot) for one in content["findings"])
-    except BdnnError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UsageError(f"{path} is incomplete ({error!r}).", "Diagnose again.") from None
     missing = [joint for joint in joints if joint not in robot.joints]
     if missing or len(noise) != len(joints):
         raise UsageError(

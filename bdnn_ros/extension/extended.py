@@ -19,6 +19,7 @@ from bdnn_ros.errors import BdnnError, ModelFileError
 from bdnn_ros.extension.effects_file import entry, from_entries
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.entries import reading
 from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
@@ -255,24 +256,27 @@ class ExtendedModel:
         Raises:
             ModelFileError: something is missing or does not fit.
         """
-        try:
-            robot = robot_from_state(arrays, info)
+        with reading("The extended model", "Diagnose again.", arrays, info) as (arrays, info):
             held = {key[len("beyond.") :]: v for key, v in arrays.items() if key.startswith("beyond.")}
+            try:
+                robot = robot_from_state(arrays, info)
+                effects = tuple(from_entries(info["effects"], robot))
+                beyond = PhysicalModel.from_state(held, info["beyond"]) if held else None
+            except BdnnError as error:
+                raise ModelFileError(
+                    f"The extended model is damaged: {error.problem}", "Diagnose again."
+                ) from None
             return cls(
                 bare=robot,
-                effects=tuple(from_entries(info["effects"], robot)),
+                effects=effects,
                 noise=np.asarray(arrays["noise"], float),
                 stds=tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
                 lead=float(info["lead"]),
                 lag=float(info.get("lag", 0.0)),
                 sticking=tuple(float(value) for value in info.get("sticking", ())),
                 creep=tuple(tuple(map(float, ways)) for ways in info.get("creep", ())),
-                beyond=PhysicalModel.from_state(held, info["beyond"]) if held else None,
+                beyond=beyond,
             )
-        except (KeyError, TypeError, ValueError, AttributeError, BdnnError) as error:
-            raise ModelFileError(
-                f"The extended model is incomplete ({error!r}).", "Diagnose again."
-            ) from None
 
 
 def plant_of(robot: Robot, effects: Sequence[Installed]) -> Plant:

@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from bdnn_ros.errors import ModelFileError
 from bdnn_ros.physical.couplings import CoupledMotors
 from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.parameters import Parameters, parameter_names
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
+from bdnn_ros.robot.entries import reading
 from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
@@ -202,7 +202,7 @@ class PhysicalModel(ReadOnlyArrays):
         Raises:
             ModelFileError: something is missing or does not fit.
         """
-        try:
+        with reading("The physical model", "Identify it again.", arrays, info) as (arrays, info):
             motors, learned = (_under(arrays, name) for name in ("motors.", "learned."))
             breakaway = tuple(int(index) for index in info["breakaway"])
             if breakaway and not 0 <= min(breakaway) <= max(breakaway) < len(BREAKAWAYS):
@@ -220,10 +220,6 @@ class PhysicalModel(ReadOnlyArrays):
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise ModelFileError(
-                f"The physical model is incomplete ({error!r}).", "Identify it again."
-            ) from None
 
 
 def _under(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
