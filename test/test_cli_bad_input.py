@@ -323,7 +323,7 @@ def test_wrong_words(words: list[str], sentence: str | None, capfd: pytest.Captu
     assert main(words) == 2
     captured = capfd.readouterr()
     if sentence is None:
-        assert "usage: bdnn VERB" in captured.out
+        assert "usage: bdnn VERB" in captured.err
     else:
         assert_one_sentence(captured.err, sentence)
         assert captured.out == ""
