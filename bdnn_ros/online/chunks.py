@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bdnn_ros.errors import RecordingError
+from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import Signals, prepare, suitable_cutoff
 from bdnn_ros.signals.kernels import KERNEL_WIDTHS, gaussian_std
@@ -29,7 +29,7 @@ class Chunks:
         cutoff: of the low-pass [Hz], None for what suits the rate of the first second.
 
     Attributes:
-        left_out: samples in chunks too short for the low-pass.
+        left_out: samples in chunks too short, or too slow, for the low-pass.
     """
 
     def __init__(self, joints: tuple[str, ...], cutoff: float | None = None) -> None:
@@ -51,6 +51,9 @@ class Chunks:
         Args:
             time: [s], (N,), later than all before.
             position, effort: [rad], [N·m], (N, n).
+
+        Raises:
+            UsageError: the rate of the first second does not allow the cut-off.
         """
         if len(time) == 0:
             return
@@ -102,7 +105,7 @@ class Chunks:
             return None
         try:
             signals = prepare(window, self.cutoff)
-        except RecordingError:
+        except (RecordingError, UsageError):  # UsageError: slower by now than the low-pass allows
             return None
         thinning = max(int(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
         own = signals.interior & (signals.time >= start) & (signals.time < end)

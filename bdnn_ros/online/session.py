@@ -283,6 +283,7 @@ class Session:
             with self._turn:
                 self._take_over(message)
         elif message.kind == "begun":
+            self.counts.trouble = ""
             with self._turn:
                 while self._given_up and info["epoch"] == self._course.epoch:  # nobody reads them any more
                     self._given_up.pop().close()

@@ -14,9 +14,9 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
-from bdnn_ros.errors import BdnnError
+from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.online.analysis import Analyst, with_stamps
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message, close_all
@@ -32,10 +32,15 @@ CATCHING_UP = 1.0
 """What came already is learned for so long before the end [s]: who asked for it waits, and kills what takes much longer."""
 IDLE = 0.02
 """Pause when there is nothing to learn [s]."""
+STANDSTILL = "Learning stands still until the node is configured with other parameters, or reset while another stream comes."
 
 
 class Trainer:
-    """What the process does between two looks at its channel."""
+    """What the process does between two looks at its channel.
+
+    Attributes:
+        learning: None before a stream is begun, and where nothing can be learned from it.
+    """
 
     def __init__(self, channel: Channel) -> None:
         self.channel = channel
@@ -78,7 +83,7 @@ class Trainer:
 
     def _learn(self) -> bool:
         """Take in one batch; False if there was none."""
-        if self.feed is None or self.learning is None:
+        if self.feed is None:
             return False
         self.feed.states.beat()
         samples = self.feed.read(BATCH)
@@ -86,15 +91,27 @@ class Trainer:
         self._missed += samples.missed
         if len(samples) == 0:
             return False
-        if self.training:
+        if self.training and self.learning is not None:
             known = samples.with_effort()
-            for version in self.learning.take(known.time, known.position, known.effort):
-                self._hand_over(version)
-            self._tell_rejected()
-            self._tell_changes()
-            self.learning.errors.clear()
+            self._learn_all(self.learning.take(known.time, known.position, known.effort))
         self.analyst.tick(float(samples.time[-1]))
         return True
+
+    def _learn_all(self, versions: Iterator[Version]) -> None:
+        """Hand over what is learned; where nothing can be, tell so once and go on without."""
+        try:
+            for version in versions:
+                self._hand_over(version)
+        except (
+            UsageError
+        ) as error:  # as a cut-off that the rate does not allow: another trainer fares no better
+            self.learning = None
+            self.say(Message("trouble", {"reason": f"{error} {STANDSTILL}"}))
+            return
+        assert self.learning is not None
+        self._tell_rejected()
+        self._tell_changes()
+        self.learning.errors.clear()
 
     def _hand_over(self, version: Version) -> None:
         arrays, info = version.model.to_state()
@@ -143,9 +160,7 @@ class Trainer:
 
     def _finish(self) -> None:
         if self.learning is not None:
-            for version in self.learning.finish():
-                self._hand_over(version)
-            self._tell_rejected()
+            self._learn_all(self.learning.finish())
 
     # -- commands ----------------------------------------------------------------------------------
 

@@ -1,0 +1,114 @@
+"""What a trainer says where nothing can be learned, and that it goes on; without a process or ROS."""
+
+from __future__ import annotations
+
+import os
+import select
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from live_support import motion, real_robot
+
+from bdnn_ros.errors import UsageError
+from bdnn_ros.online.channel import Channel, Message
+from bdnn_ros.online.learning import Learning
+from bdnn_ros.online.serving import Settings
+from bdnn_ros.online.session import Session
+from bdnn_ros.online.trainer import Trainer
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+ARM = Robot.bundled("arm2")
+REAL = real_robot(ARM)
+
+
+class Beside:
+    """A session and a trainer in one process, which works when told to."""
+
+    def __init__(self, cutoff: float) -> None:
+        self.session = Session(Settings(cutoff=cutoff, capacity=4000, diagnosis_period=0.0))
+        self.session.set_robot(ARM)
+        self.session.begin(ARM.joints)
+        here, there = Channel.pair()
+        self.here, self.trainer = here, Trainer(Channel(there))
+        self.begin()
+
+    def begin(self) -> None:
+        (message,) = self.session._introduce()
+        self.trainer._begin(replace(message, descriptors=tuple(os.dup(d) for d in message.descriptors)))
+
+    def send(self, recording: Recording, start: int) -> None:
+        assert self.session.intake is not None
+        for row, moment in enumerate(recording.time):
+            stamp = start + round(moment * 1e9)
+            fields = (recording.position[row], recording.velocity[row], recording.effort[row])
+            self.session.intake.take(list(recording.joints), *fields, stamp, stamp)
+
+    def learn(self) -> list[Message]:
+        """What the trainer says of all that came; the session hears it."""
+        while self.trainer._learn():
+            pass
+        heard = []
+        while select.select([self.here], [], [], 0.0)[0]:
+            heard.append(self.here.receive())
+            self.session._hear(heard[-1])
+        return heard
+
+
+@pytest.fixture
+def beside() -> Iterator[Beside]:
+    made = Beside(cutoff=100.0)
+    yield made
+    made.here.close()
+    made.session.stop()
+
+
+def test_a_cutoff_that_the_rate_does_not_allow_is_told_once(beside):
+    """Learning stands still, the trainer lives; a reset, once the stream is faster, has it learn."""
+    with pytest.raises(UsageError, match="does not fit"):
+        list(Learning(ARM, 100.0).take(*_columns(motion(REAL, 2.0, 100.0))))
+    beside.send(motion(REAL, 3.0, 100.0), 10**12)
+    assert [message.kind for message in beside.learn()] == ["begun", "trouble"]
+    told = beside.session.counts.trouble
+    assert (
+        told.startswith("A cut-off of 100 Hz does not fit") and "Choose up to 16" in told and "reset" in told
+    )
+    beside.send(motion(REAL, 3.0, 100.0), 10**12 + 10**10)
+    assert beside.learn() == [] and beside.session.counts.trouble == told
+    ring = beside.session.intake.ring
+    assert ring.consumed == ring.written == 600 and ring.silence < 5.0
+    beside.trainer._set_training(Message("training", {"on": False}))
+    beside.trainer._set_training(Message("training", {"on": True}))
+    beside.session.reset()
+    beside.begin()
+    beside.send(motion(REAL, 3.0, 400.0), 10**12 + 10**11)
+    kinds = [message.kind for message in beside.learn()]
+    assert kinds[0] == "begun" and "version" in kinds and "trouble" not in kinds
+    assert beside.session.counts.trouble == "" and beside.session.served.number > 0
+
+
+def test_the_trouble_is_told_at_the_end_of_a_short_stream_too(beside):
+    beside.send(motion(REAL, 0.5, 100.0), 10**12)
+    beside.learn()
+    beside.trainer._set_training(Message("training", {"on": False}))
+    assert [message.kind for message in beside.learn()] == ["trouble"]
+
+
+def test_a_stream_that_slows_down_is_left_out_until_it_is_fast_again():
+    """At 20 Hz the low-pass that suited 250 Hz does not fit: no reason to end the learning."""
+    learning = Learning(ARM)
+    end = 0.0
+    numbers = []
+    for duration, rate in ((4.0, 250.0), (20.0, 20.0), (10.0, 250.0)):
+        time, position, effort = _columns(motion(REAL, duration, rate))
+        versions = list(learning.take(end + time, position, effort))
+        numbers.append(len(versions))
+        end += time[-1] + 1.0 / rate
+    assert numbers[0] >= 2 and numbers[2] >= 5
+    assert 300 < learning.identifier.left_out < 500
+
+
+def _columns(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return recording.time, recording.position, recording.require_effort()
