@@ -297,7 +297,8 @@ class Session:
                 if info["epoch"] == self._course.epoch:  # else it is of what was given up since
                     self._take_note(message)
         elif message.kind == "lost":
-            self._course.died()
+            if info["ran"]:  # else it is not the samples that it died of
+                self._course.died()
             self._requests.fail(DataError("The trainer ended while it was asked.", "Ask again."))
         self._requests.answer(message)
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
 
@@ -30,8 +31,8 @@ READY, LOST = "ready", "lost"
 class Supervisor:
     """Keeps one trainer process alive.
 
-    Messages from the trainer reach `hear` in this object's own thread, and one of kind `LOST` when it is
-    gone; what a new trainer must know is asked of `introduce`: the messages that begin its work.
+    Messages from the trainer reach `hear` in this object's own thread, and one of kind `LOST` when it is gone, or
+    could not be started; what a new trainer must know is asked of `introduce`: the messages that begin its work.
 
     Attributes:
         restarts: how often a trainer was replaced.
@@ -105,18 +106,15 @@ class Supervisor:
         pause = RESTART_PAUSE[0]
         while not self._stopping.is_set():
             born = time.monotonic()
-            channel, there = Channel.pair()
-            with there:
-                self._spawn(there.fileno())
             try:
-                self._converse(channel)
+                self._keep_one()
             except ConnectionError:
-                pass
-            finally:
-                self._ready.clear()
-                channel.close()
-                self._end()
-                self._listen(Message(LOST))
+                pass  # `_end` says why
+            except OSError as error:  # the machine has no room for another process, or another descriptor
+                self.trouble = f"it cannot be run: {error.strerror or error}"
+            except Exception as error:  # nobody else would start the next one
+                self._tell(error)
+            self._listen(Message(LOST, {"ran": self._process is not None}))
             if self._stopping.is_set():
                 return
             self.restarts += 1
@@ -124,6 +122,23 @@ class Supervisor:
                 RESTART_PAUSE[0] if time.monotonic() - born > STEADY else min(2.0 * pause, RESTART_PAUSE[1])
             )
             self._stopping.wait(pause)
+
+    def _keep_one(self) -> None:
+        """Start a trainer, carry its messages, and see it off.
+
+        Raises:
+            OSError: it could not be started, or it ended.
+        """
+        self._process = None
+        channel, there = Channel.pair()
+        try:
+            with there:
+                self._spawn(there.fileno())
+            self._converse(channel)
+        finally:
+            self._ready.clear()
+            channel.close()
+            self._end()
 
     def _spawn(self, descriptor: int) -> None:
         environment = {
@@ -165,8 +180,15 @@ class Supervisor:
         """Hear a message; one that cannot be used must not end this thread."""
         try:
             self._hear(message)
-        except BdnnError as error:
-            self.trouble = str(error)
+        except Exception as error:
+            self._tell(error)
+
+    def _tell(self, error: Exception) -> None:
+        """Keep it as the trouble; where it is an error of the program, print it, too."""
+        self.trouble = str(error)
+        if not isinstance(error, BdnnError):
+            traceback.print_exc()
+            self.trouble = f"the node's side of it failed: {type(error).__name__}"
 
     def _end(self) -> None:
         """See the process off: whatever it is doing, nothing it holds is needed any more."""

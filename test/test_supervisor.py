@@ -1,0 +1,89 @@
+"""What keeps a trainer alive, with a stand-in for the trainer: a process that only answers."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+from collections.abc import Iterator
+
+import pytest
+from live_support import wait_until
+
+from bdnn_ros.online import supervisor as module
+from bdnn_ros.online.channel import Channel
+from bdnn_ros.online.course import MOST_DEATHS
+from bdnn_ros.online.serving import Settings
+from bdnn_ros.online.session import Session
+from bdnn_ros.online.supervisor import Supervisor
+
+ANSWERS = """
+import socket, sys
+from bdnn_ros.online.channel import Channel, Message
+channel = Channel(socket.socket(fileno=int(sys.argv[2])))
+channel.send(Message("ready"))
+while (message := channel.receive()).kind != "stop":
+    if message.kind == "diagnose":
+        channel.send(Message("findings", {"request": message.info["request"], "epoch": 0, "error": "nothing"}))
+"""
+
+
+@pytest.fixture
+def session() -> Iterator[Session]:
+    session = Session(Settings())
+    session.supervisor = Supervisor(session._hear, session._introduce, (sys.executable, "-c", ANSWERS))
+    yield session
+    session.stop()
+
+
+def failing(calls: int, error: OSError, then):
+    """A function that fails so many times, and works then."""
+    left = [error] * calls
+
+    def call(*arguments, **named):
+        if left:
+            raise left.pop()
+        return then(*arguments, **named)
+
+    return call
+
+
+@pytest.mark.parametrize("where", ["pair", "spawn"])
+def test_a_machine_without_room_is_told_of_and_tried_again(session, monkeypatch, where):
+    monkeypatch.setattr(module, "RESTART_PAUSE", (0.1, 0.2))
+    calls, supervisor = MOST_DEATHS + 1, session.supervisor
+    if where == "pair":
+        error = OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+        monkeypatch.setattr(Channel, "pair", failing(calls, error, Channel.pair))
+    else:
+        error = OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        monkeypatch.setattr(module.subprocess, "Popen", failing(calls, error, module.subprocess.Popen))
+    session.start()
+    wait_until(lambda: supervisor.restarts == 2)
+    assert error.strerror in supervisor.trouble and not supervisor.alive and supervisor.pid == 0
+    wait_until(lambda: supervisor.alive)
+    assert supervisor.restarts == calls
+    assert session._course._deaths == 0  # it is not the samples' fault: they are learned from all the same
+
+
+def test_the_trouble_is_not_that_of_an_earlier_trainer(session, monkeypatch):
+    supervisor = session.supervisor
+    session.start()
+    wait_until(lambda: supervisor.alive)
+    error = OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+    monkeypatch.setattr(module.subprocess, "Popen", failing(99, error, None))
+    os.kill(supervisor.pid, signal.SIGKILL)
+    wait_until(lambda: supervisor.restarts >= 2)
+    assert error.strerror in supervisor.trouble and session._course._deaths == 1
+
+
+def test_an_error_of_the_program_while_hearing_is_printed_and_goes_on(session, monkeypatch, capfd):
+    monkeypatch.setattr(session, "_take_note", lambda message: {}["no such key"])
+    session.start()
+    wait_until(lambda: session.supervisor.alive)
+    trainer = session.supervisor.pid
+    session.diagnose(0.0)
+    wait_until(lambda: "KeyError" in session.supervisor.trouble)
+    assert session.supervisor.alive and session.supervisor.pid == trainer
+    assert "no such key" in capfd.readouterr().err
