@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import pytest
 from live_support import wait_until
 
+from bdnn_ros.errors import DataError
 from bdnn_ros.online import supervisor as module
 from bdnn_ros.online.channel import Channel
 from bdnn_ros.online.course import MOST_DEATHS
@@ -87,3 +88,29 @@ def test_an_error_of_the_program_while_hearing_is_printed_and_goes_on(session, m
     wait_until(lambda: "KeyError" in session.supervisor.trouble)
     assert session.supervisor.alive and session.supervisor.pid == trainer
     assert "no such key" in capfd.readouterr().err
+
+
+def test_a_question_in_the_moment_the_trainer_dies_is_answered(session, monkeypatch):
+    """The trainer was alive when it was looked at; all questions have failed before this one is one of them."""
+    session.start()
+    wait_until(lambda: session.supervisor.alive)
+    new, restarts = session._requests.new, session.supervisor.restarts
+
+    def late():
+        os.kill(session.supervisor.pid, signal.SIGKILL)
+        wait_until(lambda: session.supervisor.restarts > restarts)
+        return new()
+
+    monkeypatch.setattr(session._requests, "new", late)
+    assert session.diagnose(0.0).result(10.0).info["error"] == "nothing"
+
+
+def test_a_question_that_dies_with_its_trainer_is_not_asked_of_the_next(session):
+    session.start()
+    wait_until(lambda: session.supervisor.alive)
+    os.kill(session.supervisor.pid, signal.SIGSTOP)
+    asked = session.diagnose(0.0)
+    os.kill(session.supervisor.pid, signal.SIGKILL)
+    with pytest.raises(DataError, match="ended"):
+        asked.result(10.0)
+    assert not session.supervisor._outbox

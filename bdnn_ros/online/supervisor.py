@@ -82,7 +82,10 @@ class Supervisor:
         return self._ready.wait(timeout)
 
     def send(self, message: Message) -> None:
-        """Hand a message over to the trainer; returns at once, and is dropped if the trainer dies before."""
+        """Hand a message over to the trainer; returns at once, and is dropped if the trainer dies before.
+
+        What is sent after a `LOST` was heard reaches the next trainer.
+        """
         self._outbox.append(message)
         with contextlib.suppress(BlockingIOError, OSError):
             os.write(self._wake_write, b"x")
@@ -114,6 +117,7 @@ class Supervisor:
                 self.trouble = f"it cannot be run: {error.strerror or error}"
             except Exception as error:  # nobody else would start the next one
                 self._tell(error)
+            self._outbox.clear()  # before it is told: what is asked after that, the next one answers
             self._listen(Message(LOST, {"ran": self._process is not None}))
             if self._stopping.is_set():
                 return
@@ -155,7 +159,6 @@ class Supervisor:
 
     def _converse(self, channel: Channel) -> None:
         """Carry messages both ways until the trainer is gone or the work is done."""
-        self._outbox.clear()
         while True:
             readable, _, _ = select.select([channel.fileno(), self._wake_read], [], [], 1.0)
             if channel.fileno() in readable:
