@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import rclpy
@@ -55,8 +56,8 @@ class IdentificationNode(LifecycleNode):
         self.settings = parameters.Settings(
             self, parameters.IDENTIFICATION, lambda: self._session is not None, self._setting_changed
         )
+        self._set_up = ExitStack()  # what ends all that configuring began, the latest first
         self._streams: Streams | None = None
-        self._timers_of_ours: list[Any] = []
         self._trouble = ""
         self._message_lost = 0
         self._opening: Any = None
@@ -82,6 +83,7 @@ class IdentificationNode(LifecycleNode):
             ),
             training=settings["training"],
         )
+        self._set_up.callback(self._leave, session)
         self._kept = Kept(settings["model_directory"], session, self._log)
         try:
             if settings["model_directory"]:
@@ -99,9 +101,11 @@ class IdentificationNode(LifecycleNode):
         self._trouble = ""
         session.start()
         self._session = session
-        self._lane = Lane(self.context)
         self._publishing = Publishing(self, session)
-        self._services_of_ours = Services(
+        self._set_up.callback(self._publishing.close)
+        self._lane = Lane(self.context)
+        self._set_up.callback(self._end_lane)
+        services = Services(
             self,
             self._lane,
             session,
@@ -110,16 +114,18 @@ class IdentificationNode(LifecycleNode):
             self._training_was_set,
             self._publishing.forget,
         )
-        self._timers_of_ours = [self._every(HOUSEKEEPING, self._keep_house)]
-        self._description = None
+        self._set_up.callback(services.close)
+        self._set_up.callback(self.destroy_timer, self._every(HOUSEKEEPING, self._keep_house))
         if not settings["urdf_file"]:
-            self._description = self.create_subscription(
+            description = self.create_subscription(
                 String,
                 "robot_description",
                 self._on_description,
                 LATCHED,
                 event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             )
+            self._set_up.callback(self.destroy_subscription, description)
+        self._set_up.callback(self._close_streams)
         return TransitionCallbackReturn.SUCCESS
 
     @told
@@ -133,6 +139,7 @@ class IdentificationNode(LifecycleNode):
             self._lane.do(self._publishing.estimate, 1.0 / rate)
         return super().on_activate(state)
 
+    @told
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop listening; services go on answering."""
         self._active = False
@@ -140,32 +147,26 @@ class IdentificationNode(LifecycleNode):
         self._lane.do(None)
         return super().on_deactivate(state)
 
+    @told
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Save, end the trainer, withdraw services and topics."""
         self.finish()
-        self._publishing.close()
         return TransitionCallbackReturn.SUCCESS
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Save and end the trainer, whatever state the node is in."""
-        self.finish()
-        return TransitionCallbackReturn.SUCCESS
+    on_shutdown = on_error = (
+        on_cleanup  # whatever state the node is in; after an error it can be configured anew
+    )
 
     def finish(self) -> None:
-        """Learn what came, save the model, end the trainer, and give back the memory."""
-        session, self._session = self._session, None
-        if session is None:
-            return
-        self._active = False
-        self._close_streams()
-        for timer in self._timers_of_ours:
-            self.destroy_timer(timer)
-        self._timers_of_ours = []
-        self._services_of_ours.close()
+        """Learn what came, save the model, end the trainer, give back the memory; an error in one does not spare the rest."""
+        self._session, self._active = None, False
+        self._set_up.close()
+
+    def _end_lane(self) -> None:
         self._lane.stop()
         self.failed = self._lane.error is not None
-        if self._description is not None:
-            self.destroy_subscription(self._description)
+
+    def _leave(self, session: Session) -> None:
         if session.stop():
             self._kept.save()
 

@@ -1,0 +1,75 @@
+"""Transitions that fail: nothing of the node's is left over, the error is printed, and it can be configured anew."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from live_support import children, urdf_file, wait_until
+
+from bdnn_ros.robot import Robot
+
+pytestmark = pytest.mark.ros
+
+DOMAIN = 189
+ARM = Robot.bundled("arm2")
+
+
+@pytest.fixture
+def node(tmp_path) -> Iterator[Any]:
+    """An identification node in this process, which nobody spins."""
+    import rclpy
+
+    from bdnn_ros.nodes.identification_node import IdentificationNode
+
+    urdf = urdf_file(tmp_path, ARM)
+    rclpy.init(args=["--ros-args", "-p", f"urdf_file:={urdf}"], domain_id=DOMAIN)
+    made = IdentificationNode()
+    yield made
+    made.finish()
+    made.destroy_node()
+    rclpy.try_shutdown()
+    assert children(os.getpid()) == []
+
+
+def state(node) -> str:
+    return str(node._state_machine.current_state[1])
+
+
+def fails(*arguments, **named):
+    raise RuntimeError("on purpose")
+
+
+@pytest.mark.parametrize("transition", ["configure", "activate", "deactivate", "cleanup", "shutdown"])
+def test_after_an_error_nothing_goes_on_and_the_node_can_be_configured(node, monkeypatch, capfd, transition):
+    from rclpy.lifecycle import TransitionCallbackReturn
+
+    from bdnn_ros.nodes import identification_node
+
+    before = len(list(node.services)), len(list(node.publishers)), len(list(node.timers))
+    with monkeypatch.context() as patch:
+        if transition == "configure":
+            patch.setattr(identification_node, "Services", fails)
+        else:
+            assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+            if transition == "deactivate":
+                assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+            where = {
+                "activate": (node, "_every"),
+                "deactivate": (node._lane, "do"),
+                "cleanup": (node._lane, "forget"),
+                "shutdown": (node._lane, "stop"),
+            }
+            patch.setattr(*where[transition], fails)
+        supervisor = node._session.supervisor if node._session else None
+        assert getattr(node, f"trigger_{transition}")() == TransitionCallbackReturn.ERROR
+    assert state(node) == "unconfigured" and node._session is None
+    assert "on purpose" in capfd.readouterr().err
+    assert supervisor is None or supervisor.pid == 0
+    wait_until(lambda: children(os.getpid()) == [], 2.0)
+    if transition != "cleanup":  # there it is the withdrawing of services that fails
+        assert (len(list(node.services)), len(list(node.publishers)), len(list(node.timers))) == before
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert state(node) == "inactive" and node._session.supervisor.trouble == ""
