@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from live_support import children, urdf_file, wait_until
 
+from bdnn_ros.errors import UsageError
+from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros
@@ -73,3 +75,36 @@ def test_after_an_error_nothing_goes_on_and_the_node_can_be_configured(node, mon
         assert (len(list(node.services)), len(list(node.publishers)), len(list(node.timers))) == before
     assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
     assert state(node) == "inactive" and node._session.supervisor.trouble == ""
+
+
+def test_configuring_that_is_refused_leaves_nothing_open(node, monkeypatch):
+    """Neither the session's pipe nor its rings, which are laid out where joints are given; nor its threads."""
+    from rclpy.lifecycle import TransitionCallbackReturn
+    from rclpy.parameter import Parameter
+
+    from bdnn_ros.nodes import identification_node
+
+    def refuse(session, robot):
+        session.set_robot(robot)
+        session.begin(robot.joints)
+        raise UsageError("No.", "Do without.")
+
+    monkeypatch.setattr(node, "_meet", refuse)
+    sessions = []
+    monkeypatch.setattr(
+        identification_node, "Session", lambda *a, **k: sessions.append(Session(*a, **k)) or sessions[-1]
+    )
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+        assert state(node) == "unconfigured"
+    assert len(sessions) == 3 and len(os.listdir("/proc/self/fd")) == before
+    assert node.set_parameters([Parameter("cutoff", value=5.0)])[0].successful
+
+
+def test_a_lane_that_has_stopped_holds_no_guard_condition(node):
+    from rclpy.exceptions import InvalidHandle
+
+    assert node.trigger_configure() == node.trigger_cleanup()
+    with pytest.raises(InvalidHandle):
+        node._lane._wake.trigger()

@@ -97,6 +97,7 @@ class IdentificationNode(LifecycleNode):
         except BdnnError as error:
             self._log().error(str(error))
             self._trouble = str(error)
+            self.finish()
             return TransitionCallbackReturn.FAILURE
         self._trouble = ""
         session.start()

@@ -121,6 +121,7 @@ class Lane:
         self._stopping = True
         self._wake.trigger()
         self._thread.join(PATIENCE)
+        self._wake.destroy()
 
     def _renew(self) -> None:
         self._asked += 1
