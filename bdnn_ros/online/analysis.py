@@ -6,6 +6,7 @@ import queue
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -132,6 +133,9 @@ class Analyst:
                 told = self._answer(question(job.feed.recording(job.window), job.robot, job.cutoff))
             except (BdnnError, OSError) as error:  # OSError: the machine has no room for another process
                 told = {"error": str(error)}
+            except Exception as error:  # whatever it is, who asked must hear of it, and who asks next
+                traceback.print_exc()
+                told = {"error": f"The diagnosis failed ({type(error).__name__})."}
             finally:
                 self._busy.clear()
             if job.epoch == self._epoch:  # else it is of a stream that was given up meanwhile
