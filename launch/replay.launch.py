@@ -1,5 +1,7 @@
 """The identification node and a bag played at it: `ros2 launch bdnn_ros replay.launch.py bag:=PATH`."""
 
+from typing import Any, List  # noqa: UP035 - launch knows the lists of typing only
+
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
@@ -15,6 +17,11 @@ ARGUMENTS = {
     "urdf_file": ("", "URDF; empty takes the bag's own"),
     "joint_states_topic": ("/joint_states", "topic of the joint states in the bag"),
     "effort_commands_topic": ("", "topic of the effort commands in the bag; empty plays none"),
+    "effort_source": ("measured", "measured takes the joint states' efforts, command the played commands"),
+    "joints": (
+        "['']",
+        "joints to identify, as [a, b], in the order of the commands; [''] takes those that move",
+    ),
     "loop": ("false", "start over at the end"),
     "use_sim_time": ("false", "play the bag's stamps on /clock and let the node take its time from there"),
     "model_directory": ("", "where the model is kept; empty keeps none"),
@@ -28,7 +35,7 @@ def generate_launch_description() -> LaunchDescription:
         for name, (value, text) in ARGUMENTS.items()
     ]
 
-    def argument(name: str, kind: type = str) -> ParameterValue:
+    def argument(name: str, kind: Any = str) -> ParameterValue:
         return ParameterValue(LaunchConfiguration(name), value_type=kind)
 
     identification = LifecycleNode(
@@ -39,6 +46,8 @@ def generate_launch_description() -> LaunchDescription:
         parameters=[
             {
                 "urdf_file": argument("urdf_file"),
+                "effort_source": argument("effort_source"),
+                "joints": argument("joints", List[str]),  # noqa: UP006
                 "model_directory": argument("model_directory"),
                 "use_sim_time": argument("use_sim_time", bool),
             }
