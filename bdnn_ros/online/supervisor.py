@@ -77,10 +77,6 @@ class Supervisor:
         """Start the thread and with it the trainer; returns at once."""
         self._thread.start()
 
-    def wait_ready(self, timeout: float) -> bool:
-        """Wait until a trainer is ready, at most `timeout` [s]."""
-        return self._ready.wait(timeout)
-
     def send(self, message: Message) -> None:
         """Hand a message over to the trainer; returns at once, and is dropped if the trainer dies before.
 

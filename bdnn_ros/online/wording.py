@@ -22,8 +22,10 @@ def finding(
         rivals: what else it might be.
         before: base parameters before it, (P,).
     """
-    describe = {"payload": _payload, "friction": _friction, "push": _push}[best.kind]
-    entry = describe(scene, best, before)
+    if best.kind == "friction":
+        entry = _friction(scene, best, before)
+    else:
+        entry = {"payload": _payload, "push": _push}[best.kind](scene, best)
     odds = np.exp([e.evidence - best.evidence for e in (best, *rivals)])
     probability = odds / odds.sum()
     entry |= {
@@ -47,7 +49,7 @@ def _quantity(value: float, std: float, unit: str) -> dict[str, Any]:
     return {"value": float(f"{value:.6g}"), "std": float(f"{std:.3g}"), "unit": unit}
 
 
-def _payload(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
+def _payload(scene: Scene, found: Explanation) -> dict[str, Any]:
     """Something gripped (mass added) or released (mass taken away)."""
     mass = float(found.value[0])
     released = mass < 0
@@ -84,7 +86,7 @@ def _friction(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str,
     return {**_where(scene, found), "parameters": parameters, "sentence": sentence}
 
 
-def _push(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
+def _push(scene: Scene, found: Explanation) -> dict[str, Any]:
     """A wrench of the environment, for a while."""
     std = np.sqrt(np.diagonal(found.covariance))
     names = [f"{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz"]
