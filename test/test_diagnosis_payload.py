@@ -61,7 +61,9 @@ def test_a_payload_far_from_a_light_wrist_has_its_centre(worn):
     (found,) = (f for f in diagnose([simulated.recording], robot).findings if f.effect == "payload")
     assert found.link == "arm6_link6"
     assert found.parameters["mass"].value == pytest.approx(0.5, rel=0.15)
-    height = found.parameters["com_z"]  # less sure than of a point: what is carried may turn about itself as well
+    height = found.parameters[
+        "com_z"
+    ]  # less sure than of a point: what is carried may turn about itself as well
     assert height.value == pytest.approx(0.128, abs=2.0 * height.std) and height.std < 0.012
 
 

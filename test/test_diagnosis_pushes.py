@@ -327,3 +327,10 @@ def test_a_push_keeps_its_window_where_another_explains_less_beside_all_else(sta
     moved = refined(candidates, pool.equations, pool, (0, 1), [0])
     assert (moved.terms[0] == sought) is better
     assert (moved is pool) is not better
+
+
+def test_a_push_that_no_held_out_block_saw_has_its_share_of_the_whole_recording():
+    robot = Robot.bundled("arm2")
+    push = parse_spec("external_wrench@arm2_joint2:torque=1.5,start=7,end=9", robot)
+    (finding,) = diagnose([simulate(robot, [push], seed=3, duration=30.0).recording], robot).findings
+    assert finding.effect == "external_wrench" and finding.share > 0.9

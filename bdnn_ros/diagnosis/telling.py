@@ -126,7 +126,9 @@ def _findings(
     held = equations.usable & attempt.test[:, None]
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
     scale = equations.effort_scale
-    before = max(float(np.sum(rms(equations.target, held) ** 2)), 1e-30)
+    before, throughout = (
+        max(float(np.sum(rms(equations.target, rows) ** 2)), 1e-30) for rows in (held, equations.usable)
+    )
     findings, doubtful, large = [], False, LARGE_ERROR * scale
     every = range(len(found))
     for one, estimate, judgement, (held_out, ever) in zip(
@@ -144,9 +146,9 @@ def _findings(
         # what is named for a link or the base is told by joints that bear most of it
         shown = shown and not unfit[np.argmax(ever.less / scale**2)]
         if shown and judgement.nothing <= DOUBTFUL <= judgement.probability:
+            share = float(np.sum(ever.less)) / throughout if gone else float(np.sum(less)) / before
             # causes that work against each other may each remove more than there is
-            share = min(max(float(np.sum(less)) / before, 0.0), 1.0)
-            findings.append(_finding(robot, estimate, judgement, share))
+            findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())
     return findings, doubtful
