@@ -154,9 +154,8 @@ class IdentificationNode(LifecycleNode):
         self.finish()
         return TransitionCallbackReturn.SUCCESS
 
-    on_shutdown = on_error = (
-        on_cleanup  # whatever state the node is in; after an error it can be configured anew
-    )
+    # whatever state the node is in; after an error it can be configured anew
+    on_shutdown = on_error = on_cleanup
 
     def finish(self) -> None:
         """Learn what came, save the model, end the trainer, give back the memory; an error in one does not spare the rest."""

@@ -102,9 +102,8 @@ class Trainer:
         try:
             for version in versions:
                 self._hand_over(version)
-        except (
-            UsageError
-        ) as error:  # as a cut-off that the rate does not allow: another trainer fares no better
+        except UsageError as error:
+            # as a cut-off that the rate does not allow: another trainer fares no better
             self.learning = None
             self.say(Message("trouble", {"reason": f"{error} {STANDSTILL}"}))
             return
