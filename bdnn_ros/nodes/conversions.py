@@ -64,12 +64,12 @@ def requested(
     for field, values in fields.items():
         if len(values) != len(order):
             raise UsageError(f"{field} has {len(values)} values, the {len(order)} joints need {len(order)}.")
-        numbers = np.asarray(values, float)
-        if not np.isfinite(numbers).all():
-            culprit = order[int(np.argmin(np.isfinite(numbers)))]
+        given = np.asarray(values, float)
+        if not np.isfinite(given).all():
+            culprit = order[int(np.argmin(np.isfinite(given)))]
             raise UsageError(f"{field} of {culprit} is not finite.")
         arranged[field] = np.empty(len(joints))
-        arranged[field][index] = numbers
+        arranged[field][index] = given
     return index, arranged
 
 

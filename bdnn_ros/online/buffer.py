@@ -124,6 +124,7 @@ class Ring:
         self._next = number + 1
         if number == 0:
             self._header[_ORIGIN] = stream_time
+        # last: x86-64, the only machine of these wheels, keeps the order of stores, so that who sees it sees the sample
         self._header[_WRITTEN] = self._next
         return number
 

@@ -32,7 +32,7 @@ PER_LINK = 10
 
 @dataclass(frozen=True)
 class Robot(ReadOnlyArrays):
-    """A fixed-base robot with n joints of one degree of freedom each; its arrays are read-only.
+    """A fixed-base robot with n joints of one degree of freedom each, for one thread at a time; its arrays are read-only.
 
     Attributes:
         urdf: the description's text.
