@@ -20,7 +20,6 @@ from report_page import Page
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.result import Rival
-from bdnn_ros.report import report
 from bdnn_ros.report.plots import effort_figure, identification_png
 from bdnn_ros.report.report import render, write_report
 from bdnn_ros.report.view import view
@@ -222,7 +221,7 @@ def test_a_report_is_written_whole_or_not_at_all(
     def fail(*_: object) -> None:
         raise OSError("no space")
 
-    monkeypatch.setattr(report.os, "replace", fail)
+    monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(OSError, match="no space"):
         write_report(three, path)
     assert path.read_text() == "before" and os.listdir(tmp_path) == ["report.html"]

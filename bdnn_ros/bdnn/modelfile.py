@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save as serialized
 
 from bdnn_ros.errors import ModelFileError
+from bdnn_ros.written import whole
 
 FILE_NAME = "model.bdnn"
 SUFFIX = ".bdnn"
@@ -75,16 +75,10 @@ def write(target: Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str
             {"format": FORMAT, "version": VERSION, "kind": kind, "info": info}, allow_nan=False
         )
         tensors = {key: np.ascontiguousarray(value) for key, value in arrays.items()}
-        handle, beside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(serialized(tensors, {"bdnn_ros": header}))
-                file.flush()
-                os.fsync(file.fileno())
-            os.chmod(beside, 0o666 & ~_umask())
-            os.replace(beside, target)
-        finally:
-            Path(beside).unlink(missing_ok=True)
+        with whole(target) as beside, beside.open("wb") as file:
+            file.write(serialized(tensors, {"bdnn_ros": header}))
+            file.flush()
+            os.fsync(file.fileno())
     except OSError as error:
         raise ModelFileError(
             f"The model cannot be written to {target} ({error.strerror or error}).",
@@ -127,10 +121,3 @@ def load(path: str | Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
             f"{target} is damaged: its description is incomplete.", "Identify the model again."
         )
     return header["kind"], arrays, header["info"]
-
-
-def _umask() -> int:
-    """The process's file mode mask; it can only be read by setting it."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask

@@ -11,6 +11,7 @@ from typing import TextIO
 
 from bdnn_ros.bdnn.modelfile import SUFFIX, model_place
 from bdnn_ros.errors import UsageError, unwritable
+from bdnn_ros.written import whole
 
 
 def require_directory(path: Path) -> None:
@@ -63,13 +64,8 @@ def written_whole(path: Path) -> Iterator[TextIO]:
             return
         target = path.resolve()  # a link stays one
         target.parent.mkdir(parents=True, exist_ok=True)
-        beside = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            with beside.open("w", encoding="utf-8", newline="") as file:
-                yield file
-            os.replace(beside, target)
-        finally:
-            beside.unlink(missing_ok=True)
+        with whole(target) as beside, beside.open("w", encoding="utf-8", newline="") as file:
+            yield file
     except BrokenPipeError:
         raise  # whoever reads has had enough
     except OSError as error:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +10,7 @@ from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.mjcf import beside_mjcf, extended_mjcf
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
+from bdnn_ros.written import whole
 
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination
@@ -43,14 +42,6 @@ def write_text(path: Path, text: str) -> Path:
 
 def write_bytes(path: Path, content: bytes) -> Path:
     """Write a file, whole or not at all."""
-    handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        mask = os.umask(0o077)  # it can only be read by setting it
-        os.umask(mask)
-        os.chmod(beside, 0o666 & ~mask)
-        os.replace(beside, path)
-    finally:
-        Path(beside).unlink(missing_ok=True)
+    with whole(path) as beside:
+        beside.write_bytes(content)
     return path

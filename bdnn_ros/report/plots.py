@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from matplotlib.figure import Figure
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.report.view import view
 from bdnn_ros.report.words import headline
+from bdnn_ros.written import whole
 
 INK, SOFT, RULE = "#1a1f26", "#57616d", "#dde1e6"
 STYLES: dict[str, dict[str, Any]] = {
@@ -92,7 +92,6 @@ def _write(
 ) -> None:
     """One row a joint, the same time below all."""
     height = HEAD + ROW * len(joints)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
     with rc_context(SETTINGS):
         figure = Figure((WIDTH, height), dpi=120, facecolor="white")
         FigureCanvasAgg(figure)
@@ -115,11 +114,8 @@ def _write(
             ncols=len(series),
             frameon=False,
         )
-        try:
+        with whole(path) as beside:
             figure.savefig(beside, format="png")
-            os.replace(beside, path)
-        finally:
-            beside.unlink(missing_ok=True)
 
 
 def _dress(axes: Axes, title: str) -> None:

@@ -17,6 +17,7 @@ from bdnn_ros.report import contents, panels, words
 from bdnn_ros.report.chart import SIZE
 from bdnn_ros.report.view import coverage, link_changes, view
 from bdnn_ros.robot.units import printed
+from bdnn_ros.written import whole
 
 SEEN = 0.03
 """A cause whose contribution is this share of the spread of a joint's effort is named there."""
@@ -32,12 +33,8 @@ def write_report(examination: Examination, path: Path, data_check: Sequence[str]
         data_check: what the check of the recordings had to say, one sentence each.
     """
     text = render(examination, data_check)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
+    with whole(path) as beside:
         beside.write_text(text, encoding="utf-8")
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def render(examination: Examination, data_check: Sequence[str] = ()) -> str:
