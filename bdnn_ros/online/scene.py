@@ -19,7 +19,7 @@ OWN = 4
 LEVER = 0.15
 """Typical distance of a payload's centre from its link's origin [m]."""
 GYRATION = 0.17
-"""Typical distance for its second moments [m]."""
+"""Typical distance of its mass from there, for the second moments about that origin [m]."""
 FRICTION = 0.3
 """Typical change of friction, as a share of the joint's effort scale."""
 
