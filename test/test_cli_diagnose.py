@@ -154,7 +154,8 @@ def test_a_cause_that_many_joints_have_is_said_in_one_line():
     rubs = [
         finding("coulomb_friction", joint, share) for joint, share in (("a", 0.3), ("b", 0.1), ("c", 0.1))
     ]
-    drags = finding("quadratic_drag", "a", 0.4, (Rival("viscous_friction", "a", None, 0.3),))
+    tie = (Rival("quadratic_drag", "b", None, 0.08), Rival("viscous_friction", "a", None, 0.3))
+    drags = finding("quadratic_drag", "a", 0.4, tie)
     diagnosis = Diagnosis(
         source={},
         verdict="explained",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
@@ -70,6 +72,13 @@ def test_places() -> None:
     assert words.named(finding("base_tilt", None)) == "Tilted base"
     assert words.named(finding("effort_delay", None)) == "Effort delay at all joints"
     assert words.named(Rival("coulomb_friction", "j2", None, 0.1)) == "Coulomb friction at j2"
+
+
+def test_a_tie_of_places_leaves_no_doubt_of_the_effect() -> None:
+    rivals = (Rival("payload", None, "wrist", 0.32), Rival("link_inertia", None, "hand", 0.02))
+    tied = replace(finding("payload", None, "hand"), probability=0.66, rivals=rivals)
+    assert words.elsewhere(tied) == pytest.approx(0.32)
+    assert words.elsewhere(replace(tied, rivals=rivals[1:])) == 0.0
 
 
 def test_amounts_name_the_parameter_where_there_are_several_or_no_unit() -> None:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from bdnn_ros.checks.data import check_data
 from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
 from bdnn_ros.diagnosis.search import Progress
 from bdnn_ros.effects.registry import get
@@ -23,6 +24,7 @@ from bdnn_ros.extension.files import write_extension
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
+from bdnn_ros.report.words import elsewhere
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 
@@ -113,9 +115,8 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
             "the extended model mends them."
         )
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
-        least = min(finding.probability for finding in group)
         said = group[0].sentence if len(group) == 1 else _together(group)
-        lines.append(f" {number}. {said} ({_share(group)}, probability {least:.2f})")
+        lines.append(f" {number}. {said} ({_share(group)}, probability {_probability(group)})")
         lines += [_rivals(finding) for finding in group if _close(finding)]
     lines += [note for note in diagnosis.notes if note not in known]
     low, high = diagnosis.gain_interval
@@ -150,6 +151,13 @@ def _share(group: Sequence[Finding]) -> str:
     return f"{sum(shares):.1f} % of the squared error"
 
 
+def _probability(group: Sequence[Finding]) -> str:
+    """How sure the least sure of them is; and of its place, where others would do for that."""
+    least = min(group, key=lambda finding: finding.probability)
+    here, others = least.probability, elsewhere(least)
+    return f"{here + others:.2f}, {here:.2f} that it is here" if others else f"{here:.2f}"
+
+
 def _together(group: Sequence[Finding]) -> str:
     """One sentence for the same cause at many places."""
     title = get(group[0].effect).title
@@ -162,7 +170,7 @@ def _together(group: Sequence[Finding]) -> str:
 
 
 def _close(finding: Finding) -> list[Rival]:
-    return [rival for rival in finding.rivals if rival.probability >= 0.1]
+    return [rival for rival in finding.rivals if rival.probability >= TIE]
 
 
 def _rivals(finding: Finding) -> str:

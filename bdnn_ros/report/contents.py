@@ -9,20 +9,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
+from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, reference
 from bdnn_ros.report import words
 from bdnn_ros.report.view import Cause, LinkChange, View
 from bdnn_ros.robot.units import printed
 
-TIE = 0.1
-"""A rival at least this probable is named beside the cause."""
 CLOSE_RIVAL = 0.03
 """Causes without a rival of this probability need no bars."""
 
 
 @dataclass(frozen=True)
 class Root:
-    """One line of the list of root causes; `ties` are rivals too probable to leave out."""
+    """One line of the list of root causes; `ties` are rivals too probable to leave out.
+
+    `here` is how sure its place is where others would do the same, else empty.
+    """
 
     title: str
     where: str
@@ -31,6 +33,7 @@ class Root:
     share: float
     share_of: str
     probability: str
+    here: str
     ties: tuple[str, ...]
 
 
@@ -255,6 +258,7 @@ def method(shown: View) -> list[tuple[str, str]]:
 
 
 def _root(finding: Finding) -> Root:
+    elsewhere = words.elsewhere(finding)
     return Root(
         title=words.title(finding.effect),
         where=words.at(finding.joint, finding.link, finding.effect),
@@ -262,7 +266,8 @@ def _root(finding: Finding) -> Root:
         sentence=finding.sentence,
         share=finding.share,
         share_of="of the velocity's error" if finding.effect == "velocity_filter" else "of the error",
-        probability=words.probability(finding.probability),
+        probability=words.probability(finding.probability + elsewhere),
+        here=words.probability(finding.probability) if elsewhere else "",
         ties=tuple(
             f"{words.named(rival)} ({words.probability(rival.probability)})"
             for rival in finding.rivals

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, reference
 from bdnn_ros.effects.base import Parameter
 from bdnn_ros.effects.registry import ALL, EFFECTS
@@ -170,6 +171,12 @@ def percent(share: float, digits: int = 0) -> str:
     if 0.0 < share < 0.005 and digits == 0:
         return "<\N{NO-BREAK SPACE}1\N{NO-BREAK SPACE}%"
     return f"{fixed(100.0 * share, digits)}\N{NO-BREAK SPACE}%"
+
+
+def elsewhere(finding: Finding) -> float:
+    """Probability that its effect is there, but at another place; 0 where that is hardly possible."""
+    total = sum(rival.probability for rival in finding.rivals if rival.effect == finding.effect)
+    return min(total, 1.0 - finding.probability) if total >= TIE else 0.0
 
 
 def probability(p: float) -> str:
