@@ -127,8 +127,22 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
         )
     else:
         lines.append(f"Gain on held-out data: none, the error grows by {-100.0 * diagnosis.gain:.1f} %.")
+    if any(_unseen(examination, finding) for finding in diagnosis.findings):
+        lines.append(
+            "What pushes came and went between the stretches that were held out: the gain leaves it out."
+        )
     lines.append(diagnosis.unexplained_sentence)
     return lines + [f"Advice: {sentence}" for sentence in diagnosis.advice]
+
+
+def _unseen(examination: Examination, finding: Finding) -> bool:
+    """Whether a cause acts for a time of which no row is held out."""
+    if not get(finding.effect, finding.variant).timed:
+        return False
+    equations = examination.equations
+    held = equations.motion.time[equations.rows[examination.test]]
+    start, end = (finding.parameters[name].value for name in ("start", "end"))
+    return not bool(((start <= held) & (held <= end)).any())
 
 
 def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
