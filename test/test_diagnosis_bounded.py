@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from bdnn_ros.diagnosis.bounded import factored, gains_of, held, held_out_losses, solved
+from bdnn_ros.diagnosis.bounded import factored, gains_of, held, held_out_losses, raised, solved
 
 
 def _drawn(seed: int, size: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -85,3 +85,23 @@ def test_a_blocks_coefficients_leave_bounds_that_no_longer_hold_them(seed: int) 
     wanted = lsq_linear(columns, target, (0.0, 0.3), method="bvls", tol=1e-14).x
     losses = [float(np.sum((columns @ x - target) ** 2)) for x in (best[0], wanted)]
     assert losses[0] == pytest.approx(losses[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("lower", [-np.inf, 0.0])
+def test_what_others_tell_as_well_gains_nothing_though_rounding_says_less_than_nothing(lower: float) -> None:
+    """Of what links tell as well as a payload's inertia little is left but the rounding of both."""
+    prior = np.array([[1.0, 1.0, 4.0]])
+    schur = np.array([[[-1e-3, 0.0, 0.0], [0.0, -2.0, 1.0], [0.0, 1.0, 1e9]]])
+    left = np.array([[1e-3, -1e-3, 1e4]])
+    exact = raised(schur, prior)
+    assert (np.linalg.eigvalsh(exact[0] - np.diag(prior[0])) > -1e-6).all()
+    assert np.array_equal(raised(exact, prior), exact)
+    gain, best = gains_of(schur, left, prior, np.full((1, 3), lower), np.full((1, 3), np.inf))
+    assert np.isfinite(gain).all() and (best >= lower).all()
+    assert gain[0] < 0.0
+
+
+def test_one_column_that_rounding_took_all_from_gains_nothing() -> None:
+    ends = np.full((1, 1), -np.inf), np.full((1, 1), np.inf)
+    gain, _ = gains_of(np.array([[[-1e-4]]]), np.array([[1e-3]]), np.array([[1.0]]), *ends)
+    assert gain[0] == pytest.approx(0.0, abs=1e-5)

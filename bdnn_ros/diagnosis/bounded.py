@@ -37,6 +37,23 @@ def factored(a: np.ndarray) -> np.ndarray:
         return np.asarray(np.linalg.cholesky(firm(a)))
 
 
+def raised(a: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Information matrices (c, k, k) that rounding made less than the prior precisions in them, (c, k), raised to those.
+
+    What columns tell beside others that tell the same is a small difference of large numbers.
+    """
+    wrong = (np.linalg.slogdet(a)[0] <= 0.0) | (np.diagonal(a, axis1=1, axis2=2) < prior).any(axis=1)
+    if not wrong.any():
+        return a
+    size = np.sqrt(prior[wrong])
+    scale = size[:, :, None] * size[:, None, :]
+    squares, directions = np.linalg.eigh(a[wrong] / scale)
+    squares = np.maximum(squares, np.maximum(1.0, ROUNDING * squares[:, -1:]))
+    result = a.copy()
+    result[wrong] = scale * ((directions * squares[:, None, :]) @ directions.transpose(0, 2, 1))
+    return result
+
+
 def solved(a: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Solutions (..., k) of systems (..., k, k) that are regular but for rounding, and the logarithms of their determinants."""
     try:
@@ -132,6 +149,7 @@ def gains_of(
         left: their moments with what the rest leaves, (c, k).
         prior: precisions of the coefficients, (c, k).
     """
+    schur = raised(schur, prior)
     if left.shape[1] == 1:
         best, size = np.clip(left / schur[..., 0], low, high), np.log(schur[:, 0, 0])
     else:
