@@ -153,8 +153,8 @@ def test_info_tells_of_it(tmp_path, capsys):
 def test_what_a_filter_made_of_a_recording_s_end_is_no_push():
     robot = Robot.bundled("arm7")
     spec = parse_spec("hysteresis@arm7_joint3:force=2.5,breakaway=0.034", robot)
-    whole = simulate(robot, [spec], seed=3, duration=30.0).recording
-    recording = lowpassed(whole.part(whole.time < 26.0), 3.0)  # cut off while it moves
+    whole = simulate(robot, [spec], seed=3, duration=22.0).recording
+    recording = lowpassed(whole.part(whole.time < 19.0), 3.0)  # cut off while it moves
     diagnosis = examine([recording], robot).diagnosis
     assert ("hysteresis", "arm7_joint3") in {(f.effect, f.joint) for f in diagnosis.findings}
     assert "external_wrench" not in {f.effect for f in diagnosis.findings}
@@ -163,8 +163,8 @@ def test_what_a_filter_made_of_a_recording_s_end_is_no_push():
 
 def test_a_push_that_lasts_to_the_end_is_named():
     robot = Robot.bundled("arm7")
-    push = parse_spec("external_wrench@arm7_joint4:torque=4,start=26,end=30", robot)
-    diagnosis = examine([simulate(robot, [push], seed=3, duration=30.0).recording], robot).diagnosis
+    push = parse_spec("external_wrench@arm7_joint4:torque=4,start=17,end=20", robot)
+    diagnosis = examine([simulate(robot, [push], seed=3, duration=20.0).recording], robot).diagnosis
     assert [finding.effect for finding in diagnosis.findings] == ["external_wrench"]
 
 
