@@ -103,12 +103,15 @@ def test_what_is_large_and_not_known_well_enough_for_a_name_is_no_all_clear(
     assert told == ([], doubtful)
 
 
-@pytest.mark.parametrize("less, share", [(0.3, 0.3), (1.5, 1.0), (-0.1, 0.0)])
-def test_no_cause_removes_more_of_the_error_than_there_is(monkeypatch, less, share):
-    """Two that work against each other may each leave more than the simulation did where it goes alone."""
+@pytest.mark.parametrize("less, there, share", [(0.3, True, 0.3), (1.5, True, 1.0), (-0.1, False, 0.1)])
+def test_no_cause_removes_more_of_the_error_than_there_is(monkeypatch, less, there, share):
+    """Two that work against each other may each leave more than the simulation did where it goes alone.
+
+    Of what came and went outside the rows that were held out, all rows tell.
+    """
     shares: list[float] = []
     estimate = SimpleNamespace(term=Term(get("backlash"), 0), shown=True)
-    removal = Removal(np.array([less]), True, False, True)
+    removal = Removal(np.array([less]), True, there, True)
     told = Judgement(1.0, 0.0, ())
     findings_of(monkeypatch, estimate, removal, told, lambda *finding: shares.append(finding[3]))
     assert shares == [pytest.approx(share)]
