@@ -122,9 +122,8 @@ class Payload(OnBody):
 
     def general(self, robot: Robot, link: str) -> tuple[int, np.ndarray]:
         body, parameters = self.inertials(robot, dict.fromkeys(SHAPE, 0.0), link)
-        parameters[:, POINT:] *= (
-            OFF_CENTRE / GYRATION
-        ) ** 2  # so much further from the origin than from its own centre
+        # a mass is so much further from the origin than from its own centre
+        parameters[:, POINT:] *= (OFF_CENTRE / GYRATION) ** 2
         return body, parameters
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:

@@ -139,10 +139,9 @@ def _own_inertias(robot: Robot, estimates: Sequence[Estimate]) -> np.ndarray:
     """How payloads turn about their own centres, which their values do not say: of the bodies, (n, PER_LINK)."""
     total = np.zeros_like(robot.inertials)
     for one in estimates:
-        effect, link = one.term.effect, one.term.link
-        if isinstance(effect, Payload) and link is not None:
-            body, columns = effect.inertials(robot, dict(one.term.shape), link)
-            total[body] += columns[:, POINT:] @ one.coefficients[POINT:]
+        link = one.term.link
+        if isinstance(one.term.effect, Payload) and link is not None:
+            total[robot.body_of(link)[0], POINT:] += one.coefficients[POINT:]
     return total
 
 
