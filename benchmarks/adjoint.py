@@ -22,6 +22,7 @@ from torchdiffeq import odeint_adjoint
 from bdnn_ros.bdnn.backtracking import Windows, backtrack, discrete_gradient
 from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.bdnn.networks import SPD_FLOOR, Network
+from bdnn_ros.written import whole
 
 STEPS, BATCH, STEP = 10, 256, 0.008
 RESULTS = Path(__file__).parent / "results" / "adjoint.json"
@@ -159,9 +160,8 @@ def main() -> None:
             print(f"{name:32} {rate:10.1f} {ratio:14.1f}x {errors[name]:16.1e}")
         results.append({"joints": n, "hidden": hidden, "gradients_per_second": rates, "off_autograd": errors})
     RESULTS.parent.mkdir(exist_ok=True)
-    beside = RESULTS.with_suffix(".tmp")
-    beside.write_text(json.dumps({"windows": BATCH, "steps": STEPS, "results": results}, indent=1) + "\n")
-    os.replace(beside, RESULTS)
+    with whole(RESULTS) as beside:
+        beside.write_text(json.dumps({"windows": BATCH, "steps": STEPS, "results": results}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

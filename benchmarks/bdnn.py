@@ -28,6 +28,8 @@ from _bdnn_judging import judge
 from _bdnn_methods import GROUPS, METHODS, MOTION
 from _motion import Data, data
 
+from bdnn_ros.written import whole
+
 RESULTS = Path(__file__).parent / "results" / "bdnn.json"
 THEORY = Path(__file__).parents[1] / "docs" / "theory.md"
 MARKS = "<!-- tables: python benchmarks/bdnn.py --write-docs -->", "<!-- end of tables -->"
@@ -135,9 +137,8 @@ def save(path: Path, cells: Sequence[Cell]) -> None:
     order = {name: k for k, name in enumerate([*MOTION, *METHODS])}
     ordered = sorted(cells, key=lambda c: (c["scale"], order[c["robot"]], order[c["method"]], c["seed"]))
     lines = ",\n".join("  " + json.dumps(cell) for cell in ordered)
-    beside = path.with_suffix(".tmp")
-    beside.write_text(f'{{"format": "bdnn_ros/benchmark-bdnn", "cells": [\n{lines}\n]}}\n')
-    os.replace(beside, path)
+    with whole(path) as beside:
+        beside.write_text(f'{{"format": "bdnn_ros/benchmark-bdnn", "cells": [\n{lines}\n]}}\n')
 
 
 def run(args: argparse.Namespace) -> list[Cell]:

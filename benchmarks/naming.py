@@ -36,6 +36,7 @@ from _naming_tables import by_condition, by_effect, confusion, counted, shows, s
 from _naming_text import markdown, text
 
 from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.written import whole
 
 HERE = Path(__file__).resolve().parent
 RECORDS = HERE / "results" / "naming.jsonl"
@@ -164,9 +165,8 @@ def said(outcome: Mapping[str, Any]) -> list[str]:
 def tell_recordings(data: Path) -> None:
     """Diagnoses real recordings and their halves; keeps and prints what they name."""
     results = recorded(data)
-    beside = RECORDED.with_suffix(".part")
-    beside.write_text(json.dumps(rounded(results), indent=1) + "\n", encoding="utf-8")
-    os.replace(beside, RECORDED)
+    with whole(RECORDED) as beside:
+        beside.write_text(json.dumps(rounded(results), indent=1) + "\n", encoding="utf-8")
     for title, rows in tables(results):
         print(f"\n{title}\n{text(rows)}")
     print("\n" + in_words(results))
@@ -208,9 +208,8 @@ def write_document(results: Path) -> None:
         *section(fingerprint()),
         *real_recordings(),
     ]
-    beside = DOCUMENT.with_suffix(".part")
-    beside.write_text("\n".join(parts) + "\n", encoding="utf-8")
-    os.replace(beside, DOCUMENT)
+    with whole(DOCUMENT) as beside:
+        beside.write_text("\n".join(parts) + "\n", encoding="utf-8")
     print(f"{DOCUMENT}: {len(records)} draws")
 
 

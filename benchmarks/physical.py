@@ -24,6 +24,8 @@ from _physical_solvers import solvers
 from _physical_speed import speed
 from _physical_trust import agreeing, coverage, definite, forgetting
 
+from bdnn_ros.written import whole
+
 RESULTS = Path(__file__).parent / "results" / "physical.json"
 GROUPS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "recordings": recorded,
@@ -62,9 +64,8 @@ def main() -> int:
         results[name] = GROUPS[name](args)
         print(f"({time.perf_counter() - start:.0f} s)", flush=True)
     RESULTS.parent.mkdir(exist_ok=True)
-    beside = RESULTS.with_suffix(".tmp")
-    beside.write_text(json.dumps(results, indent=1) + "\n")
-    os.replace(beside, RESULTS)
+    with whole(RESULTS) as beside:
+        beside.write_text(json.dumps(results, indent=1) + "\n")
     return 0
 
 

@@ -10,14 +10,17 @@ import numpy as np
 
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.leads import hold_spread, parted
-from bdnn_ros.diagnosis.pushes import unseen
+from bdnn_ros.diagnosis.pushes import EDGES, distance, edges, unseen
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.base import SHOWN
+from bdnn_ros.effects.environment import POINT
 
 RELATIVE_STEP = 1e-3
 GIVEN = 1e-9
 """Spread of a shape parameter that no search moves, such as a link's mass by the description."""
+ABOUT = 0.1
+"""Spread of where on its link a push acts, along what the motion does not show [m]."""
 CLEAR = 3.0
 """A name takes so many standard deviations from nothing: true causes lie at more, what passes for one often at less."""
 DOUBTED = 2.0
@@ -136,7 +139,7 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     if tangents:
         extra = np.stack(tangents, axis=2)
         white = np.concatenate([white, equations.whiten(extra, pool.noise)], axis=2)
-        ranges = [span for c in fit.terms for span in _ranges(pool.terms[c])]
+        ranges = [span for c in fit.terms for span in _ranges(pool, pool.terms[c])]
         precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
     tall = white.reshape(-1, white.shape[2])
     gram = tall.T @ tall
@@ -189,10 +192,18 @@ def excesses(pool: Pool) -> list[float]:
     return result
 
 
-def _ranges(term: Term) -> list[float]:
-    """Prior spread of each shape parameter; what is given is known."""
-    free = term.effect.shape_bounds
-    return [abs(value) + 1e-6 if name in free else GIVEN for name, value in term.shape]
+def _ranges(pool: Pool, term: Term) -> list[float]:
+    """Prior spread of each shape parameter; what is given is known.
+
+    A push begins and ends where no row counts, or by its own length about where it is found.
+    """
+    free, usual = term.effect.shape_bounds, {name: abs(value) + 1e-6 for name, value in term.shape}
+    if term.effect.timed:
+        start, end = edges(term)
+        usual |= {name: gap or end - start for name, gap in unseen(pool, term).items()}
+        if distance(term, pool.equations.motion.robot) > 0.0:
+            usual |= dict.fromkeys(POINT, ABOUT)
+    return [usual[name] if name in free else GIVEN for name, _ in term.shape]
 
 
 def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -209,8 +220,9 @@ def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) 
 def _tangent(pool: Pool, term: Term, coefficients: np.ndarray, name: str) -> np.ndarray:
     """Change of the effort per unit of one shape parameter, rows (R, n)."""
     shape = dict(term.shape)
-    step = 1e-2 * max(abs(shape[name]), 1e-3)
     motion = pool.equations.motion
+    timed = term.effect.timed and name in EDGES
+    step = 1.0 / motion.signals.rate if timed else 1e-2 * max(abs(shape[name]), 1e-3)
 
     def effort(side: float) -> np.ndarray:
         moved = {**shape, name: shape[name] + side * step}

@@ -40,6 +40,8 @@ OUTDONE = 0.05
 """What is less than this share of another push at its time is what a constant wrench leaves of that one."""
 CREEPING = 0.1
 """Below this share of its usual speed a joint has any dry friction, up to that of standing."""
+RESOLVED = 1.5
+"""A push lasts so many periods of the low-pass: of a shorter one only a moment's bump is left, as of any other fault."""
 ENDS = 0.6
 """So near its ends a recording that was filtered both ways before it was published shows what was never there [s]."""
 
@@ -131,11 +133,14 @@ def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     """Whether a term is a push that may be what another leaves of itself: of a push at its time, or of a gap being crossed.
 
     No hand pushes as constantly as a wrench with a start and an end, and a crossing is known only as well as the motion.
-    Nor is it a push what a joint shows that creeps.
+    Nor is it a push what a joint shows that creeps, or what is over before a low-pass tells it from any other moment's fault.
     """
     push = pool.terms[one]
     if not push.effect.timed:
         return False
+    start, end = edges(push)
+    if end - start < RESOLVED / pool.equations.motion.signals.cutoff:
+        return True
     others = [c for c in chosen if c != one]
     motion, rows = pool.equations.motion, pool.equations.rows
     creeping = np.abs(motion.velocity[rows]) < CREEPING * motion.usual_velocity

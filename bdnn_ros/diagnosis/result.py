@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+
+from bdnn_ros.written import whole
 
 FORMAT = "bdnn_ros/diagnosis"
 VERSION = 1
@@ -109,9 +110,8 @@ class Diagnosis:
 
     def save(self, path: Path) -> None:
         """Write diagnosis.json, whole or not at all."""
-        beside = path.with_name(path.name + ".part")
-        beside.write_text(json.dumps(self.as_json(), indent=1) + "\n", encoding="utf-8")
-        os.replace(beside, path)
+        with whole(path) as beside:
+            beside.write_text(json.dumps(self.as_json(), indent=1) + "\n", encoding="utf-8")
 
 
 def _finding_json(finding: Finding) -> dict[str, Any]:

@@ -23,8 +23,8 @@ ROUNDED = 1e-6
 
 def having(choices: tuple[Effect, ...], given: Iterable[str]) -> tuple[Effect, ...]:
     """The variants that have all these parameters; all where none has."""
-    having = [c for c in choices if set(given) <= {p.name for p in c.parameters}]
-    return tuple(having) or choices
+    given = set(given)
+    return tuple(c for c in choices if given <= {p.name for p in c.parameters}) or choices
 
 
 def as_found(effect: Effect, parameter: Parameter) -> Parameter:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from bdnn_ros.effects.base import Effect, Parameter
 from bdnn_ros.effects.registry import ALL, EFFECTS
+from bdnn_ros.written import whole
 
 HEAD = """# Effects: what a simulation may leave out
 
@@ -91,9 +91,8 @@ def _places(name: str) -> str:
 def main() -> None:
     """Writes the file named on the command line, docs/effects.md by default."""
     path = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/effects.md")
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(document(), encoding="utf-8")
-    os.replace(beside, path)
+    with whole(path) as beside:
+        beside.write_text(document(), encoding="utf-8")
 
 
 if __name__ == "__main__":
