@@ -295,8 +295,12 @@ def moving(recording: Recording) -> np.ndarray:
     """Which joints move at all, (n,) bool: further than noise and rounding."""
     if not len(recording):
         return np.zeros(recording.width, bool)
-    still = np.maximum(STILL_RANGE, STILL_WIDTHS * position_noise(recording))
-    return np.asarray(np.ptp(recording.position, axis=0) > still)
+    return further(recording.position, position_noise(recording))
+
+
+def further(position: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Which joints' positions (N, n) cover more than noise, standard deviations (n,), and rounding do, (n,) bool."""
+    return np.asarray(np.ptp(position, axis=0) > np.maximum(STILL_RANGE, STILL_WIDTHS * noise))
 
 
 def _refuse_invalid(recording: Recording, field: str, values: np.ndarray) -> None:

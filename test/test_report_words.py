@@ -77,8 +77,16 @@ def test_places() -> None:
 def test_a_tie_of_places_leaves_no_doubt_of_the_effect() -> None:
     rivals = (Rival("payload", None, "wrist", 0.32), Rival("link_inertia", None, "hand", 0.02))
     tied = replace(finding("payload", None, "hand"), probability=0.66, rivals=rivals)
-    assert words.elsewhere(tied) == pytest.approx(0.32)
-    assert words.elsewhere(replace(tied, rivals=rivals[1:])) == 0.0
+    assert words.certainty(tied) == (pytest.approx(0.98), "that it is here")
+    assert words.certainty(replace(tied, rivals=rivals[1:])) == (0.66, "")
+
+
+def test_what_may_be_part_of_more_is_there_in_any_case() -> None:
+    drift = Rival("drift", "j2", None, 0.89, "viscous")
+    named = replace(finding("viscous_friction", "j2"), probability=0.11, rivals=(drift,))
+    assert words.certainty(named) == (pytest.approx(1.0), "that it is no more than that")
+    for other in (replace(drift, variant="coulomb"), replace(drift, joint="j3")):
+        assert words.certainty(replace(named, rivals=(other,))) == (0.11, "")
 
 
 def test_amounts_name_the_parameter_where_there_are_several_or_no_unit() -> None:

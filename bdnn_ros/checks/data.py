@@ -258,7 +258,7 @@ def odd_velocity(recording: Recording, signals: Signals) -> Iterator[Remark]:
     """Joints whose reported velocity is not the derivative of their position."""
     if signals.reported_velocity is None:
         return
-    inside = signals.interior
+    inside, late = signals.interior, {}
     for k in np.flatnonzero(moving(recording) & brisk(signals, inside)):
         joint = signals.joints[k]
         v, a = signals.velocity[inside, k], signals.acceleration[inside, k]
@@ -278,9 +278,21 @@ def odd_velocity(recording: Recording, signals: Signals) -> Iterator[Remark]:
                 "Check its unit and sign; it is not used here.",
             )
         elif lag > max(PERIODS / signals.raw_rate, SHORTEST_DELAY) and slope > CERTAIN * doubt:
-            yield Remark(
-                joint,
-                f"{recording.name}: the velocity of {joint} lags {1e3 * lag:.1f} ms behind its position, as "
-                f"behind a low-pass of {1.0 / (2.0 * np.pi * lag):.0f} Hz.",
-                "It is not used here; a controller that uses it sees the past.",
-            )
+            late[joint] = float(lag)
+    if late:
+        ahead = (
+            "its position, as behind a low-pass" if len(late) == 1 else "the position, as behind low-passes"
+        )
+        lags = _between([1e3 * lag for lag in late.values()], 1)
+        cutoffs = _between([1.0 / (2.0 * np.pi * lag) for lag in late.values()], 0)
+        yield Remark(
+            listed(late),
+            f"{recording.name}: the velocity of {listed(late)} lags {lags} ms behind {ahead} of {cutoffs} Hz.",
+            "It is not used here; a controller that uses it sees the past.",
+        )
+
+
+def _between(values: Sequence[float], digits: int) -> str:
+    """One number, or the least and the largest where they differ."""
+    ends = dict.fromkeys(f"{value:.{digits}f}" for value in (min(values), max(values)))
+    return " to ".join(ends)

@@ -24,7 +24,7 @@ from bdnn_ros.extension.files import write_extension
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import elsewhere
+from bdnn_ros.report.words import certainty
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 
@@ -154,7 +154,9 @@ def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
     groups = [
         part for kind in kinds.values() for part in ([kind] if len(kind) >= MANY else [[one] for one in kind])
     ]
-    return sorted(groups, key=lambda group: -sum(finding.share for finding in group))
+    return sorted(
+        groups, key=lambda group: (get(group[0].effect).kinematic, -sum(one.share for one in group))
+    )
 
 
 def _share(group: Sequence[Finding]) -> str:
@@ -166,10 +168,10 @@ def _share(group: Sequence[Finding]) -> str:
 
 
 def _probability(group: Sequence[Finding]) -> str:
-    """How sure the least sure of them is; and of its place, where others would do for that."""
+    """How sure the least sure of them is; and of its place, or that it is no more, where others would do for that."""
     least = min(group, key=lambda finding: finding.probability)
-    here, others = least.probability, elsewhere(least)
-    return f"{here + others:.2f}, {here:.2f} that it is here" if others else f"{here:.2f}"
+    sure, of_that = certainty(least)
+    return f"{sure:.2f}, {least.probability:.2f} {of_that}" if of_that else f"{sure:.2f}"
 
 
 def _together(group: Sequence[Finding]) -> str:

@@ -30,7 +30,8 @@ def require_motion(recording: Recording) -> None:
         raise RecordingError(f"{recording.name}: no joint moves.", "Record the robot in motion.")
     still = [joint for joint, moved in zip(recording.joints, moves, strict=True) if not moved]
     if still:
-        say(f"{recording.name}: {listed(still)} does not move: nothing can be learned about it.")
+        do, them = ("does", "it") if len(still) == 1 else ("do", "them")
+        say(f"{recording.name}: {listed(still)} {do} not move: nothing can be learned about {them}.")
 
 
 def require_samples(recording: Recording) -> None:

@@ -9,6 +9,7 @@ from bdnn_ros.diagnosis.equations import Equations, moved
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.links import relative_inertials
+from bdnn_ros.recording import further
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
@@ -51,7 +52,7 @@ def build(
     """
     if signals.effort is None:
         raise RecordingError("The recording carries no effort.", "Record one, or use --effort command.")
-    resting = signals.at_rest
+    resting = signals.at_rest | ~further(signals.position, signals.position_noise)
     if resting.all(axis=1).mean() > 0.98:
         raise RecordingError(
             "No joint moves in this recording.", "Move the joints, each over a good part of its range."

@@ -55,20 +55,25 @@ class Candidates:
 
         Of one joint that moves alone, nothing of bodies. Of joints that move now and then, or hardly longer than the low-pass,
         nothing that changes with time or winds with the position: what differs between a few moves differs with where they
-        go, too.
+        go, too. Nor what no shape would show along this motion.
 
         Args:
             since: as changes from an earlier model, of which there may also be less.
         """
-        every = cls.of(equations.motion.robot, bodies=equations.alone is None)
-        lasting, carries = equations.moving >= least_motion(equations.motion.signals), every.robot.carries
+        motion = equations.motion
+        every = cls.of(motion.robot, bodies=equations.alone is None)
+        lasting, carries = equations.moving >= least_motion(motion.signals), every.robot.carries
 
         def lasts(term: Term) -> bool:
             shown_at = carries[:, term.target] if term.link else [term.target]
             return bool(lasting[shown_at].any())
 
+        def shows(term: Term) -> bool:
+            shapes = term.effect.shapes(motion, term.target, term.link)
+            return lasts(term) and (not term.effect.winding or any(map(term.effect.shape_allowed, shapes)))
+
         kept = [
-            term for term in every.terms if not (term.effect.changing or term.effect.winding) or lasts(term)
+            term for term in every.terms if not (term.effect.changing or term.effect.winding) or shows(term)
         ]
         if since:
             kept = [replace(t, effect=t.effect.since(every.robot, t.target, t.link)) for t in kept]

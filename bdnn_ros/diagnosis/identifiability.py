@@ -14,6 +14,7 @@ from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped, toss
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.robot import Robot
 
 TEMPERATURE = 2.0
 """Evidence differences are divided by this: the noise model is never quite right."""
@@ -49,6 +50,10 @@ class Judgement:
     nothing: float
     rivals: tuple[tuple[Term, float], ...]
     steady: bool = True
+
+    def at_least(self, term: Term) -> float:
+        """How sure it is that the chosen term is there, be it with more: rivals that contain it do not speak against it."""
+        return self.probability + sum(p for rival, p in self.rivals if contains(rival, term))
 
     def told_as(self, plain: Term) -> Judgement:
         """The same of a law that stands for the term and may have been a rival of it."""
@@ -246,7 +251,7 @@ def _same_physics(term: Term, rival: Term) -> bool:
 
 
 def advice(
-    terms: Sequence[Term], judgements: Sequence[Judgement], places: Callable[[Term], str]
+    terms: Sequence[Term], judgements: Sequence[Judgement], robot: Robot, places: Callable[[Term], str]
 ) -> list[str]:
     """One sentence for each tie: what would settle it.
 
@@ -257,12 +262,26 @@ def advice(
     for term, judgement in zip(terms, judgements, strict=True):
         place = places(term)
         close = [rival for rival, p in judgement.rivals if p >= TIE and not _same_physics(term, rival)]
-        if close:
-            names = " or ".join(
-                dict.fromkeys(_called(r) + f" at {places(r)}" * (places(r) != place) for r in close)
-            )
+        touched = [rival for rival in close if term.effect.timed and rival.effect.timed]
+        if touched:
+            others = " or ".join(dict.fromkeys(map(places, touched)))
             sentences.append(
-                f"To tell {_called(term)} at {place} from {names}, record {term.effect.shown_by}; "
+                f"Whether {place} or {others} was pushed, no motion shows: look where it was touched."
+            )
+        close = [rival for rival in close if rival not in touched]
+        if not close:
+            continue
+        names = " or ".join(
+            dict.fromkeys(_called(r) + f" at {places(r)}" * (places(r) != place) for r in close)
+        )
+        told = f"{_called(term)} at {place} from {names}"
+        if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
+            sentences.append(
+                f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
+            )
+        else:
+            sentences.append(
+                f"To tell {told}, record {term.effect.shown_by}; "
                 f"`bdnn excite --for diagnosis.json` makes such a motion."
             )
     return sentences

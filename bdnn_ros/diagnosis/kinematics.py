@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.result import Finding, Quantity
-from bdnn_ros.recording import Recording
+from bdnn_ros.recording import Recording, further
 from bdnn_ros.signals import Signals, prepare
 
 SAMPLES_OF_LAG = 1.5
@@ -25,7 +25,8 @@ def reported_velocity(recordings: Sequence[Recording]) -> list[Finding]:
     if any(recording.velocity is None for recording in recordings):
         return []
     signals = concatenated([prepare(recording) for recording in recordings])
-    return [finding for j in range(signals.width) if (finding := _filtered(signals, j)) is not None]
+    moving = np.flatnonzero(further(signals.position, signals.position_noise))
+    return [finding for j in moving.tolist() if (finding := _filtered(signals, j)) is not None]
 
 
 def _filtered(signals: Signals, joint: int) -> Finding | None:

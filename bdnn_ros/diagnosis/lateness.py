@@ -14,6 +14,7 @@ import numpy as np
 from bdnn_ros.checks.alternatives import explained
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.leftover import basis, beyond, regret
+from bdnn_ros.effects.friction import bristle
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, mended
@@ -28,6 +29,8 @@ BETTER = 1.25
 """An effort is late where so many times less is left unexplained once it is not."""
 LAGS = tuple(0.005 * 1.15**k for k in range(27))
 """Time constants of low-passes that are tried [s]."""
+BREAKAWAYS = (0.001, 0.004, 0.016)
+"""Over so long a way dry friction may come on after a joint turned round [rad or m]."""
 NEAR = tuple(1.08**k for k in range(-3, 6))
 """Those tried in the end, per the best one."""
 NEARBY = range(-2, 4)
@@ -64,12 +67,13 @@ def lateness(signals: Signals, robot: Robot) -> Lateness:
         return Lateness()
     velocity, acceleration = signals.velocity[rows], signals.acceleration[rows]
     borne = robot.rigid_effort(signals.position[rows], velocity, acceleration)
-    columns = borne, acceleration, velocity, signals.sign[rows]
+    bends = _bends(signals)
+    columns = borne, acceleration, velocity, signals.sign[rows], *(bend[rows] for bend in bends)
     delayed = np.array([1.0 - explained(efforts.earlier(rows, k), *columns) for k in range(efforts.most)])
     lagging = np.array([1.0 - explained(efforts.quicker(rows, lag), *columns) for lag in LAGS])
     if delayed[0] <= BETTER * min(delayed.min(), lagging.min()):
         return Lateness()
-    found = _refined(signals, robot, efforts, int(np.argmin(delayed)), LAGS[int(np.argmin(lagging))])
+    found = _refined(signals, robot, efforts, int(np.argmin(delayed)), LAGS[int(np.argmin(lagging))], bends)
     return found if found.total >= LEAST - LEFT else Lateness()
 
 
@@ -101,10 +105,26 @@ class _Efforts:
         return np.asarray(self._effort[rows] + lag * self._change[rows])
 
 
-def _refined(signals: Signals, robot: Robot, efforts: _Efforts, samples: int, lag: float) -> Lateness:
-    """Which of a delay near so many samples and a lag near one [s] leaves less beside bodies of any kind.
+def _bends(signals: Signals) -> list[np.ndarray]:
+    """Bristles that are bent over several distances before they slide, (N, n) each: such friction turns late, too."""
+    return [
+        np.concatenate(
+            [
+                np.stack([bristle(q, over) for q in signals.position[rows].T], axis=1)
+                for rows in signals.segments
+            ]
+        )
+        for over in BREAKAWAYS
+    ]
 
-    Joints stick while they turn round, so that their friction turns early: the direction's rate is free, too.
+
+def _refined(
+    signals: Signals, robot: Robot, efforts: _Efforts, samples: int, lag: float, bends: Sequence[np.ndarray]
+) -> Lateness:
+    """Which of a delay near so many samples and a lag near one [s] leaves less beside bodies of any kind; none if not by much.
+
+    Joints stick while they turn round, so that their friction turns early: the direction's rate is free, too. Or late, as
+    bristles do.
     """
     rows = some(efforts.rows, TOLD_BY)
     direction = signals.derivative(signals.sign)[rows]
@@ -113,7 +133,10 @@ def _refined(signals: Signals, robot: Robot, efforts: _Efforts, samples: int, la
         signals.velocity[rows],
         signals.acceleration[rows],
     )
-    own = np.stack([acceleration, velocity, signals.sign[rows], direction, np.ones_like(velocity)], axis=2)
+    bent = (bend[rows] for bend in bends)
+    own = np.stack(
+        [acceleration, velocity, signals.sign[rows], direction, np.ones_like(velocity), *bent], axis=2
+    )
     columns = np.concatenate([robot.regressor(position, velocity, acceleration), own], axis=2)
     bases = [basis(columns[:, joint]) for joint in range(robot.width)]
 
@@ -124,7 +147,11 @@ def _refined(signals: Signals, robot: Robot, efforts: _Efforts, samples: int, la
     delays = [k for k in (samples + step for step in NEARBY) if 0 <= k < efforts.most]
     tried = [left(efforts.earlier(rows, k)) for k in delays]
     tried += [left(efforts.quicker(rows, lag * k)) for k in NEAR]
-    delayed, lagging = np.split(regret(np.array(tried)), [len(delays)])
+    as_stamped, delayed, lagging = np.split(
+        regret(np.array([left(efforts.earlier(rows, 0)), *tried])), [1, 1 + len(delays)]
+    )
+    if as_stamped[0] < min(delayed.min(), lagging.min()) + np.log(BETTER):
+        return Lateness()
     if delayed.min() <= lagging.min():
         return Lateness(delay=max((delays[0] + lowest(delayed)) / signals.rate - LEFT, 0.0))
     return Lateness(lag=lag * NEAR[0] * (NEAR[1] / NEAR[0]) ** lowest(lagging) - LEFT)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -27,6 +27,8 @@ SURELY = 1.645
 """Standard deviations by which a gain must exceed nothing."""
 WINS = 0.6
 """Share of held-out blocks (of those that change) that must gain."""
+FEW_BLOCKS = 3
+"""A push that acts in no more blocks is hardly known to the others once one of them is held out."""
 
 
 class Moves:
@@ -236,14 +238,25 @@ class Moves:
     def predicts_better(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
         """Whether one set predicts blocks that it was not fitted to surely better than another, belief weighed in.
 
-        A single block in which something else happened, as when a recording begins, has no veto.
+        A single block in which something else happened, as when a recording begins, has no veto. Nor have those of a push that
+        both sets have and that hardly any other block knows.
         """
         gained = pool.held_out(other) - pool.held_out(one)
         gained += (pool.disbelief(other) - pool.disbelief(one)) / len(gained)
+        gained = gained[~self._briefly_pushed(pool, set(one) & set(other))]
         often = bool((gained > 0).mean() >= WINS)
         if gained.sum() > 0.0:
             return often or _surely(gained)
         return often and _surely(np.delete(gained, np.argmin(gained)))
+
+    def _briefly_pushed(self, pool: Pool, chosen: Iterable[int]) -> np.ndarray:
+        """Blocks in which one of some pushes acts that acts in few of them, (B,) bool; none where that leaves too few."""
+        block, pushed = self.equations.block, np.zeros(self.equations.blocks, bool)
+        for one in chosen:
+            if pool.terms[one].effect.timed:
+                acts = np.unique(block[self.equations.columns(pool.terms[one]).any(axis=(1, 2))])
+                pushed[acts] |= len(acts) <= FEW_BLOCKS
+        return pushed & (2 * pushed.sum() < len(pushed))
 
     def _left(self, pool: Pool, chosen: Sequence[int]) -> float:
         """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""

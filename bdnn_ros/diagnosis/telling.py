@@ -19,6 +19,7 @@ from bdnn_ros.diagnosis.pushes import EDGES, ENDS, at_an_end, leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict, reference
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR, Remainder
+from bdnn_ros.effects.environment import FORCE, ExternalWrench
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -46,6 +47,12 @@ AT_REST = (
     "Where it rests, the effort at {joints} is far from the {reference}'s for a while: something pushes then, or dry friction "
     "holds what it likes, and no motion shows which. Keep the robot moving."
 )
+LIKE_A_LOAD = (
+    "Something pulls {where} straight down {when}, as a load of {mass:.2g} kg would that was {done} then: a payload is told of "
+    "a recording that has it from start to end."
+)
+DOWN = math.cos(math.radians(30.0))
+"""A force within this angle of gravity may be a weight: a load that is swung pulls sideways, too."""
 MUCH_LEFT = 0.5
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
 UNLIKELY = 0.5
@@ -77,8 +84,9 @@ def told(
     unfit = _unfit(equations, simulation, after, near_floor)
     at_ends = {one for one in range(len(found)) if at_an_end(attempt.fitted, range(len(found)), one)}
     findings, doubtful = _findings(robot, equations, attempt, found, unfit, at_ends)
-    findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
+    loads = _loads(robot, findings, equations.motion.time[equations.rows])
+    findings += reported_velocity(recordings)  # whose share is not of the effort's error
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
@@ -96,13 +104,18 @@ def told(
         gain_interval=interval,
         unexplained_share=share,
         unexplained_depends_on=remainder.depends_on[:6],
-        unexplained_sentence=_unexplained_sentence(share, remainder, near, reference(since)),
-        advice=tuple(advice([e.term for e in found], attempt.judgements, lambda term: _name(robot, term))),
+        unexplained_sentence=_unexplained_sentence(
+            share, remainder, _above(robot, near_floor), reference(since)
+        ),
+        advice=tuple(
+            advice([e.term for e in found], attempt.judgements, robot, lambda term: _name(robot, term))
+        ),
         notes=(
             *(note for recording in recordings for note in recording.notes),
             *([] if equations.alone is None else [ALONE.format(joint=robot.joints[equations.alone])]),
             *_briefly(equations),
             *[AT_AN_END] * bool(at_ends),
+            *loads,
             *[FAR_OFF] * far_off,
             *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
         ),
@@ -145,7 +158,7 @@ def _findings(
         shown = estimate.shown or _alone(estimate, found)
         # what is named for a link or the base is told by joints that bear most of it
         shown = shown and not unfit[np.argmax(ever.less / scale**2)]
-        if shown and judgement.nothing <= DOUBTFUL <= judgement.probability:
+        if shown and judgement.nothing <= DOUBTFUL <= judgement.at_least(estimate.term):
             share = float(np.sum(ever.less)) / throughout if gone else float(np.sum(less)) / before
             # causes that work against each other may each remove more than there is
             findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
@@ -198,6 +211,24 @@ def _told(estimate: Estimate) -> dict[str, float]:
         p.name: q.value if p.name not in effect.parts or p.seen(q.value, q.std) else math.nan
         for p, q in ((p, estimate.quantities[p.name]) for p in effect.parameters)
     }
+
+
+def _loads(robot: Robot, findings: Sequence[Finding], time: np.ndarray) -> list[str]:
+    """A note on each push that may be a load, taken up and kept to the end or there from the start and put down."""
+    notes, gravity = [], float(np.linalg.norm(robot.gravity_vector))
+    for finding in findings:
+        if finding.effect != ExternalWrench.name or finding.link is None:
+            continue
+        force = np.array([finding.parameters[axis].value for axis in FORCE])
+        start, end = (finding.parameters[edge].value for edge in EDGES)
+        from_start, to_end = start < time[0] + ENDS, end > time[-1] - ENDS
+        weight = float(force @ robot.gravity_vector) / max(gravity, 1e-9)
+        if from_start != to_end and weight > DOWN * float(np.linalg.norm(force)):
+            when, done = (
+                (f"from {start:.1f} s on", "taken up") if to_end else (f"until {end:.1f} s", "put down")
+            )
+            notes.append(LIKE_A_LOAD.format(where=finding.link, when=when, mass=weight / gravity, done=done))
+    return notes
 
 
 def _place(robot: Robot, term: Term) -> tuple[str | None, str | None]:
@@ -253,15 +284,23 @@ def _briefly(equations: Equations) -> list[str]:
     return [BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least)] if longest < least else []
 
 
-def _unexplained_sentence(share: float, remainder: Remainder, near: bool, reference: str) -> str:
+def _above(robot: Robot, near: np.ndarray) -> str:
+    """Where the extended model errs by more than the noise; nothing where it does not."""
+    return listed(joint for joint, one in zip(robot.joints, near, strict=True) if not one)
+
+
+def _unexplained_sentence(share: float, remainder: Remainder, above: str, reference: str) -> str:
     if share > 1.0:
         return f"What was found predicts the motion that was held out worse than the {reference} does."
-    left = f"{100.0 * share:.1f} % of the {reference}'s squared error is left above the noise"
+    much = f"{100.0 * share:.1f} %" if share >= 0.0005 else "Less than 0.1 %"
+    left = f"{much} of the {reference}'s squared error is left above the noise" + f", at {above}" * bool(
+        above
+    )
     if remainder.depends_on:
         return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."
     if remainder.bursts:
         return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, load or time predicts it."
-    if not near:
+    if above:
         return f"{left}; no position, velocity, load or time predicts it."
     return "What is left looks like noise: no position, velocity, load or time predicts it."
 

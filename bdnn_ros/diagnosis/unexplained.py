@@ -12,6 +12,8 @@ from bdnn_ros.diagnosis.noise import rms
 
 HARMONICS = 6
 RIDGE = 1e-3
+VARIES = 1e-6
+"""An input that varies by less than this share of itself is one value: of a joint that stands still."""
 WORTH = 0.1
 """A group of inputs is named when it predicts at least this share of what is left, on blocks it was not fitted to."""
 GAUSSIAN = 1.4826
@@ -117,8 +119,10 @@ def _inputs(equations: Equations) -> dict[str, np.ndarray]:
 
 def _cross_predicted(x: np.ndarray, y: np.ndarray, rows: np.ndarray, block: np.ndarray) -> np.ndarray:
     """Ridge prediction of y (R,) from x (R, k), each of five folds of blocks from the others."""
-    scale = np.maximum(x[rows].std(axis=0), 1e-9) if rows.any() else np.ones(x.shape[1])
-    z = np.concatenate([x / scale, np.ones((len(x), 1))], axis=1)
+    among = x[rows] if rows.any() else np.zeros((1, x.shape[1]))
+    middle, spread = among.mean(axis=0), among.std(axis=0)
+    varies = spread > VARIES * np.abs(among).max(axis=0)
+    z = np.concatenate([(x - middle)[:, varies] / spread[varies], np.ones((len(x), 1))], axis=1)
     predicted = np.zeros_like(y)
     for fold in range(5):
         out = block % 5 == fold

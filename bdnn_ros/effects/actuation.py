@@ -22,8 +22,8 @@ GAUTIER = (
 
 FINEST = 2000.0
 """Most periods in a revolution, or in 2 pi metres (a pitch of 3 mm), that are looked for."""
-LEAST_HALVES = 4
-"""Fewest half periods along the stroke of a joint that slides."""
+LEAST_HALVES, LEAST_PERIODS = 4, 4
+"""Fewest half periods along the stroke of a joint that slides, and how many periods are tried at least."""
 BLURRED = 4.0
 """At a joint's usual speed the ripple may come so many times as often as the low-pass lets through: slow moments show it."""
 SHORTEST = 1e-3
@@ -200,11 +200,15 @@ class Cogging(Effect):
 
 
 def _along(motion: Motion, target: int) -> list[float]:
-    """Periods to try along what a joint slides: half a one more each time, up to what the low-pass leaves of none."""
+    """Periods to try along what a joint slides: half a one more each time, up to what the low-pass leaves of none.
+
+    Along a short stroke all may be finer than any.
+    """
     half = math.pi / max(float(np.ptp(motion.position[:, target])), SHORTEST)
     speed = float(np.sqrt(np.mean(motion.velocity[:, target] ** 2)))
     finest = min(FINEST, BLURRED * 2.0 * math.pi * motion.signals.cutoff / max(speed, SHORTEST))
-    return [half * count for count in range(LEAST_HALVES, int(finest / half) + 1)]
+    most = max(int(finest / half), LEAST_HALVES + LEAST_PERIODS - 1)
+    return [half * count for count in range(LEAST_HALVES, most + 1)]
 
 
 class JointSpring(Effect):

@@ -23,7 +23,7 @@ CLOSE_RIVAL = 0.03
 class Root:
     """One line of the list of root causes; `ties` are rivals too probable to leave out.
 
-    `here` is how sure its place is where others would do the same, else empty.
+    `of_that` is how sure its place is, or that it is all, where others would do the same, else empty.
     """
 
     title: str
@@ -33,7 +33,7 @@ class Root:
     share: float
     share_of: str
     probability: str
-    here: str
+    of_that: str
     ties: tuple[str, ...]
 
 
@@ -258,7 +258,7 @@ def method(shown: View) -> list[tuple[str, str]]:
 
 
 def _root(finding: Finding) -> Root:
-    elsewhere = words.elsewhere(finding)
+    sure, of_that = words.certainty(finding)
     return Root(
         title=words.title(finding.effect),
         where=words.at(finding.joint, finding.link, finding.effect),
@@ -266,8 +266,8 @@ def _root(finding: Finding) -> Root:
         sentence=finding.sentence,
         share=finding.share,
         share_of="of the velocity's error" if finding.effect == "velocity_filter" else "of the error",
-        probability=words.probability(finding.probability + elsewhere),
-        here=words.probability(finding.probability) if elsewhere else "",
+        probability=words.probability(sure),
+        of_that=f"{words.probability(finding.probability)} {of_that}" if of_that else "",
         ties=tuple(
             f"{words.named(rival)} ({words.probability(rival.probability)})"
             for rival in finding.rivals

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, reference
 from bdnn_ros.effects.base import Parameter
-from bdnn_ros.effects.registry import ALL, EFFECTS
+from bdnn_ros.effects.registry import ALL, EFFECTS, get
 from bdnn_ros.robot.units import printed
 
 INTERVAL = 1.96
@@ -173,10 +173,26 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{fixed(100.0 * share, digits)}\N{NO-BREAK SPACE}%"
 
 
-def elsewhere(finding: Finding) -> float:
-    """Probability that its effect is there, but at another place; 0 where that is hardly possible."""
-    total = sum(rival.probability for rival in finding.rivals if rival.effect == finding.effect)
-    return min(total, 1.0 - finding.probability) if total >= TIE else 0.0
+def certainty(finding: Finding) -> tuple[float, str]:
+    """Probability that its effect is there at all, and what the finding's own is the probability of; nothing for the same.
+
+    The effect may be there, but at another place; or with more, as Coulomb friction is in Stribeck friction.
+    """
+    away = _likely(rival for rival in finding.rivals if rival.effect == finding.effect)
+    with_more = _likely(rival for rival in finding.rivals if _contains(rival, finding))
+    said = "that it is here" if away >= with_more else "that it is no more than that"
+    return min(finding.probability + away + with_more, 1.0), said if away + with_more else ""
+
+
+def _likely(rivals: Iterable[Rival]) -> float:
+    """How probable some rivals are together; nothing where that is hardly possible."""
+    total = sum(rival.probability for rival in rivals)
+    return total if total >= TIE else 0.0
+
+
+def _contains(rival: Rival, finding: Finding) -> bool:
+    at_its_place = (rival.joint, rival.link) == (finding.joint, finding.link)
+    return at_its_place and finding.effect in get(rival.effect, rival.variant).contains
 
 
 def probability(p: float) -> str:

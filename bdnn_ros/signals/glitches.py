@@ -19,6 +19,10 @@ AROUND = 25
 """Readings on either side that it is compared with."""
 RARE = 5.0
 """And than so many times what one in a hundred of all are."""
+OFTEN, SAME = 5, 1.01
+"""Changes of a reading from sample to sample that are as small as any, within this, are the sensor's resolution if so many."""
+RESOLUTIONS = 1.5
+"""And than so many times the sensor's resolution: a joint that stands still flips a reading's last digit now and then."""
 SHARES = {"position": 0.01, "velocity": 0.5, "effort": 0.5}
 """And than this share of the range that the readings cover: nothing jumps, but an impact in a gear is felt for a sample."""
 
@@ -59,6 +63,7 @@ def _bridged(values: np.ndarray, share: float, segments: list[slice]) -> tuple[n
     apart = np.abs(values - usual)
     low, high = np.percentile(values, [0.5, 99.5], axis=0)
     least = np.maximum(RARE * np.percentile(apart, 99.0, axis=0), share * (high - low))
+    least = np.maximum(least, RESOLUTIONS * np.array([_resolution(column) for column in values.T]))
     clean, counts = values, np.zeros(values.shape[1], int)
     for row, joint in np.argwhere(apart > least):
         around = apart[max(row - AROUND, 0) : row + AROUND + 1, joint]
@@ -67,3 +72,11 @@ def _bridged(values: np.ndarray, share: float, segments: list[slice]) -> tuple[n
             clean[row, joint] = usual[row, joint]
             counts[joint] += 1
     return clean, counts
+
+
+def _resolution(readings: np.ndarray) -> float:
+    """The least by which readings (N,) differ, if they do by that again and again; else nothing."""
+    steps = np.abs(np.diff(readings))
+    steps = steps[steps > 0.0]
+    least = float(steps.min(initial=np.inf))
+    return least if np.count_nonzero(steps <= SAME * least) >= OFTEN else 0.0
