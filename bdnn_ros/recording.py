@@ -17,8 +17,8 @@ GAP_FACTOR = 5.0
 GAP_SECONDS = 0.05
 STILL_WIDTHS = 12.0
 """A joint that covers less than this many standard deviations of its position's noise does not move."""
-STILL_RANGE = 1e-4
-"""Nor does one that covers less than this [rad]."""
+STILL_RANGE = 5e-4
+"""Nor does one that covers less than this [rad or m]: a gripper that holds gives so much."""
 
 
 @dataclass(frozen=True)

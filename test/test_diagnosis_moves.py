@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_cases import equations_of
+from diagnosis_cases import equations_of, term
 
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
@@ -94,8 +94,27 @@ def test_a_single_block_has_no_veto(gained, better):
     pool = SimpleNamespace(
         held_out=lambda chosen: 0.0 * without if chosen else without, disbelief=lambda chosen: 0.0
     )
-    moves = Moves(equations_of(), Candidates.of(Robot.bundled("arm2")))
+    equations = SimpleNamespace(block=np.arange(20), blocks=20)
+    moves = Moves(equations, Candidates.of(Robot.bundled("arm2")))
     assert moves.predicts_better(pool, (0,), ()) is better
+
+
+@pytest.mark.parametrize(("end", "vetoes"), [(8.0, False), (23.0, True)])
+def test_blocks_of_a_brief_push_have_no_veto(end, vetoes):
+    """Once one of them is held out the others hardly know the push; one that lasts they do."""
+    push = f"external_wrench@arm2_joint1:start=4.5,end={end},torque=4"
+    equations = equations_of([push], duration=40.0)
+    time = equations.motion.time[equations.rows]
+    pushed = np.unique(equations.block[(time > 5.0) & (time < 7.5)])
+    gained = np.full(equations.blocks, 3.0)
+    gained[pushed] = -800.0
+    pool = SimpleNamespace(
+        held_out=lambda chosen: 0.0 * gained if len(chosen) > 1 else gained,
+        disbelief=lambda chosen: 0.0,
+        terms=[term(push, Robot.bundled("arm2"))[0]],
+    )
+    moves = Moves(equations, Candidates.of(Robot.bundled("arm2")))
+    assert len(pushed) > 1 and moves.predicts_better(pool, (0, 1), (0,)) is not vetoes
 
 
 def test_what_a_payload_costs_goes_by_what_its_link_carries():

@@ -149,7 +149,7 @@ def conditioned(value: float) -> Iterator[Remark]:
         yield Remark(
             "",
             f"Parameters are hard to tell apart on this motion: its condition number is {size}.",
-            "Move all joints at once, each with another rhythm; below 100 is good.",
+            "Move all joints at once, each with another rhythm and quickly, as `bdnn excite` does; below 100 is good.",
         )
 
 

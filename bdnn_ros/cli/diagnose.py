@@ -39,13 +39,13 @@ MOST_REMARKS = 3
 VERDICTS = {
     "nothing_wrong": "Nothing wrong was found: no cause is needed to explain the data.",
     "explained": "Root causes identified; with them the model agrees with the data:",
-    "partly_explained": "Root causes identified; they explain a part of the difference:",
+    "partly_explained": "Root causes identified; more than the noise is left beside them:",
     "cannot_tell": "The simulation disagrees with the data, and no single cause stands out.",
 }
 CHANGES = {
     "nothing_wrong": "Nothing has changed since the model was identified, as far as the data shows.",
     "explained": "Changes identified; with them the model agrees with the data:",
-    "partly_explained": "Changes identified; they explain a part of the difference:",
+    "partly_explained": "Changes identified; more than the noise is left beside them:",
     "cannot_tell": "The earlier model disagrees with the data, and no single change stands out.",
 }
 """The verdicts where the model is one identified earlier."""

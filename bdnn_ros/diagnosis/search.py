@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.coloring import noise_of, white_noise_of
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.leads import DELAY, moved
-from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, UNSURE, Moves
+from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST, contains, doubt, related
 from bdnn_ros.diagnosis.pushes import leftover
@@ -179,19 +179,32 @@ class Search(Moves):
     def _behind_rivals(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with a rival in one's place that its own noise proves the better one; None without.
 
-        Noise is what the terms leave: with the wrong one among them it holds what the right one would explain.
+        Noise is what the terms leave: with the wrong one among them it holds what the right one would explain. And beside the
+        wrong one a joint's other terms have other shapes.
         """
-        pool, likely = selection.pool, []
+        pool = selection.pool
+        likely, shapely = list[tuple[float, list[Term]]](), list[tuple[float, list[Term]]]()
+        own = self.score(pool, selection.chosen)
         for one in selection.chosen:
             rest = [c for c in selection.chosen if c != one]
             for rival, behind in self.rivals(pool, rest, one):
-                if behind < UNSURE and not related(pool.terms[rival], pool.terms[one]):
-                    likely.append((behind, [*(pool.terms[c] for c in rest), pool.terms[rival]]))
-        return self._likeliest(now, pool.noise, likely)
+                if behind >= UNSURE or related(pool.terms[rival], pool.terms[one]):
+                    continue
+                # where another is at a bound a rival seems ahead of all that would have it leave that bound
+                behind = own - self.score_beside(pool, rest, rival)
+                if behind < UNSURE:
+                    target = pool.terms[one].target
+                    mates = (pool.terms[c] for c in rest if pool.terms[c].target == target)
+                    sets = shapely if any(map(_shaped, mates)) else likely
+                    sets.append((behind, [*(pool.terms[c] for c in rest), pool.terms[rival]]))
+        found = self._likeliest(now, pool.noise, likely)
+        return found or self._likeliest(now, pool.noise, shapely, RIVALS_TRIED)
 
-    def _likeliest(self, now: Pool, noise: Noise, sets: list[tuple[float, list[Term]]]) -> Pool | None:
+    def _likeliest(
+        self, now: Pool, noise: Noise, sets: list[tuple[float, list[Term]]], most: int = HIDDEN_TRIED
+    ) -> Pool | None:
         """The first better one of some sets of terms, those first that seem to score the least behind; None without."""
-        nearest = sorted(sets, key=lambda pair: pair[0])[:HIDDEN_TRIED]
+        nearest = sorted(sets, key=lambda pair: pair[0])[:most]
         return self._first_better(now, (self._pool(noise, terms) for _, terms in nearest))
 
     def _first_better(self, now: Pool, others: Iterable[Pool]) -> Pool | None:
@@ -280,3 +293,8 @@ class Search(Moves):
         """A pool as it is, and with the next larger spread of the links' errors."""
         larger = [error for error in self.link_errors if error > pool.link_error]
         return [pool, *(pool.believing(error) for error in larger[:1])]
+
+
+def _shaped(term: Term) -> bool:
+    """Whether a search moves a shape of a term."""
+    return not term.effect.timed and any(name in term.effect.shape_bounds for name, _ in term.shape)

@@ -14,12 +14,12 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
+from bdnn_ros.diagnosis.notes import AT_AN_END, AT_REST, FAR_OFF, loads, of_recording
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import EDGES, ENDS, at_an_end, leftover, together
+from bdnn_ros.diagnosis.pushes import EDGES, at_an_end, leftover, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict, reference
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR, Remainder
-from bdnn_ros.effects.environment import FORCE, ExternalWrench
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -29,30 +29,6 @@ DOUBTFUL = 0.1
 likely as this beside what could stand in its place."""
 USUAL_LINK_ERROR = 0.1
 """Spread of the links' relative errors that any description may have."""
-FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
-ALONE = (
-    "Only {joint} moves: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
-    "of them is named. Move several joints at once."
-)
-BRIEFLY = (
-    "No joint moves for more than {seconds:.1f} s, where a low-pass of {cutoff:.1f} Hz asks for {least:.1f} s: what changes with "
-    "time, a push or a drift, cannot be told from what differs from place to place, as cogging, so none of them is named. Record "
-    "more motion."
-)
-AT_AN_END = (
-    f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
-    "it is not named. Record on until the robot rests."
-)
-AT_REST = (
-    "Where it rests, the effort at {joints} is far from the {reference}'s for a while: something pushes then, or dry friction "
-    "holds what it likes, and no motion shows which. Keep the robot moving."
-)
-LIKE_A_LOAD = (
-    "Something pulls {where} straight down {when}, as a load of {mass:.2g} kg would that was {done} then: a payload is told of "
-    "a recording that has it from start to end."
-)
-DOWN = math.cos(math.radians(30.0))
-"""A force within this angle of gravity may be a weight: a load that is swung pulls sideways, too."""
 MUCH_LEFT = 0.5
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
 UNLIKELY = 0.5
@@ -83,9 +59,8 @@ def told(
     near_floor = _near(after, floor, equations.effort_scale)
     unfit = _unfit(equations, simulation, after, near_floor)
     at_ends = {one for one in range(len(found)) if at_an_end(attempt.fitted, range(len(found)), one)}
-    findings, doubtful = _findings(robot, equations, attempt, found, unfit, at_ends)
+    findings, doubtful, weighty = _findings(robot, equations, attempt, found, unfit, at_ends)
     findings.sort(key=lambda finding: -finding.share)
-    loads = _loads(robot, findings, equations.motion.time[equations.rows])
     findings += reported_velocity(recordings)  # whose share is not of the effort's error
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
@@ -108,14 +83,18 @@ def told(
             share, remainder, _above(robot, near_floor), reference(since)
         ),
         advice=tuple(
-            advice([e.term for e in found], attempt.judgements, robot, lambda term: _name(robot, term))
+            advice(
+                [found[one].term for one in weighty],
+                [attempt.judgements[one] for one in weighty],
+                robot,
+                lambda term: _name(robot, term),
+            )
         ),
         notes=(
             *(note for recording in recordings for note in recording.notes),
-            *([] if equations.alone is None else [ALONE.format(joint=robot.joints[equations.alone])]),
-            *_briefly(equations),
+            *of_recording(robot, equations),
             *[AT_AN_END] * bool(at_ends),
-            *loads,
+            *loads(robot, findings, equations.motion.time[equations.rows]),
             *[FAR_OFF] * far_off,
             *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
         ),
@@ -129,8 +108,8 @@ def _findings(
     found: Sequence[Estimate],
     unfit: np.ndarray,
     unnamed: Container[int],
-) -> tuple[list[Finding], bool]:
-    """What is sure and large enough for a name, and whether something large is likely without being sure.
+) -> tuple[list[Finding], bool, list[int]]:
+    """What is sure and large enough for a name, whether something large is likely without being sure, and what is large enough.
 
     Args:
         unfit: joints of which nothing is named, (n,) bool.
@@ -142,7 +121,7 @@ def _findings(
     before, throughout = (
         max(float(np.sum(rms(equations.target, rows) ** 2)), 1e-30) for rows in (held, equations.usable)
     )
-    findings, doubtful, large = [], False, LARGE_ERROR * scale
+    findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
     every = range(len(found))
     for one, estimate, judgement, (held_out, ever) in zip(
         every, found, attempt.judgements, taken, strict=True
@@ -155,6 +134,7 @@ def _findings(
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
         if not (large_enough and borne_out) or one in unnamed or leftover(attempt.fitted, every, one):
             continue
+        weighty.append(one)
         shown = estimate.shown or _alone(estimate, found)
         # what is named for a link or the base is told by joints that bear most of it
         shown = shown and not unfit[np.argmax(ever.less / scale**2)]
@@ -164,7 +144,7 @@ def _findings(
             findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())
-    return findings, doubtful
+    return findings, doubtful, weighty
 
 
 def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:
@@ -213,24 +193,6 @@ def _told(estimate: Estimate) -> dict[str, float]:
     }
 
 
-def _loads(robot: Robot, findings: Sequence[Finding], time: np.ndarray) -> list[str]:
-    """A note on each push that may be a load, taken up and kept to the end or there from the start and put down."""
-    notes, gravity = [], float(np.linalg.norm(robot.gravity_vector))
-    for finding in findings:
-        if finding.effect != ExternalWrench.name or finding.link is None:
-            continue
-        force = np.array([finding.parameters[axis].value for axis in FORCE])
-        start, end = (finding.parameters[edge].value for edge in EDGES)
-        from_start, to_end = start < time[0] + ENDS, end > time[-1] - ENDS
-        weight = float(force @ robot.gravity_vector) / max(gravity, 1e-9)
-        if from_start != to_end and weight > DOWN * float(np.linalg.norm(force)):
-            when, done = (
-                (f"from {start:.1f} s on", "taken up") if to_end else (f"until {end:.1f} s", "put down")
-            )
-            notes.append(LIKE_A_LOAD.format(where=finding.link, when=when, mass=weight / gravity, done=done))
-    return notes
-
-
 def _place(robot: Robot, term: Term) -> tuple[str | None, str | None]:
     if term.link:
         return None, term.link
@@ -275,13 +237,6 @@ def _verdict(findings: Sequence[Finding], doubtful: bool, near: bool) -> Verdict
     if findings:
         return "explained" if near else "partly_explained"
     return "nothing_wrong" if near and not doubtful else "cannot_tell"
-
-
-def _briefly(equations: Equations) -> list[str]:
-    """A note where nothing that changes with time is told."""
-    signals, longest = equations.motion.signals, float(equations.moving.max())
-    least = least_motion(signals)
-    return [BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least)] if longest < least else []
 
 
 def _above(robot: Robot, near: np.ndarray) -> str:

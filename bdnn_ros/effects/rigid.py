@@ -182,7 +182,7 @@ class LinkInertia(OnBody):
         "links, IJRR 5(3), 1986"
     )
     coefficient_bounds = ((-0.95, 9.0),)
-    coefficient_spread = 0.3
+    coefficient_spread = 0.2
 
     def places(self, robot: Robot) -> list[tuple[int, str | None]]:
         return [

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from bdnn_ros.errors import listed
-from bdnn_ros.recording import Recording
+from bdnn_ros.recording import Recording, moving
 
 WINDOW = 5
 """The median of so many samples bridges a glitch of two; a step stays a step."""
@@ -39,7 +39,8 @@ def without_glitches(recording: Recording) -> Recording:
         values = getattr(recording, field)
         if values is None or len(values) <= 2 * AROUND:
             continue
-        clean, counts = _bridged(values, share, recording.segments())
+        moves = moving(recording) if field == "position" else np.ones(recording.width, bool)
+        clean, counts = _bridged(values, share, recording.segments(), moves)
         if counts.any():
             mended[field] = clean
             for joint, count in zip(recording.joints, counts, strict=True):
@@ -55,8 +56,10 @@ def without_glitches(recording: Recording) -> Recording:
     return replace(recording, **mended, notes=(*recording.notes, note))
 
 
-def _bridged(values: np.ndarray, share: float, segments: list[slice]) -> tuple[np.ndarray, np.ndarray]:
-    """Values (N, n) without glitches, and how many each column had, (n,)."""
+def _bridged(
+    values: np.ndarray, share: float, segments: list[slice], moves: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values (N, n) without glitches, and how many each column had, (n,); where nothing moves (n,) it does not matter."""
     usual = np.concatenate(
         [median_filter(values[rows], size=(WINDOW, 1), mode="nearest") for rows in segments]
     )
@@ -64,6 +67,7 @@ def _bridged(values: np.ndarray, share: float, segments: list[slice]) -> tuple[n
     low, high = np.percentile(values, [0.5, 99.5], axis=0)
     least = np.maximum(RARE * np.percentile(apart, 99.0, axis=0), share * (high - low))
     least = np.maximum(least, RESOLUTIONS * np.array([_resolution(column) for column in values.T]))
+    least[~moves] = np.inf
     clean, counts = values, np.zeros(values.shape[1], int)
     for row, joint in np.argwhere(apart > least):
         around = apart[max(row - AROUND, 0) : row + AROUND + 1, joint]

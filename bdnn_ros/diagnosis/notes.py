@@ -1,0 +1,69 @@
+"""What is said beside a diagnosis: what a recording does not tell, and what its causes may be taken for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.diagnosis.building import least_motion
+from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.pushes import EDGES, ENDS
+from bdnn_ros.diagnosis.result import Finding
+from bdnn_ros.effects.environment import FORCE, ExternalWrench
+from bdnn_ros.robot import Robot
+
+FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
+ALONE = (
+    "Only {joint} moves: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
+    "of them is named. Move several joints at once."
+)
+BRIEFLY = (
+    "No joint moves for more than {seconds:.1f} s, where a low-pass of {cutoff:.1f} Hz asks for {least:.1f} s: what changes with "
+    "time, a push or a drift, cannot be told from what differs from place to place, as cogging, so none of them is named. Record "
+    "more motion."
+)
+AT_AN_END = (
+    f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
+    "it is not named. Record on until the robot rests."
+)
+AT_REST = (
+    "Where it rests, the effort at {joints} is far from the {reference}'s for a while: something pushes then, or dry friction "
+    "holds what it likes, and no motion shows which. Keep the robot moving."
+)
+LIKE_A_LOAD = (
+    "Something pulls {where} straight down {when}, as a load of {mass:.2g} kg would that was {done} then: a payload is told of "
+    "a recording that has it from start to end."
+)
+DOWN = math.cos(math.radians(30.0))
+"""A force within this angle of gravity may be a weight: a load that is swung pulls sideways, too."""
+
+
+def of_recording(robot: Robot, equations: Equations) -> list[str]:
+    """What a recording does not tell: of bodies where one joint moves alone, of what changes with time where all do briefly."""
+    signals, longest = equations.motion.signals, float(equations.moving.max())
+    least, notes = least_motion(signals), []
+    if equations.alone is not None:
+        notes.append(ALONE.format(joint=robot.joints[equations.alone]))
+    if longest < least:
+        notes.append(BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least))
+    return notes
+
+
+def loads(robot: Robot, findings: Sequence[Finding], time: np.ndarray) -> list[str]:
+    """A note on each push that may be a load, taken up and kept to the end or there from the start and put down."""
+    notes, gravity = [], float(np.linalg.norm(robot.gravity_vector))
+    for finding in findings:
+        if finding.effect != ExternalWrench.name or finding.link is None:
+            continue
+        force = np.array([finding.parameters[axis].value for axis in FORCE])
+        start, end = (finding.parameters[edge].value for edge in EDGES)
+        from_start, to_end = start < time[0] + ENDS, end > time[-1] - ENDS
+        weight = float(force @ robot.gravity_vector) / max(gravity, 1e-9)
+        if from_start != to_end and weight > DOWN * float(np.linalg.norm(force)):
+            when, done = f"from {start:.1f} s on", "taken up"
+            if from_start:
+                when, done = f"until {end:.1f} s", "put down"
+            notes.append(LIKE_A_LOAD.format(where=finding.link, when=when, mass=weight / gravity, done=done))
+    return notes
