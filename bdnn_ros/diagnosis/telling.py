@@ -60,8 +60,8 @@ def told(
     unfit = _unfit(equations, simulation, after, near_floor)
     at_ends = {one for one in range(len(found)) if at_an_end(attempt.fitted, range(len(found)), one)}
     findings, doubtful, weighty = _findings(robot, equations, attempt, found, unfit, at_ends)
+    findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
-    findings += reported_velocity(recordings)  # whose share is not of the effort's error
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)

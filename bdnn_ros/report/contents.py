@@ -11,6 +11,7 @@ import numpy as np
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, reference
+from bdnn_ros.effects.registry import get
 from bdnn_ros.report import words
 from bdnn_ros.report.view import Cause, LinkChange, View
 from bdnn_ros.robot.units import printed
@@ -99,7 +100,8 @@ class LinkRow:
 
 def roots(diagnosis: Diagnosis) -> list[Root]:
     """The list of root causes."""
-    return [_root(finding) for finding in diagnosis.findings]
+    findings = sorted(diagnosis.findings, key=lambda finding: get(finding.effect).kinematic)
+    return [_root(finding) for finding in findings]
 
 
 def contests(diagnosis: Diagnosis) -> list[Contest]:

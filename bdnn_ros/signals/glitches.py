@@ -39,7 +39,7 @@ def without_glitches(recording: Recording) -> Recording:
         values = getattr(recording, field)
         if values is None or len(values) <= 2 * AROUND:
             continue
-        moves = moving(recording) if field == "position" else np.ones(recording.width, bool)
+        moves = np.ones(recording.width, bool) if field == "effort" else moving(recording)
         clean, counts = _bridged(values, share, recording.segments(), moves)
         if counts.any():
             mended[field] = clean

@@ -1,0 +1,93 @@
+"""What is said beside a diagnosis: loads that were taken up, ties that no motion settles, how much is left and where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros.cli.diagnose import verdict_lines
+from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.diagnosis.identifiability import Judgement, advice
+from bdnn_ros.diagnosis.notes import loads
+from bdnn_ros.diagnosis.result import Finding, Quantity
+from bdnn_ros.diagnosis.telling import _unexplained_sentence
+from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.simulate import simulate
+
+ARM = Robot.bundled("arm6")
+TIME = np.linspace(0.0, 30.0, 300)
+RAIL = """<robot name="rail"><link name="base"/>
+<link name="cart"><inertial><mass value="3"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="100"/></joint></robot>"""
+
+
+def pull(force: tuple[float, float, float], start: float, end: float) -> Finding:
+    values = {"start": start, "end": end, **dict(zip(("force_x", "force_y", "force_z"), force, strict=True))}
+    parameters = {name: Quantity(value, 0.1, "") for name, value in values.items()}
+    return Finding("external_wrench", None, "arm6_link6", parameters, 0.5, 1.0, (), "", "link")
+
+
+@pytest.mark.parametrize(
+    ("force", "start", "end", "said"),
+    [
+        ((0.3, -0.2, -9.81), 12.0, 30.0, "from 12.0 s on, as a load of 1 kg would that was taken up"),
+        ((0.0, 0.0, -4.905), 0.0, 20.0, "until 20.0 s, as a load of 0.5 kg would that was put down"),
+        ((0.0, 0.0, -9.81), 12.0, 20.0, ""),
+        ((0.0, 0.0, -9.81), 0.0, 30.0, ""),
+        ((0.0, 0.0, 9.81), 12.0, 30.0, ""),
+        ((9.81, 0.0, -9.81), 12.0, 30.0, ""),
+    ],
+    ids=["taken up", "put down", "a push", "there all the time", "upwards", "aside"],
+)
+def test_a_push_that_may_be_a_load_is_said_to(force, start, end, said):
+    notes = loads(ARM, [pull(force, start, end)], TIME)
+    assert len(notes) == bool(said) and all(said in note for note in notes)
+
+
+def test_a_load_that_is_taken_up_is_told_so():
+    """By its weight: nothing but the recording's end tells it from a hand that pulls down."""
+    weight = parse_spec("external_wrench@arm6_link6:start=9,end=100,force_z=-6", ARM)
+    lines = verdict_lines(examine([simulate(ARM, [weight], seed=3, duration=20.0).recording], ARM))
+    (note,) = [line for line in lines if "taken up" in line]
+    assert "from 9.0 s on" in note and "0.61 kg" in note
+
+
+def advised(term: Term, *rivals: Term, robot: Robot = ARM) -> list[str]:
+    judgement = Judgement(0.4, 0.0, tuple((rival, 0.3) for rival in rivals))
+    return advice([term], [judgement], robot, lambda one: one.link or robot.joints[one.target])
+
+
+def test_which_link_was_touched_is_no_matter_of_motion():
+    wrench = get("external_wrench", "link")
+    (said,) = advised(Term(wrench, 5, "arm6_link6"), Term(wrench, 4, "arm6_link5"))
+    assert said == "Whether arm6_link6 or arm6_link5 was pushed, no motion shows: look where it was touched."
+
+
+def test_a_link_that_never_turns_has_to_be_weighed():
+    robot = Robot.from_urdf(RAIL)
+    link, rotor = Term(get("link_inertia"), 0, "cart"), Term(get("armature"), 0)
+    (said,) = advised(link, rotor, robot=robot)
+    assert said.startswith("No motion of this robot tells") and "a known load" in said
+    (other,) = advised(Term(get("link_inertia"), 5, "arm6_link6"), Term(get("armature"), 5))
+    assert "bdnn excite" in other
+
+
+@pytest.mark.parametrize(
+    ("share", "above", "said"),
+    [
+        (0.031, "j2", "3.1 % of the URDF's squared error is left above the noise, at j2; no position"),
+        (0.0001, "j1, j3", "Less than 0.1 % of the URDF's squared error is left above the noise, at j1, j3;"),
+        (0.0, "", "What is left looks like noise"),
+    ],
+)
+def test_what_is_left_is_told_with_its_place(share, above, said):
+    remainder = Remainder(np.ones(3), (), (), np.zeros((1, 3)), (), ())
+    assert _unexplained_sentence(share, remainder, above, "URDF").startswith(said)
+    depends = replace(remainder, depends_on=("j1.velocity",))
+    assert "it depends on j1.velocity" in _unexplained_sentence(0.1, depends, above, "URDF")
