@@ -181,6 +181,18 @@ def test_a_velocity_behind_a_low_pass_is_found(recording):
     assert float(found[0].problem.split("low-pass of ")[1].split()[0]) == pytest.approx(8.0, abs=1.5)
 
 
+def test_velocities_behind_low_passes_are_one_remark(recording):
+    wrong = recording.velocity.copy()
+    for joint, cutoff in ((1, 8.0), (4, 8.0), (5, 16.0)):
+        keep = np.exp(-2.0 * np.pi * cutoff / RATE)
+        wrong[:, joint] = lfilter([1.0 - keep], [1.0, -keep], wrong[:, joint])
+    odd = replace(recording, velocity=wrong)
+    (found,) = data.odd_velocity(odd, prepare(odd))
+    assert found.about == ", ".join(recording.joints[joint] for joint in (1, 4, 5))
+    low, high = found.problem.split("low-passes of ")[1].split(" Hz")[0].split(" to ")
+    assert (float(low), float(high)) == (pytest.approx(8.0, abs=1.5), pytest.approx(16.0, abs=6.0))
+
+
 def test_a_good_or_missing_velocity_is_not_odd(recording):
     noise = 1e-3 * np.random.default_rng(0).normal(size=recording.velocity.shape)
     noisy = replace(recording, velocity=recording.velocity + noise)

@@ -12,6 +12,7 @@ from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
+from bdnn_ros.effects.friction import bristle
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.online.identifier import Identifier
@@ -81,6 +82,28 @@ def test_what_acts_late_or_with_speed_is_no_lateness(specs):
     robot = Robot.bundled("arm2")
     effects = [parse_spec(spec, robot) for spec in specs]
     recording = simulate(robot, effects, seed=1, duration=15.0).recording
+    assert lateness(prepare(recording), robot) == Lateness()
+
+
+@pytest.mark.parametrize("name", ["arm2", "arm6"])
+@pytest.mark.parametrize("breakaway", [0.001, 0.004, 0.02])
+def test_friction_that_comes_on_along_the_way_is_no_lateness(name, breakaway):
+    """Where slow joints turn round their bristles bend first, so that friction turns late without being late."""
+    robot, time = Robot.bundled(name), np.arange(8000) / 200.0
+    rate = 0.8 * (1.0 + 0.13 * np.arange(robot.width))
+    phase = time[:, None] * rate + 1.1 * np.arange(robot.width)
+    position, velocity, acceleration = (
+        0.5 * np.sin(phase),
+        0.5 * rate * np.cos(phase),
+        -0.5 * rate**2 * np.sin(phase),
+    )
+    effort = robot.rigid_effort(position, velocity, acceleration)
+    size = 0.3 * np.std(effort, axis=0)
+    effort += size * np.stack([bristle(q, breakaway) for q in position.T], axis=1) + 0.2 * size * velocity
+    rng = np.random.default_rng(0)
+    position += 1e-5 * rng.standard_normal(position.shape)
+    effort += 0.005 * np.std(effort, axis=0) * rng.standard_normal(effort.shape)
+    recording = Recording(time, robot.joints, position, velocity, effort)
     assert lateness(prepare(recording), robot) == Lateness()
 
 
