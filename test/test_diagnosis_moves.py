@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_cases import equations_of, term
+from diagnosis_cases import equations_of, term, white
 
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
@@ -189,3 +189,19 @@ def test_friction_beside_a_wrong_effort_scale_is_told_as_it_acts():
     fit = pool.fit([0, 1])
     assert pool.acting(fit, 1) == pytest.approx(0.8, rel=1e-3)
     assert pool.acting(fit, 0) == 1.0
+
+
+def test_rivals_are_tried_by_how_far_they_are_behind_within_all_bounds(monkeypatch):
+    """A rival that seems far ahead because another term would leave its bound must not crowd out one that is near."""
+    specs = ("hysteresis@arm2_joint1:force=0.2,breakaway=0.01", "quadratic_drag@arm2_joint1:drag=0.3")
+    robot, equations = Robot.bundled("arm2"), equations_of(specs)
+    others = ["viscous_friction@arm2_joint1:viscous=1", "joint_spring@arm2_joint1:stiffness=1"]
+    pool = Pool(equations, white(equations, 0.02)[1], [term(s, robot)[0] for s in (*specs, *others)], 0.02)
+    search = Search(equations, Candidates.of(robot), lambda text: None)
+    tried = []
+    monkeypatch.setattr(search, "score", lambda pool, chosen: 100.0)
+    monkeypatch.setattr(search, "rivals", lambda pool, rest, one: [(3, -1e6), (2, 12.0)] if one == 1 else [])
+    monkeypatch.setattr(search, "score_beside", lambda pool, rest, rival: {2: 95.0, 3: -400.0}[rival])
+    monkeypatch.setattr(search, "_first_better", lambda now, pools: tried.extend(pools))
+    assert search._behind_rivals(Selection(pool, (0, 1), pool.fit((0, 1))), pool) is None
+    assert [[t.effect.name for t in one.terms] for one in tried] == [["hysteresis", "viscous_friction"]]
