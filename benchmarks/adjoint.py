@@ -7,7 +7,6 @@ weights. Methods take turns, so that a busy machine slows all alike; the median 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Callable
@@ -17,12 +16,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import torch
+from _results import keep
 from torchdiffeq import odeint_adjoint
 
 from bdnn_ros.bdnn.backtracking import Windows, backtrack, discrete_gradient
 from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.bdnn.networks import SPD_FLOOR, Network
-from bdnn_ros.written import whole
 
 STEPS, BATCH, STEP = 10, 256, 0.008
 RESULTS = Path(__file__).parent / "results" / "adjoint.json"
@@ -159,9 +158,7 @@ def main() -> None:
             ratio = rates["ours, Algorithm 1"] / rate
             print(f"{name:32} {rate:10.1f} {ratio:14.1f}x {errors[name]:16.1e}")
         results.append({"joints": n, "hidden": hidden, "gradients_per_second": rates, "off_autograd": errors})
-    RESULTS.parent.mkdir(exist_ok=True)
-    with whole(RESULTS) as beside:
-        beside.write_text(json.dumps({"windows": BATCH, "steps": STEPS, "results": results}, indent=1) + "\n")
+    keep(RESULTS, {"windows": BATCH, "steps": STEPS, "results": results})
 
 
 if __name__ == "__main__":

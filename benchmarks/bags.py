@@ -7,7 +7,6 @@ joint states. mcap-ros2-support takes part where it is installed.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from _results import keep
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -211,9 +211,8 @@ def main() -> int:
         + ", ".join(f"{p['file_mb']} MB file: {p['peak_mb']} MB" for p in peaks)
     )
     print(f"target: at least {TARGET} read a second: {'met' if reading['bdnn_ros'] >= TARGET else 'MISSED'}")
-    RESULTS.parent.mkdir(exist_ok=True)
     results = {"samples": args.samples, "reading_per_s": reading, "writing_per_s": writing, "memory": peaks}
-    RESULTS.write_text(json.dumps(results, indent=1) + "\n")
+    keep(RESULTS, results)
     return 0
 
 

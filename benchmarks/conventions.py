@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import os
 
+from _results import keep
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -121,7 +122,7 @@ def main() -> None:
             )
             rightly = bool(words) and words.format(joint=robot.joints[joint]) in problem
             told[way][COLUMNS[0] if rightly else COLUMNS[1] if problem else COLUMNS[2]] += 1
-    args.results.write_text(json.dumps(told, indent=1) + "\n")
+    keep(args.results, told)
     print(
         text(
             [

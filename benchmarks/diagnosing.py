@@ -9,7 +9,6 @@ Wall time of the whole command, as a user waits for it: start of Python, reading
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -19,6 +18,7 @@ from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
+from _results import keep
 
 RESULTS = Path(__file__).parent / "results" / "diagnosing.json"
 WANTED = 30.0
@@ -51,7 +51,7 @@ def main() -> None:
     longest = max(map(max, rows.values()))
     print(f"Longest {longest:.1f} s: wanted at most {WANTED:.0f} s{'' if longest <= WANTED else ', MISSED'}.")
     kept = {"cores": os.cpu_count(), "seed0": args.seed0, "seconds": rows}
-    RESULTS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    keep(RESULTS, kept)
 
 
 def seconds(words: tuple[str, ...], seed: int) -> float | None:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _results import keep
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = Path(__file__).parent / "results" / "live.json"
@@ -391,7 +392,7 @@ def changes(quick: bool) -> int:
     counts = dict.fromkeys(_live_changes.KINDS, 3) if quick else CHANGES
     draws = _live_changes.measure(counts, first_seed=4000)
     print(_live_changes.table(draws))
-    CHANGES_RESULTS.write_text(json.dumps([asdict(d) for d in draws], indent=1) + "\n", encoding="utf-8")
+    keep(CHANGES_RESULTS, [asdict(d) for d in draws])
     return 0
 
 
@@ -418,8 +419,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         result = measure(duration, Path(folder))
     print(table(result))
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    keep(RESULTS, result)
     return 0
 
 

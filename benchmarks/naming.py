@@ -34,6 +34,7 @@ from _naming_robots import EXAMPLES
 from _naming_simulator import section
 from _naming_tables import by_condition, by_effect, confusion, counted, shows, summary
 from _naming_text import markdown, text
+from _results import keep
 
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.written import whole
@@ -98,9 +99,7 @@ def main() -> None:
     except KeyboardInterrupt:
         print("stopped; finished draws are kept", file=sys.stderr)
     drawn = counted(records)
-    args.results.with_suffix(".json").write_text(
-        json.dumps(summary(drawn), indent=1) + "\n", encoding="utf-8"
-    )
+    keep(args.results.with_suffix(".json"), summary(drawn))
     if args.json:
         print(json.dumps({"summary": summary(drawn), "records": records}))
         return
@@ -165,8 +164,7 @@ def said(outcome: Mapping[str, Any]) -> list[str]:
 def tell_recordings(data: Path) -> None:
     """Diagnoses real recordings and their halves; keeps and prints what they name."""
     results = recorded(data)
-    with whole(RECORDED) as beside:
-        beside.write_text(json.dumps(rounded(results), indent=1) + "\n", encoding="utf-8")
+    keep(RECORDED, rounded(results))
     for title, rows in tables(results):
         print(f"\n{title}\n{text(rows)}")
     print("\n" + in_words(results))

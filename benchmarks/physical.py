@@ -23,8 +23,7 @@ from _physical_recordings import from_bag, recorded
 from _physical_solvers import solvers
 from _physical_speed import speed
 from _physical_trust import agreeing, coverage, definite, forgetting
-
-from bdnn_ros.written import whole
+from _results import keep
 
 RESULTS = Path(__file__).parent / "results" / "physical.json"
 GROUPS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
@@ -63,9 +62,7 @@ def main() -> int:
         print(f"\n{name}: {GROUPS[name].__doc__}")
         results[name] = GROUPS[name](args)
         print(f"({time.perf_counter() - start:.0f} s)", flush=True)
-    RESULTS.parent.mkdir(exist_ok=True)
-    with whole(RESULTS) as beside:
-        beside.write_text(json.dumps(results, indent=1) + "\n")
+    keep(RESULTS, results)
     return 0
 
 

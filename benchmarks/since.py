@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import os
 
+from _results import keep
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
-import json
 import multiprocessing
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -116,7 +117,7 @@ def main() -> None:
     with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
         seeds = range(args.seed0, args.seed0 + args.draws)
         records = [rounded(r) for r in tqdm(pool.imap(done, seeds), total=args.draws, desc="robots")]
-    args.results.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+    keep(args.results, records)
     print(text(table(records)))
 
 

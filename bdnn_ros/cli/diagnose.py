@@ -24,7 +24,7 @@ from bdnn_ros.extension.files import write_extension
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import certainty
+from bdnn_ros.report.words import certainty, of_velocity
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 
@@ -154,15 +154,13 @@ def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
     groups = [
         part for kind in kinds.values() for part in ([kind] if len(kind) >= MANY else [[one] for one in kind])
     ]
-    return sorted(
-        groups, key=lambda group: (get(group[0].effect).kinematic, -sum(one.share for one in group))
-    )
+    return sorted(groups, key=lambda group: (of_velocity(group[0]), -sum(one.share for one in group)))
 
 
 def _share(group: Sequence[Finding]) -> str:
     """What the findings of a kind remove together; of a filtered velocity that is each joint's own error."""
     shares = [100.0 * finding.share for finding in group]
-    if group[0].effect == "velocity_filter":
+    if of_velocity(group[0]):
         return f"{min(shares):.1f} % of the velocity's squared error"
     return f"{sum(shares):.1f} % of the squared error"
 

@@ -11,7 +11,6 @@ import numpy as np
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, reference
-from bdnn_ros.effects.registry import get
 from bdnn_ros.report import words
 from bdnn_ros.report.view import Cause, LinkChange, View
 from bdnn_ros.robot.units import printed
@@ -100,8 +99,7 @@ class LinkRow:
 
 def roots(diagnosis: Diagnosis) -> list[Root]:
     """The list of root causes."""
-    findings = sorted(diagnosis.findings, key=lambda finding: get(finding.effect).kinematic)
-    return [_root(finding) for finding in findings]
+    return [_root(finding) for finding in sorted(diagnosis.findings, key=words.of_velocity)]
 
 
 def contests(diagnosis: Diagnosis) -> list[Contest]:
@@ -267,7 +265,7 @@ def _root(finding: Finding) -> Root:
         amounts=tuple(words.amounts(finding)),
         sentence=finding.sentence,
         share=finding.share,
-        share_of="of the velocity's error" if finding.effect == "velocity_filter" else "of the error",
+        share_of="of the velocity's error" if words.of_velocity(finding) else "of the error",
         probability=words.probability(sure),
         of_that=f"{words.probability(finding.probability)} {of_that}" if of_that else "",
         ties=tuple(

@@ -173,6 +173,11 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{fixed(100.0 * share, digits)}\N{NO-BREAK SPACE}%"
 
 
+def of_velocity(finding: Finding) -> bool:
+    """Whether it is in the reported velocity: then its share is of that one's error, not of the effort's."""
+    return get(finding.effect).kinematic
+
+
 def certainty(finding: Finding) -> tuple[float, str]:
     """Probability that its effect is there at all, and what the finding's own is the probability of; nothing for the same.
 
