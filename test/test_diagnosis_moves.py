@@ -60,6 +60,20 @@ def test_a_spring_does_not_give_way_to_a_scale_of_what_it_does(monkeypatch):
     assert moves._replace(pool, [spring]) == [1 - spring], "the trap is not there"
 
 
+def test_friction_enters_with_the_delay_that_it_needs(monkeypatch):
+    """Friction that a delay shifts makes plain errors larger without it, and the delay says nothing without the friction."""
+    robot, place = Robot.bundled("arm6"), "arm6_joint2"
+    specs = (f"coulomb_friction@{place}:coulomb=2", f"effort_delay@{place}:delay=0.05")
+    equations, candidates = equations_of(specs, robot="arm6"), Candidates.of(robot)
+    named = [t for t in candidates.terms if t.effect.name in ("coulomb_friction", "effort_delay")]
+    terms = [t.shaped(t.effect.shapes(equations.motion, 1)[0]) for t in named if t.target == 1]
+    search = Search(equations, candidates, lambda said: None)
+    pool, moves = Pool(equations, search._start()[0], terms, 0.02), Moves(equations, candidates)
+    assert sorted(moves._add(pool, [], 0.0)[1]) == [0, 1]
+    monkeypatch.setattr(Moves, "_with_partner", lambda self, pool, grown, chosen: None)
+    assert moves._add(pool, [], 0.0)[1] == [], "the trap is not there"
+
+
 def test_nothing_more_is_tried_once_nothing_could_reach_what_is_wanted(monkeypatch):
     """All that is left, together and for nothing, bounds what adding can come to."""
     equations = equations_of(("viscous_friction@arm2_joint1:viscous=1", "base_tilt:pitch_deg=3"))

@@ -15,7 +15,7 @@ import numpy as np
 
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.leftover import basis, beyond
-from bdnn_ros.effects.friction import bristle
+from bdnn_ros.effects.friction import bristles
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -150,7 +150,7 @@ class _Joint:
     def _left_by_others(self, usual: float) -> float:
         """What the best law leaves that comes on at once, gives way or falls."""
         sharp = self._way(AT_ONCE)
-        bent = [self._left(self._bent(breakaway)) for breakaway in BREAKAWAYS]
+        bent = [self._left(bristles(self.signals, self.joint, breakaway)) for breakaway in BREAKAWAYS]
         return min(*bent, *(self._left(sharp, self._falling(usual * share)) for share in FALLS))
 
     def _refined(self, near: Creep, apart: bool) -> Creep:
@@ -208,10 +208,6 @@ class _Joint:
         one = slice(self.joint, self.joint + 1)
         motion = self.signals.velocity[:, one], self.signals.acceleration[:, one]
         return friction_direction(*motion, self.signals.rate, np.array([creep]))[:, 0]
-
-    def _bent(self, breakaway: float) -> np.ndarray:
-        position = self.signals.position[:, self.joint]
-        return np.concatenate([bristle(position[rows], breakaway) for rows in self.signals.segments])
 
     def _falling(self, velocity: float) -> np.ndarray:
         v = self.signals.velocity[:, self.joint]

@@ -14,7 +14,7 @@ import numpy as np
 from bdnn_ros.checks.alternatives import explained
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.leftover import basis, beyond, regret
-from bdnn_ros.effects.friction import bristle
+from bdnn_ros.effects.friction import bristles
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, mended
@@ -107,15 +107,8 @@ class _Efforts:
 
 def _bends(signals: Signals) -> list[np.ndarray]:
     """Bristles that are bent over several distances before they slide, (N, n) each: such friction turns late, too."""
-    return [
-        np.concatenate(
-            [
-                np.stack([bristle(q, over) for q in signals.position[rows].T], axis=1)
-                for rows in signals.segments
-            ]
-        )
-        for over in BREAKAWAYS
-    ]
+    joints = range(signals.width)
+    return [np.stack([bristles(signals, joint, over) for joint in joints], axis=1) for over in BREAKAWAYS]
 
 
 def _refined(

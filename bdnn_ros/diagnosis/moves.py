@@ -96,12 +96,13 @@ class Moves:
                 return pool, chosen
             candidate = open_[best]
             trial, grown = self._grown(pool, chosen, candidate)
-            if not self.pays(trial, grown, candidate):
-                trial, grown = self._with_partner(trial, grown, chosen) if gains[best] > UNSURE else (pool, chosen)
-            if candidate in grown:
-                pool, chosen = trial, grown
-            else:
+            found = (trial, grown) if self.pays(trial, grown, candidate) else None
+            if found is None and gains[best] > UNSURE:
+                found = self._with_partner(trial, grown, chosen)
+            if found is None:
                 refused.add(candidate)
+            else:
+                pool, chosen = found
 
     def _grown(self, pool: Pool, chosen: Sequence[int], *added: int) -> tuple[Pool, list[int]]:
         """The chosen with others, their shapes sought anew, in place of what these contain."""
@@ -109,21 +110,24 @@ class Moves:
         grown = [*kept, *added]
         return refined(self.candidates, self.equations, pool, grown, added), grown
 
-    def _with_partner(self, pool: Pool, grown: Sequence[int], chosen: Sequence[int]) -> tuple[Pool, list[int]]:
-        """The last of the grown beside another at its joint, where both pay only together; else the chosen.
+    def _with_partner(
+        self, pool: Pool, grown: Sequence[int], chosen: Sequence[int]
+    ) -> tuple[Pool, list[int]] | None:
+        """The last of the grown beside another at its joint where both pay only together; None without.
 
         Friction that a delay shifts makes plain errors larger as long as it is where it would be without the delay.
         """
         candidate, joint = grown[-1], pool.terms[grown[-1]].target
-        if joint >= 0 and self.predicts_better(pool, grown, chosen):
-            open_ = [c for c in self.open_to(pool, grown) if pool.terms[c].target == joint]
-            gains = pool.gains(pool.fit(grown), open_) - self.costs(pool, grown)[open_]
-            for k in np.argsort(-gains)[:PARTNERS_TRIED]:
-                trial, both = self._grown(pool, chosen, candidate, open_[k])
-                no_worse = self._left(trial, both) <= WORSE * self._left(trial, chosen)
-                if no_worse and all(self.pays(trial, both, one) for one in (candidate, open_[k])):
-                    return trial, both
-        return pool, list(chosen)
+        open_ = [c for c in self.open_to(pool, grown) if pool.terms[c].target == joint]
+        if joint < 0 or not open_ or not self.predicts_better(pool, grown, chosen):
+            return None
+        gains = pool.gains(pool.fit(grown), open_) - self.costs(pool, grown)[open_]
+        for k in np.argsort(-gains)[:PARTNERS_TRIED]:
+            trial, both = self._grown(pool, chosen, candidate, open_[k])
+            no_worse = self._left(trial, both) <= WORSE * self._left(trial, chosen)
+            if no_worse and all(self.pays(trial, both, one) for one in (candidate, open_[k])):
+                return trial, both
+        return None
 
     def _replace(self, pool: Pool, chosen: list[int], late: bool = False) -> list[int]:
         """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better.

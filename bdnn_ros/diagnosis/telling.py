@@ -248,9 +248,8 @@ def _unexplained_sentence(share: float, remainder: Remainder, above: str, refere
     if share > 1.0:
         return f"What was found predicts the motion that was held out worse than the {reference} does."
     much = f"{100.0 * share:.1f} %" if share >= 0.0005 else "Less than 0.1 %"
-    left = f"{much} of the {reference}'s squared error is left above the noise" + f", at {above}" * bool(
-        above
-    )
+    where = f", at {above}" if above else ""
+    left = f"{much} of the {reference}'s squared error is left above the noise{where}"
     if remainder.depends_on:
         return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."
     if remainder.bursts:

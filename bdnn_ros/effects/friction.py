@@ -11,6 +11,7 @@ from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
 
 ARMSTRONG = (
     "Armstrong-Hélouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and compensation methods "
@@ -280,10 +281,7 @@ class Hysteresis(Effect):
         plant.efforts.append((target, resist))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        bend = np.zeros(len(motion.time))
-        for rows in motion.signals.segments:
-            bend[rows] = bristle(motion.position[rows, target], shape["breakaway"])
-        return motion.sharp_column(target, bend)
+        return motion.sharp_column(target, bristles(motion.signals, target, shape["breakaway"]))
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"breakaway": float(b)} for b in np.geomspace(0.005, 0.12, 5)]
@@ -297,13 +295,22 @@ class Hysteresis(Effect):
 
 def bristle(position: np.ndarray, breakaway: float) -> np.ndarray:
     """Bend of a Dahl bristle along positions (N,), in [-1, 1], from 0; exact while the direction stays."""
-    result = np.zeros(len(position))
+    if len(position) < 2:
+        return np.zeros(len(position))
     direction = np.sign(np.diff(position))
     turns = np.flatnonzero(np.diff(direction)) + 1
-    bend = 0.0
-    for start, end in zip([0, *turns.tolist()], [*turns.tolist(), len(direction)], strict=True):
-        way = direction[start] if end > start else 0.0
-        fade = np.exp(-np.abs(position[start + 1 : end + 1] - position[start]) / breakaway)
-        result[start + 1 : end + 1] = way + (bend - way) * fade if way else bend
-        bend = float(result[end])
-    return result
+    starts, ends = np.array([0, *turns]), np.array([*turns, len(direction)])
+    ways, counts = direction[starts], ends - starts
+    fade = np.exp(-np.abs(position[1:] - np.repeat(position[starts], counts)) / breakaway)
+    bends, bend = np.empty(len(starts)), 0.0
+    for k, (way, last) in enumerate(zip(ways.tolist(), fade[ends - 1].tolist(), strict=True)):
+        bends[k] = bend
+        bend = way + (bend - way) * last if way else bend
+    way = np.repeat(ways, counts)
+    bent = way + (np.repeat(bends, counts) - way) * np.where(way, fade, 1.0)
+    return np.concatenate([[0.0], bent])
+
+
+def bristles(motion: Signals, joint: int, breakaway: float) -> np.ndarray:
+    """Bend of a joint's bristle along a motion, (N,): each gap-free segment begins unbent."""
+    return np.concatenate([bristle(motion.position[rows, joint], breakaway) for rows in motion.segments])
