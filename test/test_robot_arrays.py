@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -59,3 +61,24 @@ def test_their_arrays_cannot_be_changed(renewed) -> None:
         model.covariance[0, 0] = 2.0
     with pytest.raises(ValueError, match="read-only"):
         robot.inertials[0] *= 2.0
+
+
+def test_threads_that_share_a_robot_do_not_read_each_others_work() -> None:
+    """Pinocchio leaves derivatives and placements in a memory of its own, and a thread may be stopped before it reads them."""
+    robot = Robot.bundled("arm7")
+    motions = np.random.default_rng(0).standard_normal((2, 3, 300, 7))
+
+    def asked(motion: np.ndarray) -> np.ndarray:
+        turned = robot.link_rotation(motion[0], "arm7_link7").ravel()
+        return np.concatenate([turned, np.ravel(robot.effort_derivatives(*motion))])
+
+    alone = [asked(motion) for motion in motions]
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            together = list(pool.map(asked, [*motions, *motions]))
+    finally:
+        sys.setswitchinterval(usual)
+    for got, want in zip(together, [*alone, *alone], strict=True):
+        np.testing.assert_array_equal(got, want)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from threading import get_ident
 
 import numpy as np
 import pinocchio as pin
@@ -32,7 +34,7 @@ PER_LINK = 10
 
 @dataclass(frozen=True)
 class Robot(ReadOnlyArrays):
-    """A fixed-base robot with n joints of one degree of freedom each, for one thread at a time; its arrays are read-only.
+    """A fixed-base robot with n joints of one degree of freedom each; its arrays are read-only, any threads may share it.
 
     Attributes:
         urdf: the description's text.
@@ -104,9 +106,14 @@ class Robot(ReadOnlyArrays):
         model.gravity.linear = np.asarray(self.gravity_vector)
         return model
 
-    @cached_property
+    @property
     def _data(self) -> pin.Data:
-        return self._model.createData()
+        return self._memory[get_ident()]
+
+    @cached_property
+    def _memory(self) -> dict[int, pin.Data]:
+        """Pinocchio's working memory of each thread: what one computes no other reads."""
+        return defaultdict(self._model.createData)
 
     @cached_property
     def _order(self) -> np.ndarray:
@@ -124,8 +131,6 @@ class Robot(ReadOnlyArrays):
 
     def __getstate__(self) -> dict[str, object]:
         return {key: value for key, value in self.__dict__.items() if not key.startswith("_")}
-
-    # -- rigid-body dynamics ---------------------------------------------------------------------------------
 
     def rigid_effort(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
@@ -203,8 +208,7 @@ class Robot(ReadOnlyArrays):
         for k, row in enumerate(zip(q, v, a, strict=True)):
             pin.computeRNEADerivatives(model, data, *row)
             result[:, k] = data.dtau_dq, data.dtau_dv, data.M
-        upper = np.triu(result[2])
-        result[2] = upper + np.swapaxes(np.triu(upper, 1), 1, 2)
+        result[2] = np.triu(result[2]) + np.swapaxes(np.triu(result[2], 1), 1, 2)
         by_position, by_velocity, by_acceleration = result[:, :, self._order][..., self._order]
         return by_position, by_velocity, by_acceleration
 
@@ -216,9 +220,8 @@ class Robot(ReadOnlyArrays):
     @cached_property
     def slides(self) -> np.ndarray:
         """Whether each joint is prismatic, (n,) bool."""
-        return np.array(
-            [self._model.joints[int(b) + 1].shortname().startswith("JointModelP") for b in self._bodies]
-        )
+        kinds = (self._model.joints[int(body) + 1].shortname() for body in self._bodies)
+        return np.array([kind.startswith("JointModelP") for kind in kinds])
 
     @cached_property
     def carries(self) -> np.ndarray:
@@ -258,8 +261,6 @@ class Robot(ReadOnlyArrays):
             result[k] = pin.updateFramePlacement(self._model, self._data, frame).rotation
         return result
 
-    # -- links -----------------------------------------------------------------------------------------------
-
     @cached_property
     def links(self) -> tuple[str, ...]:
         """Names of all links of the URDF."""
@@ -290,8 +291,6 @@ class Robot(ReadOnlyArrays):
         if link not in self.links:
             raise UsageError(f"The URDF has no link {link!r}.", f"It has {listed(self.links, 20)}.")
         return int(self._model.getFrameId(link, pin.FrameType.BODY))
-
-    # -- changes ---------------------------------------------------------------------------------------------
 
     def with_inertials(self, inertials: np.ndarray) -> Robot:
         """The same robot with other inertial parameters, (n, PER_LINK) or flat."""
