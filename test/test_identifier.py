@@ -8,6 +8,9 @@ import pytest
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.physical.couplings import Coupling
+from bdnn_ros.physical.selection import choose
+from bdnn_ros.physical.structure import Structure, layout
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -122,6 +125,27 @@ def test_dynamics_agree_with_one_another(real):
     np.testing.assert_allclose(model.forward_dynamics(q, v, effort), a, atol=1e-8)
     parts = np.einsum("nij,nj->ni", model.mass_matrix(q), a) + model.coriolis(q, v) + model.gravity(q)
     np.testing.assert_allclose(parts + model.friction(q, v), effort, atol=1e-8)
+
+
+def test_a_motor_that_turns_with_two_joints_is_found_where_both_are_of_a_kind_and_move():
+    """Of a gripper that holds still a coupling would tell whatever the wrist's friction gives it to explain."""
+    robot = Robot.bundled("arm6")
+    recording = motion(robot, noise=0.01)
+    speed = np.gradient(recording.position, recording.time, axis=0)[:, 4:].sum(axis=1, keepdims=True)
+    effort = recording.effort.copy()
+    effort[:, 4:] += 0.2 * np.tanh(speed / 0.01) + 0.1 * speed
+    identifier = Identifier(robot)
+    identifier.fit([replace(recording, effort=effort)])
+    assert identifier.structure.couplings == (Coupling(4, 1),)
+    plain = Structure.plain(identifier.recursion.belief)
+    without = layout(plain, identifier.recursion.belief)
+    for kinds in ([1, 1, 1, 1, 1, 2], [1, 1, 1, 1, 0, 0]):
+        assert choose(identifier._evidence, plain, without, kinds).couplings == ()
+    still = recording.position.copy()
+    still[:, 5] = 0.3
+    identifier = Identifier(robot)
+    identifier.fit([replace(recording, position=still, effort=effort)])
+    assert identifier.structure.couplings == ()
 
 
 def test_no_motion_no_effort_other_joints_are_refused(real):

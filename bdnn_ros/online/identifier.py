@@ -241,7 +241,9 @@ class Identifier:
 
     def _choose(self, plain: Structure, without: Layout) -> None:
         """Settle which terms are on; by the layout without any the noise of the evidence was estimated."""
-        self.structure = choose(self._evidence, plain, without)
+        moves = self._fast.any(axis=(1, 2))
+        kinds: list[int] = np.where(moves, 1 + self.robot.slides, 0).tolist()
+        self.structure = choose(self._evidence, plain, without, kinds)
         self._straight = straightened(self.structure, self._fast)
 
     @property

@@ -51,11 +51,12 @@ Terms = tuple[int, tuple[str, ...]]
 """Index of the breakaway, and the groups that are on."""
 
 
-def choose(recursion: Recursion, plain: Structure, layout: Layout) -> Structure:
+def choose(recursion: Recursion, plain: Structure, layout: Layout, kinds: Sequence[int]) -> Structure:
     """The structure that predicts best what was left out.
 
     Args:
         plain: nothing switched on; by its layout the noise was estimated.
+        kinds: of the joints, (n,), 0 of one that holds still: motors turn with two of one kind that both move.
     """
     blocks = list(recursion.blocks)
     if len(blocks) < FEWEST_BLOCKS:
@@ -63,7 +64,7 @@ def choose(recursion: Recursion, plain: Structure, layout: Layout) -> Structure:
     edges = np.linspace(0, len(blocks), min(FOLDS, len(blocks)) + 1).round().astype(int)
     folds = [summed(blocks[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
     joints = [_Joint(recursion, plain, layout, folds, joint) for joint in range(len(plain.groups))]
-    chosen = replace(plain, couplings=_couplings(joints))
+    chosen = replace(plain, couplings=_couplings(joints, kinds))
     for number, joint in enumerate(joints):
         chosen = chosen.with_joint(number, *_best(joint, chosen.couplings))
     return replace(chosen, relevance=tuple(joint.relevance for joint in joints))
@@ -191,12 +192,12 @@ class _Joint:
         return information[n:], vector[n:]
 
 
-def _couplings(joints: Sequence[_Joint]) -> tuple[Coupling, ...]:
+def _couplings(joints: Sequence[_Joint], kinds: Sequence[int]) -> tuple[Coupling, ...]:
     """Motors that turn with two joints: those that both joints' errors speak for."""
     found = []
     own = ("curve",)  # or a coupling would be taken for the curve of the joints' own friction
     plain = [joint.error(USUAL, own) for joint in joints]
-    for first in range(len(joints) - 1):
+    for first in (k for k in range(len(joints) - 1) if kinds[k] == kinds[k + 1] != 0):
         best, least = None, 1.0 - COUPLING_GAIN
         for sign in COUPLING_SIGNS:
             coupling = Coupling(first, sign)
