@@ -8,11 +8,14 @@ import pytest
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.couplings import Coupling
+from bdnn_ros.physical.possible import Possible
 from bdnn_ros.physical.selection import choose
 from bdnn_ros.physical.structure import Structure, layout
 from bdnn_ros.recording import Recording
-from bdnn_ros.robot import Robot
+from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.scores import score_model
 from bdnn_ros.signals import prepare
 
 
@@ -146,6 +149,39 @@ def test_a_motor_that_turns_with_two_joints_is_found_where_both_are_of_a_kind_an
     identifier = Identifier(robot)
     identifier.fit([replace(recording, position=still, effort=effort)])
     assert identifier.structure.couplings == ()
+
+
+def sprung(robot, joint, stiffness, seed):
+    """The motion of a robot with a spring at one joint."""
+    recording = motion(robot, seed=seed, noise=0.002)
+    effort = recording.effort.copy()
+    effort[:, joint] += stiffness * (recording.position[:, joint] + 0.3)
+    return replace(recording, effort=effort)
+
+
+@pytest.mark.parametrize(("joint", "stiffness"), [(1, 60.0), (2, 20.0), (4, 1.2)])
+def test_a_spring_is_learned_though_it_is_far_more_than_the_joints_friction(joint, stiffness):
+    """What is learned was believed to be of the order of friction: such springs left a seventh of the effort and more."""
+    robot = Robot.bundled("arm6")
+    real = wrong(robot, 0.05, seed=1)
+    model = Identifier(robot).fit([sprung(real, joint, stiffness, 0)])
+    assert score_model(model, [prepare(sprung(real, joint, stiffness, 5))]).nrmse_mean < 0.04
+
+
+def test_what_no_body_does_is_not_sought_in_bodies_and_rotors_that_cannot_exist():
+    """A rotor of negative inertia does what a spring does along a sine; those that can exist leave it all."""
+    robot = Robot.bundled("arm6")
+    identifier = Identifier(robot)
+    identifier.fit([sprung(robot, 4, 0.6, 0)])
+    evidence = identifier._evidence
+    plain = Structure.plain(evidence.belief)
+    posterior = evidence.solve(layout(plain, evidence.belief), 10)
+    possible = Possible.of(evidence, posterior)
+    assert feasible(possible.inertials.reshape(6, PER_LINK))
+    assert (posterior.mean[posterior.layout.positive] < 0.0).any(), "the trap is not there"
+    assert possible.unexplained[4] and (possible.left >= possible.least).all()
+    kinds = [1] * 6
+    assert choose(evidence, plain, posterior.layout, kinds, possible.inertials).groups[4] == ("position",)
 
 
 def test_no_motion_no_effort_other_joints_are_refused(real):

@@ -1,5 +1,7 @@
 """Where parameters are among the columns, and what they share."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,7 @@ def statistics():
 def structures(belief):
     plain = Structure.plain(belief)
     learned = plain.with_joint(0, 2, ("curve", "load")).with_joint(1, 0, ("position",))
-    return plain, learned, Structure(learned.breakaway, learned.groups, learned.friction, (Coupling(0, -1),))
+    return plain, learned, replace(learned, couplings=(Coupling(0, -1),))
 
 
 @pytest.mark.parametrize("which", [0, 1, 2], ids=["plain", "learned", "coupled"])

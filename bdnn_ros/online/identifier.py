@@ -15,6 +15,7 @@ from bdnn_ros.physical.dictionary import Scales
 from bdnn_ros.physical.handover import physical_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior, Spread, prior
+from bdnn_ros.physical.possible import Possible
 from bdnn_ros.physical.presliding import Directions, directions
 from bdnn_ros.physical.recursive import Recursion
 from bdnn_ros.physical.selection import choose
@@ -216,19 +217,23 @@ class Identifier:
             self._carrier = self.robot
             self._go_through_again(evidence.noise)
         posterior = evidence.solve(layout(plain, belief), ITERATIONS)
-        friction = typical_friction(posterior.mean, posterior.layout, evidence.total)
-        lowest = LEAST_FRICTION * belief.effort_scale
-        plain = replace(plain, friction=tuple(np.clip(friction, lowest, belief.effort_scale)))
+        usual = typical_friction(posterior.mean, posterior.layout, evidence.total)
+        friction = np.clip(usual, LEAST_FRICTION * belief.effort_scale, belief.effort_scale)
+        possible = Possible.of(evidence, posterior)
+        # a spring, say, may be far more than the joint's friction
+        beyond = np.maximum(friction, np.minimum(possible.left, belief.effort_scale))
+        plain = replace(plain, friction=tuple(friction), beyond=tuple(beyond))
+        bodies = possible.inertials if possible.unexplained.any() else None
         if whole:
             self._carrier = physical_model(self.robot, posterior, plain, self.scales).robot
             self._go_through_again(posterior.noise)
-        self._choose(plain, posterior.layout)
+        self._choose(plain, posterior.layout, bodies)
         if not whole:
             return
         left = self.recursion.solve(self.parameter_layout, ITERATIONS).noise
         if (left < LEARNED * self._usual).any():
             self._go_through_again(left)
-            self._choose(plain, posterior.layout)
+            self._choose(plain, posterior.layout, bodies)
 
     def _go_through_again(self, usual: np.ndarray) -> None:
         """Sum all motion anew, with what its residual usually is, (n,) [N·m]."""
@@ -239,11 +244,11 @@ class Identifier:
         for motion in self._kept:
             self._sum(motion)
 
-    def _choose(self, plain: Structure, without: Layout) -> None:
+    def _choose(self, plain: Structure, without: Layout, bodies: np.ndarray | None) -> None:
         """Settle which terms are on; by the layout without any the noise of the evidence was estimated."""
         moves = self._fast.any(axis=(1, 2))
         kinds: list[int] = np.where(moves, 1 + self.robot.slides, 0).tolist()
-        self.structure = choose(self._evidence, plain, without, kinds)
+        self.structure = choose(self._evidence, plain, without, kinds, bodies)
         self._straight = straightened(self.structure, self._fast)
 
     @property

@@ -30,7 +30,7 @@ GROUPS = {
 """Groups of features that are switched on together, and how many features each has."""
 FEATURES = sum(GROUPS.values())
 SPREAD = {"curve": 0.3, "load": 1.0, "direction": 0.1, "position": 1.0, "neighbours": 0.3}
-"""Prior standard deviation of the weights of each group, in units of the joint's friction."""
+"""Prior standard deviation of the weights of each group, per friction of the joint, or per what that leaves if it is more."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
 
 
 def feature_spread() -> np.ndarray:
-    """Prior standard deviation of each feature's weight, in units of the joint's friction, (FEATURES,)."""
+    """Prior standard deviation of each feature's weight, in the units of `SPREAD`, (FEATURES,)."""
     where, spread = group_slices(), np.empty(FEATURES)
     waves = largest_waves() / np.arange(1, HARMONICS + 1)
     for name, values in SPREAD.items():

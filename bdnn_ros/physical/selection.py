@@ -35,6 +35,8 @@ COUPLING_GAIN = 0.2
 """Share of the squared error on what was left out that a coupling must remove from each of its joints."""
 NEGLIGIBLE = 1e-4
 """Share of the squared effort that needs no explanation."""
+BELIEVED = 100.0
+"""Bodies that are believed are so as if their description had told so many times what it does."""
 LARGE = "position"
 BEST = 8
 """The large group is tried beside so many of the best sets of the others."""
@@ -51,19 +53,26 @@ Terms = tuple[int, tuple[str, ...]]
 """Index of the breakaway, and the groups that are on."""
 
 
-def choose(recursion: Recursion, plain: Structure, layout: Layout, kinds: Sequence[int]) -> Structure:
+def choose(
+    recursion: Recursion,
+    plain: Structure,
+    layout: Layout,
+    kinds: Sequence[int],
+    bodies: np.ndarray | None = None,
+) -> Structure:
     """The structure that predicts best what was left out.
 
     Args:
         plain: nothing switched on; by its layout the noise was estimated.
         kinds: of the joints, (n,), 0 of one that holds still: motors turn with two of one kind that both move.
+        bodies: inertials that are believed, flat; None where the motion may tell any.
     """
     blocks = list(recursion.blocks)
     if len(blocks) < FEWEST_BLOCKS:
         return plain
     edges = np.linspace(0, len(blocks), min(FOLDS, len(blocks)) + 1).round().astype(int)
     folds = [summed(blocks[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    joints = [_Joint(recursion, plain, layout, folds, joint) for joint in range(len(plain.groups))]
+    joints = [_Joint(recursion, plain, layout, folds, joint, bodies) for joint in range(len(plain.groups))]
     chosen = replace(plain, couplings=_couplings(joints, kinds))
     for number, joint in enumerate(joints):
         chosen = chosen.with_joint(number, *_best(joint, chosen.couplings))
@@ -83,15 +92,20 @@ class _Joint:
         layout: Layout,
         folds: Sequence[Statistics],
         joint: int,
+        bodies: np.ndarray | None,
     ) -> None:
         self.joint = joint
         self.where = Columns(len(recursion.noise))
         self.bodies = self.where.own
         self.correlation = float(recursion.correlation[joint])
         self.information, self.vector = recursion.without_joint(layout, joint)
+        if bodies is not None:
+            believed = BELIEVED * recursion.prior_information[: self.bodies, : self.bodies]
+            self.information[: self.bodies, : self.bodies] += believed
+            self.vector[: self.bodies] += believed @ bodies
         self.prior, self.pull = self._prior(recursion.belief, plain)
         self._usual_waves = self.prior[self.where.of_group(LARGE) - self.bodies]
-        self._largest_wave = plain.friction[joint] * largest_waves()
+        self._largest_wave = plain.beyond[joint] * largest_waves()
         self.gram = np.array([fold.gram[joint] for fold in folds])
         self.moment = np.array([fold.moment[joint] for fold in folds])
         self.energy = np.array([fold.energy[joint] for fold in folds])

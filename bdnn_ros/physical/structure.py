@@ -28,7 +28,8 @@ class Structure:
     Attributes:
         breakaway: index into `BREAKAWAYS` of each joint, n.
         groups: names of the groups of features of each joint, n tuples.
-        friction: typical friction of each joint, n [N·m]: learned weights are believed to be of its order.
+        friction: typical friction of each joint, n [N·m].
+        beyond: what is learned of each joint is believed to be of this order, n [N·m].
         couplings: motors that turn with two joints.
         relevance: prior deviation of the weight of each feature, n tuples of FEATURES [N·m]; empty before the
             motion has shown any.
@@ -37,14 +38,15 @@ class Structure:
     breakaway: tuple[int, ...]
     groups: tuple[tuple[str, ...], ...]
     friction: tuple[float, ...]
+    beyond: tuple[float, ...]
     couplings: tuple[Coupling, ...] = ()
     relevance: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def plain(cls, belief: Prior) -> Structure:
         """Rigid bodies, armature, viscous and Coulomb friction, offset."""
-        width = len(belief.effort_scale)
-        return cls((USUAL,) * width, ((),) * width, tuple(0.1 * belief.effort_scale))
+        width, usual = len(belief.effort_scale), tuple(0.1 * belief.effort_scale)
+        return cls((USUAL,) * width, ((),) * width, usual, usual)
 
     def with_joint(self, joint: int, breakaway: int, groups: tuple[str, ...]) -> Structure:
         """The same with another choice for one joint."""
@@ -278,4 +280,4 @@ def group_deviation(structure: Structure, name: str, joint: int) -> np.ndarray:
     where = group_slices()[name]
     if structure.relevance:
         return np.array(structure.relevance[joint][where])
-    return np.asarray(feature_spread()[where] * structure.friction[joint])
+    return np.asarray(feature_spread()[where] * structure.beyond[joint])
