@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from bdnn_ros.online.drift import Drift
 from bdnn_ros.online.hypotheses import Explanation, explain
 from bdnn_ros.online.scene import BLOCK_SECONDS, Block, Scene, base_parameters, blocks, inverse
+from bdnn_ros.online.usual import CORRELATION, Usual
 from bdnn_ros.online.wording import finding
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior
@@ -19,10 +19,6 @@ from bdnn_ros.physical.weighing import certainty
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
-QUIET_CHUNKS = 5
-"""Chunks without suspicion before a change can be told from learning."""
-REMEMBERED = 20
-"""Chunks whose residual says what is usual."""
 ODD = 3.0
 """A chunk is suspicious when a joint's squared residual is so many times the usual."""
 CALM = 1.5
@@ -45,8 +41,6 @@ PATIENT, HOPE = 3, 2.0
 """After so many chunks, suspicion is given up if all log odds are under this."""
 LONGEST = 8
 """Chunks that are looked at together."""
-CORRELATION = (3.0, 30.0)
-"""Rows that say as much as one independent row: least (the low-pass alone) and most."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +70,7 @@ class Monitor:
     def __init__(self, robot: Robot) -> None:
         self.scene = Scene(robot)
         self._information = self.scene.information.copy()
-        self._usual: deque[np.ndarray] = deque(maxlen=REMEMBERED)
-        self._correlation: deque[np.ndarray] = deque(maxlen=REMEMBERED)
+        self._usual = Usual(self.scene.scale)
         self._reference: PhysicalModel | None = None
         self._before: tuple[Signals, np.ndarray] | None = None
         self._suspects: list[tuple[Signals, np.ndarray]] = []
@@ -97,10 +90,8 @@ class Monitor:
         suspicious = bool(self._suspects)
         reference = self._reference if suspicious and self._reference is not None else model
         residual = _residual(reference, signals, rows)
-        squared = np.mean(residual**2, axis=0)
-        ready = len(self._usual) >= QUIET_CHUNKS
-        ratio = float(np.max(squared / self._level)) if ready else 0.0
-        if not suspicious and not (ready and ratio > ODD):
+        ratio = float(np.max(np.mean(residual**2, axis=0) / self._usual.level))
+        if not suspicious and ratio <= ODD:
             return self._pass(signals, rows, residual, model)
         self._suspects.append((signals, rows))
         self._calm = self._calm + 1 if ratio < CALM else 0
@@ -126,15 +117,16 @@ class Monitor:
         self, signals: Signals, rows: np.ndarray, residual: np.ndarray, model: PhysicalModel
     ) -> tuple[Change, ...]:
         """Take in a chunk in which nothing happened at once."""
-        ready = len(self._usual) >= QUIET_CHUNKS
-        self._usual.append(np.mean(residual**2, axis=0))
-        self._correlation.append(_correlation(residual))
+        known, noise = self._usual.known, self._usual.noise
+        self._usual.take(residual, signals.at_rest[rows])
         self._reference, self._before = model, (signals, rows)
         columns = self.scene.columns(signals, rows)
-        certain = _certainty(signals, rows, model, self._noise)
-        phi = columns * (np.sqrt(certain) / self._noise)[:, :, None]
+        certain = _certainty(signals, rows, model, self._usual.noise)
+        phi = columns * (np.sqrt(certain) / self._usual.noise)[:, :, None]
         self._information += np.tensordot(phi, phi, axes=((0, 1), (0, 1)))
-        return self._drifts(signals, rows, columns, model, self._noise if ready else None)
+        if (self._usual.known != known).any():
+            self._drift.clear()  # it starts over with those of which something is usual by now
+        return self._drifts(signals, rows, columns, model, noise if known.any() else None, certain)
 
     def _drifts(
         self,
@@ -143,9 +135,10 @@ class Monitor:
         columns: np.ndarray,
         model: PhysicalModel,
         noise: np.ndarray | None,
+        certain: np.ndarray,
     ) -> tuple[Change, ...]:
         """Joints whose friction has drifted over the last minutes."""
-        told = self._drift.look(signals, rows, columns, model, noise)
+        told = self._drift.look(signals, rows, columns, model, noise, certain)
         if told is None:
             return ()
         found, belief = told
@@ -153,25 +146,11 @@ class Monitor:
         self._start_over(belief)
         return tuple(Change(each, (), finding(self.scene, each, (), before), belief) for each in found)
 
-    # -- what is usual ---------------------------------------------------------------------------
-
-    @property
-    def _level(self) -> np.ndarray:
-        """Usual squared residual of each joint, (n,)."""
-        level = np.median(self._usual, axis=0)
-        return np.asarray(np.maximum(level, (1e-4 * self.scene.scale) ** 2))
-
-    @property
-    def _noise(self) -> np.ndarray:
-        """Standard deviation of one row as if rows were independent, (n,)."""
-        return np.asarray(np.sqrt(self._level * np.median(self._correlation, axis=0)))
-
     def _start_over(self, belief: Prior) -> None:
         """The robot is another now: nothing is usual yet."""
         self._information = inverse(belief.covariance)[0]
         self._drift.clear()
         self._usual.clear()
-        self._correlation.clear()
         self._suspects, self._calm = [], 0
         self._reference = self._before = None
 
@@ -185,8 +164,8 @@ class Monitor:
         data: list[Block] = []
         for signals, rows in window:
             residual = _residual(self._reference, signals, rows)
-            certain = _certainty(signals, rows, self._reference, self._noise)
-            data += blocks(self.scene, signals, rows, residual, self._noise, certain=certain)
+            certain = _certainty(signals, rows, self._reference, self._usual.noise)
+            data += blocks(self.scene, signals, rows, residual, self._usual.noise, certain=certain)
         found = explain(self.scene, data, self._information)
         self._evidence = max(e.evidence - e.edge for e in found)
         best = found[0]
@@ -232,18 +211,3 @@ def _certainty(signals: Signals, rows: np.ndarray, model: PhysicalModel, noise: 
     dry = 0.5 * np.abs(model.friction(position, slow) - model.friction(position, -slow)).max(axis=0)
     doubt = np.sqrt(CORRELATION[1]) * np.hypot(dry, model.std.coulomb)
     return certainty(signals, rows, directions(signals), doubt, noise)
-
-
-def _correlation(residual: np.ndarray) -> np.ndarray:
-    """Rows that say as much as one independent row, from the autocorrelation of one chunk, (n,)."""
-    r = residual - residual.mean(axis=0)
-    power = np.maximum((r**2).sum(axis=0), 1e-300)
-    result = np.ones(r.shape[1])
-    growing = np.ones(r.shape[1], bool)
-    for lag in range(1, len(r) // 2):
-        rho = (r[lag:] * r[:-lag]).sum(axis=0) / power
-        growing &= rho > 0.05
-        if not growing.any():
-            break
-        result += np.where(growing, 2.0 * rho, 0.0)
-    return np.asarray(np.clip(result, *CORRELATION))

@@ -79,6 +79,7 @@ class Drift:
         columns: np.ndarray,
         model: PhysicalModel,
         noise: np.ndarray | None,
+        certain: np.ndarray,
     ) -> tuple[list[Explanation], Prior] | None:
         """Look at the next chunk; tells joints whose friction has drifted, and what is known of the robot now.
 
@@ -87,6 +88,7 @@ class Drift:
             columns: of the base parameters there, low-passed, (R, n, P).
             model: that serves.
             noise: standard deviation of one row as if rows were independent, (n,) [N·m]; None if not known.
+            certain: what each row counts for each joint, from 0 to 1, (R, n).
         """
         if self._model is None or _terms(self._model) != _terms(model):
             self.clear()
@@ -95,7 +97,7 @@ class Drift:
             self._model, self._noise = model, noise
         assert signals.effort is not None
         residual = signals.smooth(signals.effort - self._model.predict(signals))[rows]
-        self._parts.append(_block(signals.time[rows], columns, residual, self._noise))
+        self._parts.append(_block(signals.time[rows], columns, residual, np.sqrt(certain) / self._noise))
         if len(self._parts) < CHUNKS:
             return None
         self._blocks = [*self._blocks, _joined(self._parts)][-MOST:]
@@ -191,9 +193,9 @@ def _terms(model: PhysicalModel) -> tuple[object, ...]:
     return model.breakaway, model.motors.couplings, groups
 
 
-def _block(time: np.ndarray, columns: np.ndarray, residual: np.ndarray, noise: np.ndarray) -> Block:
-    phi = (columns / noise[:, None]).reshape(-1, columns.shape[2])
-    r = (residual / noise).ravel()
+def _block(time: np.ndarray, columns: np.ndarray, residual: np.ndarray, weight: np.ndarray) -> Block:
+    phi = (columns * weight[:, :, None]).reshape(-1, columns.shape[2])
+    r = (residual * weight).ravel()
     none = np.zeros(0)
     return Block(
         float(time[0]), float(time[-1]), phi.T @ phi, phi.T @ r, none, none, none, float(r @ r), len(r)

@@ -1,0 +1,79 @@
+"""What the model that serves usually leaves of each joint's effort while that joint moves."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+ENOUGH = 5
+"""Chunks in which a joint moved, without suspicion, before a change can be told from learning."""
+REMEMBERED = 20
+"""Chunks whose residual says what is usual."""
+AMONG = 0.9
+"""No more than usual is what is left in so many of them: slow motion leaves less than fast motion does."""
+MOVES = 0.25
+"""A joint moves in a chunk where it does so for this share of it: while it rests dry friction may hold anything."""
+LEAST = 1e-4
+"""Smallest residual, per effort scale."""
+UNKNOWN = 1e3
+"""Noise of a joint of which nothing is usual yet, per effort scale: it tells nothing."""
+CORRELATION = (3.0, 30.0)
+"""Rows that say as much as one independent row: least (the low-pass alone) and most."""
+
+
+class Usual:
+    """What is usual of each joint.
+
+    Args:
+        scale: of each joint's effort, (n,) [N·m].
+    """
+
+    def __init__(self, scale: np.ndarray) -> None:
+        self._scale = scale
+        self.clear()
+
+    def clear(self) -> None:
+        """Nothing is usual."""
+        self._squared = [deque[float](maxlen=REMEMBERED) for _ in self._scale]
+        self._correlation = [deque[float](maxlen=REMEMBERED) for _ in self._scale]
+
+    def take(self, residual: np.ndarray, rests: np.ndarray) -> None:
+        """Remember a chunk: its residual (R, n) [N·m], and where which joint rests, (R, n) bool."""
+        squared, correlation = np.mean(residual**2, axis=0), correlated(residual)
+        for joint in np.flatnonzero((~rests).mean(axis=0) >= MOVES):
+            self._squared[joint].append(float(squared[joint]))
+            self._correlation[joint].append(float(correlation[joint]))
+
+    @property
+    def known(self) -> np.ndarray:
+        """Joints of which something is usual, (n,) bool."""
+        return np.array([len(each) >= ENOUGH for each in self._squared])
+
+    @property
+    def level(self) -> np.ndarray:
+        """Squared residual of each joint that is no more than usual, (n,) [N²·m²]."""
+        levels = [np.quantile(each, AMONG) if len(each) else 0.0 for each in self._squared]
+        least, unknown = (LEAST * self._scale) ** 2, (UNKNOWN * self._scale) ** 2
+        return np.where(self.known, np.maximum(levels, least), unknown)
+
+    @property
+    def noise(self) -> np.ndarray:
+        """Standard deviation of one row as if rows were independent, (n,) [N·m]."""
+        correlation = [np.median(each) if len(each) else CORRELATION[1] for each in self._correlation]
+        return np.asarray(np.sqrt(self.level * correlation))
+
+
+def correlated(residual: np.ndarray) -> np.ndarray:
+    """Rows that say as much as one independent row, from the autocorrelation of one chunk (R, n), (n,)."""
+    r = residual - residual.mean(axis=0)
+    power = np.maximum((r**2).sum(axis=0), 1e-300)
+    result = np.ones(r.shape[1])
+    growing = np.ones(r.shape[1], bool)
+    for lag in range(1, len(r) // 2):
+        rho = (r[lag:] * r[:-lag]).sum(axis=0) / power
+        growing &= rho > 0.05
+        if not growing.any():
+            break
+        result += np.where(growing, 2.0 * rho, 0.0)
+    return np.asarray(np.clip(result, *CORRELATION))
