@@ -28,6 +28,10 @@ AT_AN_END = (
     f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
     "it is not named. Record on until the robot rests."
 )
+THROUGHOUT = (
+    "Something like a push is there nearly always when the joint moves that shows it, so that a cause that changes between its "
+    "moves does the same: it is not named. Move that joint again and again from start to end."
+)
 AT_REST = (
     "Where it rests, the effort at {joints} is far from the {reference}'s for a while: something pushes then, or dry friction "
     "holds what it likes, and no motion shows which. Keep the robot moving."

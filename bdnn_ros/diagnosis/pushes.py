@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.contact import contact, point_of
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.diagnosis.windows import best_window
+from bdnn_ros.diagnosis.windows import LONGEST_SHARE, best_window
 from bdnn_ros.effects.environment import POINT, ExternalWrench, Push, window
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
@@ -175,10 +175,28 @@ def at_an_end(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     return pool.terms[one].effect.timed and _mostly(ends, pool, chosen, [c for c in chosen if c != one])
 
 
+def throughout(pool: Pool, chosen: Sequence[int], one: int) -> bool:
+    """Whether a push acts nearly always when the joint moves that it explains most of: then it is none, whatever else it is.
+
+    Of a joint that moves twice, what differs between the two may be anything.
+    """
+    if not pool.terms[one].effect.timed:
+        return False
+    joint = int(np.argmax(_better(pool, chosen, [c for c in chosen if c != one]).sum(axis=0)))
+    start, end = edges(pool.terms[one])
+    time = pool.equations.motion.time[pool.equations.rows][pool.sure[:, joint]]
+    return bool(np.mean((time >= start) & (time <= end)) > LONGEST_SHARE)
+
+
 def _mostly(where: np.ndarray, pool: Pool, chosen: Sequence[int], others: Sequence[int]) -> bool:
     """Whether most of what a set explains better than some others of it is in some rows, (R,) or (R, n) bool."""
-    better = pool.white_residual(pool.fit(others)) ** 2 - pool.white_residual(pool.fit(chosen)) ** 2
+    better = _better(pool, chosen, others)
     return bool(better[where].sum() > 0.5 * better.sum() > 0.0)
+
+
+def _better(pool: Pool, chosen: Sequence[int], others: Sequence[int]) -> np.ndarray:
+    """How much better a set explains each value than some others of it, (R, n)."""
+    return np.asarray(pool.white_residual(pool.fit(others)) ** 2 - pool.white_residual(pool.fit(chosen)) ** 2)
 
 
 def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:

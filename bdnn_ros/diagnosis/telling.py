@@ -14,9 +14,9 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
-from bdnn_ros.diagnosis.notes import AT_AN_END, AT_REST, FAR_OFF, loads, of_recording
+from bdnn_ros.diagnosis.notes import AT_AN_END, AT_REST, FAR_OFF, THROUGHOUT, loads, of_recording
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import EDGES, at_an_end, leftover, together
+from bdnn_ros.diagnosis.pushes import EDGES, at_an_end, leftover, throughout, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict, reference
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR, Remainder
@@ -58,8 +58,10 @@ def told(
     floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
     near_floor = _near(after, floor, equations.effort_scale)
     unfit = _unfit(equations, simulation, after, near_floor)
-    at_ends = {one for one in range(len(found)) if at_an_end(attempt.fitted, range(len(found)), one)}
-    findings, doubtful, weighty = _findings(robot, equations, attempt, found, unfit, at_ends)
+    every = range(len(found))
+    at_ends = {one for one in every if at_an_end(attempt.fitted, every, one)}
+    always = {one for one in every if throughout(attempt.fitted, every, one)}
+    findings, doubtful, weighty = _findings(robot, equations, attempt, found, unfit, at_ends | always)
     findings += reported_velocity(recordings)
     findings.sort(key=lambda finding: -finding.share)
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
@@ -69,7 +71,8 @@ def told(
     of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
     # what dry friction is named for may hold any effort at rest
     at_rest = () if findings else remainder.resting
-    verdict = _verdict(findings, doubtful or far_off or of_weight or bool(at_rest), near)
+    unclear = doubtful or far_off or of_weight or bool(at_rest) or bool(always)
+    verdict = _verdict(findings, unclear, near)
     return Diagnosis(
         source=_source(recordings, equations),
         verdict=verdict,
@@ -94,6 +97,7 @@ def told(
             *(note for recording in recordings for note in recording.notes),
             *of_recording(robot, equations),
             *[AT_AN_END] * bool(at_ends),
+            *[THROUGHOUT] * bool(always),
             *loads(robot, findings, equations.motion.time[equations.rows]),
             *[FAR_OFF] * far_off,
             *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),

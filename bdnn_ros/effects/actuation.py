@@ -26,6 +26,8 @@ LEAST_HALVES, LEAST_PERIODS = 4, 4
 """Fewest half periods along the stroke of a joint that slides, and how many periods are tried at least."""
 BLURRED = 4.0
 """At a joint's usual speed the ripple may come so many times as often as the low-pass lets through: slow moments show it."""
+LEAST_MOVED = 0.05
+"""A joint is taken to move by this share of its usual position at least: of one that stands a spring is an offset."""
 SHORTEST = 1e-3
 """No stroke counts as shorter [m], and no speed as slower [m/s]."""
 
@@ -234,6 +236,13 @@ class JointSpring(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.joint_column(target, motion.position[:, target], np.ones(len(motion.time)))
+
+    def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
+        """What it does as the joint moves is typical, and so is its mean: both, however far from its zero the joint moves."""
+        position = motion.position[:, target]
+        size, middle = float(np.sqrt(np.mean(position**2))), float(np.mean(position))
+        stiffness = typical[0] * size / max(float(np.std(position)), LEAST_MOVED * size, 1e-12)
+        return np.array([stiffness, np.hypot(typical[1], middle * stiffness)])
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         stiffness = float(coefficients[0])
