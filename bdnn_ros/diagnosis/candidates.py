@@ -20,6 +20,8 @@ from bdnn_ros.robot import Robot
 RELINEARISATIONS = 4
 CONSISTENT = 0.1
 """Columns are exact enough where the shape they were made with is found again within this share."""
+CLOSELY, INDIFFERENT = 1e-3, 1e-2
+"""A shape fits best within this share of itself, and where no other adds more nats than this."""
 ANGLES = {"base_tilt", "position_offset"}
 """One angle, where a joint turns about the axis that the base tilts about."""
 LIKE_WEIGHT = {*ANGLES, "effort_scale"}
@@ -219,7 +221,6 @@ def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term, names: Sequ
         return -pool.gain_of(fit, term.shaped(shape))[0]
 
     first = loss(start / scale)
-    best = minimize(
-        loss, start / scale, method="Nelder-Mead", options={"maxfev": 30 * len(names), "xatol": 1e-4}
-    )
+    options = {"maxfev": 30 * len(names), "xatol": CLOSELY, "fatol": INDIFFERENT}
+    best = minimize(loss, start / scale, method="Nelder-Mead", options=options)
     return term.shaped(moved(best.x)) if best.fun < first else term

@@ -97,7 +97,7 @@ class Moves:
             candidate = open_[best]
             trial, grown = self._grown(pool, chosen, candidate)
             found = (trial, grown) if self.pays(trial, grown, candidate) else None
-            if found is None and gains[best] > UNSURE:
+            if found is None and gains[best] > UNSURE and self._worse(trial, grown, chosen):
                 found = self._with_partner(trial, grown, chosen)
             if found is None:
                 refused.add(candidate)
@@ -124,8 +124,8 @@ class Moves:
         gains = pool.gains(pool.fit(grown), open_) - self.costs(pool, grown)[open_]
         for k in np.argsort(-gains)[:PARTNERS_TRIED]:
             trial, both = self._grown(pool, chosen, candidate, open_[k])
-            no_worse = self._left(trial, both) <= WORSE * self._left(trial, chosen)
-            if no_worse and all(self.pays(trial, both, one) for one in (candidate, open_[k])):
+            pay = all(self.pays(trial, both, one) for one in (candidate, open_[k]))
+            if pay and not self._worse(trial, both, chosen):
                 return trial, both
         return None
 
@@ -253,10 +253,13 @@ class Moves:
         if unbelievable(pool, pool.fit(grown)) or leftover(pool, grown, candidate):
             return False
         without = [c for c in grown if c != candidate]
-        worse = self._left(pool, grown) > WORSE * self._left(pool, without)
-        if worse and not self._for_belief(pool, grown, without):
+        if self._worse(pool, grown, without) and not self._for_belief(pool, grown, without):
             return False
         return self.predicts_better(pool, grown, without)
+
+    def _worse(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
+        """Whether one set leaves more of the effort than another does, with all frequencies counted alike."""
+        return self._left(pool, one) > WORSE * self._left(pool, other)
 
     def _for_belief(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
         """Whether what speaks for one set against another is what it lets the links be, more than the errors that it leaves."""
