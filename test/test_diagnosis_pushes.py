@@ -25,6 +25,7 @@ from bdnn_ros.diagnosis.pushes import (
     nearest,
     refined_push,
     reshaped,
+    throughout,
     together,
     unseen,
 )
@@ -301,6 +302,20 @@ def test_what_is_over_within_the_low_pass_is_no_push(lasts, left):
     equations = equations_of([spec])
     _, model = white(equations, 0.02)
     assert leftover(Pool(equations, model, [term(spec, Robot.bundled("arm2"))[0]], TRUSTING), (0,), 0) is left
+
+
+@pytest.mark.parametrize(("moves", "always"), [((2.0, 9.0), False), ((4.5, 7.5), True)])
+def test_what_acts_whenever_its_joint_moves_is_no_push(moves, always):
+    """Of a joint that moves now and then, what differs between its moves looks like a push that begins and ends at rest."""
+    spec = "external_wrench@arm6_joint3:start=4,end=8,torque=40"
+    equations = equations_of([spec], "arm6")
+    time = equations.motion.time[equations.rows]
+    rows = equations.usable.copy()
+    rows[:, 2] &= (time > moves[0]) & (time < moves[1])
+    equations.count(rows)
+    _, model = white(equations, 0.02)
+    pool = Pool(equations, model, [term(spec, ARM)[0]], TRUSTING)
+    assert throughout(pool, (0,), 0) is always
 
 
 @pytest.mark.parametrize(("times", "kept"), [("start=3,end=8", False), ("start=8.5,end=10.5", True)])

@@ -68,7 +68,8 @@ def test_minutes_are_compared_where_no_moment_tells():
     drift, model, noise = Drift(scene), nominal(REAL), np.full(2, 0.05)
     chunks = Chunks(ARM.joints)
     for signals, rows in [*chunks.add(recording.time, recording.position, recording.effort), *chunks.end()]:
-        told = drift.look(signals, rows, scene.columns(signals, rows), model, noise)
+        certain = np.ones((len(rows), ARM.width))
+        told = drift.look(signals, rows, scene.columns(signals, rows), model, noise, certain)
         if told is not None:
             break
     assert told is not None, "nothing was named"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -178,6 +179,20 @@ def test_what_a_motion_does_not_show_of_a_push_is_not_told_as_nothing():
     assert "(1, ?, 1) N and (1, 1, 1) N·m" in get("external_wrench").sentence("hand", values)
     force = next(p for p in get("external_wrench").parameters if p.name == "force_y")
     assert force.seen(0.0, 90.0) and force.seen(500.0, 900.0) and not force.seen(0.0, 2000.0)
+
+
+@pytest.mark.parametrize("middle", [0.0, 3.0, -6.0])
+def test_what_a_spring_may_do_does_not_hang_on_where_a_joint_has_its_zero(middle, path):
+    """Far from it stiffness and rest had to be small for what they do together to be usual: masses took a spring's place."""
+    position = path.position.copy()
+    position[:, 1] += middle - position[:, 1].mean()
+    usual = 6.0 / np.sqrt(np.mean(position[:, 1] ** 2)), 6.0
+    moved = replace(path, signals=replace(path.signals, position=position))
+    stiffness, constant = get("joint_spring").spread(np.array(usual), moved, 1)
+    assert stiffness * np.std(position[:, 1]) == pytest.approx(6.0)
+    assert constant == pytest.approx(np.hypot(6.0, middle * stiffness)), (
+        "a rest at the middle is as likely as any"
+    )
 
 
 @pytest.mark.parametrize("std, shown", [(0.2, True), (0.6, False)])

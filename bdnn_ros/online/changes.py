@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.online.drift import Drift
+from bdnn_ros.online.drift import Drift, drives
 from bdnn_ros.online.hypotheses import Explanation, explain
 from bdnn_ros.online.scene import BLOCK_SECONDS, Block, Scene, base_parameters, blocks, inverse
 from bdnn_ros.online.usual import CORRELATION, Usual
@@ -164,8 +164,8 @@ class Monitor:
         data: list[Block] = []
         for signals, rows in window:
             residual = _residual(self._reference, signals, rows)
-            certain = _certainty(signals, rows, self._reference, self._usual.noise)
-            data += blocks(self.scene, signals, rows, residual, self._usual.noise, certain=certain)
+            certain = _certainty(signals, rows, self._reference, self._usual.loud)
+            data += blocks(self.scene, signals, rows, residual, self._usual.loud, certain=certain)
         found = explain(self.scene, data, self._information)
         self._evidence = max(e.evidence - e.edge for e in found)
         best = found[0]
@@ -176,10 +176,14 @@ class Monitor:
             return None
         if best.kind == "payload" and abs(best.value[0]) < KNOWN * np.sqrt(best.covariance[0, 0]):
             return None
+        mean = base_parameters(self._reference.robot, self._reference.offset)
+        if best.kind == "friction":
+            index, _ = self.scene.changed("friction", best.target)
+            if drives((mean + best.mean)[index], best.covariance):
+                return None
         rivals = tuple(e for e in found[1:] if best.evidence - e.evidence < APART and e.kind != best.kind)
         if rivals and len(self._suspects) < LONGEST - 1:
             return None
-        mean = base_parameters(self._reference.robot, self._reference.offset)
         spread = 0.5 * (best.spread + best.spread.T)
         belief = Prior(mean + best.mean, spread, self.scene.scale)
         return Change(best, rivals, finding(self.scene, best, rivals, mean), belief)

@@ -36,6 +36,10 @@ KNOWN = 5.0
 """And in standard deviations."""
 
 
+NEGATIVE = 2.0
+"""Standard deviations by which friction that drives is less than nothing."""
+
+
 @dataclass(frozen=True)
 class Ramp:
     """Friction of one joint that changes steadily since the start of block `first`."""
@@ -168,7 +172,10 @@ class Drift:
         gram = sum(block.gram[np.ix_(index, index)] for block in self._blocks)
         speed = float(np.sqrt(gram[0, 0] / max(gram[1, 1], 1e-300)))
         way = np.array([speed, 1.0, 0.0])
-        level = float(way @ (self.reference + mean[: len(self.reference)])[index])
+        before = (self.reference + mean[: len(self.reference)])[index]
+        if drives(before + found.value, found.covariance):
+            return False
+        level = float(way @ before)
         change = max(abs(float(way @ found.value)), abs(float(found.value[2])))
         spread = float(np.sqrt(max(way @ found.covariance @ way, found.covariance[2, 2])))
         least = max(SHARE * level, OF_EFFORT * self._scene.scale[found.target], KNOWN * spread)
@@ -185,6 +192,12 @@ class Drift:
             more[np.ix_(index, index)] += spread
         covariance = now @ known.covariance @ now.T + more
         return Prior(self.reference + now @ known.mean, 0.5 * (covariance + covariance.T), self._scene.scale)
+
+
+def drives(friction: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether viscous or Coulomb friction, the first two of (viscous, coulomb, offset), surely is negative: no joint has such."""
+    spread = np.sqrt(np.diagonal(covariance))
+    return bool((friction < -NEGATIVE * spread)[:2].any())
 
 
 def _terms(model: PhysicalModel) -> tuple[object, ...]:

@@ -142,7 +142,7 @@ def blocks(
                 np.swapaxes(w, 1, 2) @ r,
                 np.swapaxes(w, 1, 2) @ phi,
                 float(r @ r),
-                float(certain[inside].sum()),
+                float(r.size),
             )
         )
     return result

@@ -12,6 +12,8 @@ REMEMBERED = 20
 """Chunks whose residual says what is usual."""
 AMONG = 0.9
 """No more than usual is what is left in so many of them: slow motion leaves less than fast motion does."""
+LOUD = 0.75
+"""A moment in which something may have changed is taken to leave what so many of them stay within."""
 MOVES = 0.25
 """A joint moves in a chunk where it does so for this share of it: while it rests dry friction may hold anything."""
 LEAST = 1e-4
@@ -53,15 +55,27 @@ class Usual:
     @property
     def level(self) -> np.ndarray:
         """Squared residual of each joint that is no more than usual, (n,) [N²·m²]."""
-        levels = [np.quantile(each, AMONG) if len(each) else 0.0 for each in self._squared]
-        least, unknown = (LEAST * self._scale) ** 2, (UNKNOWN * self._scale) ** 2
-        return np.where(self.known, np.maximum(levels, least), unknown)
+        return self._squared_within(AMONG)
 
     @property
     def noise(self) -> np.ndarray:
         """Standard deviation of one row as if rows were independent, (n,) [N·m]."""
+        return self._noise_within(0.5)
+
+    @property
+    def loud(self) -> np.ndarray:
+        """The same where more is left than usually, (n,) [N·m]: a moment says less than minutes do."""
+        return self._noise_within(LOUD)
+
+    def _noise_within(self, share: float) -> np.ndarray:
         correlation = [np.median(each) if len(each) else CORRELATION[1] for each in self._correlation]
-        return np.asarray(np.sqrt(self.level * correlation))
+        return np.asarray(np.sqrt(self._squared_within(share) * correlation))
+
+    def _squared_within(self, share: float) -> np.ndarray:
+        """Squared residual of each joint that this share of the chunks stays within, (n,) [N²·m²]."""
+        levels = [np.quantile(each, share) if len(each) else 0.0 for each in self._squared]
+        least, unknown = (LEAST * self._scale) ** 2, (UNKNOWN * self._scale) ** 2
+        return np.where(self.known, np.maximum(levels, least), unknown)
 
 
 def correlated(residual: np.ndarray) -> np.ndarray:

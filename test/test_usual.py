@@ -1,0 +1,86 @@
+"""What is usual of a joint while it moves, and that nothing is made up of joints that move now and then."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from live_support import real_robot
+
+from bdnn_ros.effects.friction import bristle
+from bdnn_ros.online.drift import drives
+from bdnn_ros.online.learning import Learning
+from bdnn_ros.online.usual import ENOUGH, Usual
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+SCALE = np.array([10.0, 10.0])
+RATE, TURN = 100.0, 8.0
+"""Each joint moves for so long, one after the other [s]."""
+
+
+def chunk(level: float, seed: int = 0) -> np.ndarray:
+    return level * np.random.default_rng(seed).standard_normal((100, 2))
+
+
+def test_of_a_joint_nothing_is_usual_until_it_has_moved_for_some_chunks():
+    usual, rests = Usual(SCALE), np.zeros((100, 2), bool)
+    rests[:, 1] = True
+    for k in range(ENOUGH):
+        assert not usual.known.any() and (usual.level > 1e6).all()
+        usual.take(chunk(1.0, k), rests)
+    assert usual.known.tolist() == [True, False]
+    assert usual.level[0] == pytest.approx(1.0, rel=0.4) and usual.level[1] > 1e6
+    usual.clear()
+    assert not usual.known.any()
+
+
+def test_what_fast_motion_leaves_is_usual_though_most_motion_is_slow():
+    usual, moves = Usual(SCALE), np.zeros((100, 2), bool)
+    for k in range(20):
+        usual.take(chunk(1.0 if k % 4 == 0 else 0.01, k), moves)
+    assert (usual.level > 0.5).all()
+    assert (usual.noise < 0.1).all()
+
+
+@pytest.mark.parametrize(
+    ("friction", "negative"),
+    [
+        ((0.5, 1.0, -3.0), False),
+        ((-0.1, 1.0, 0.0), False),
+        ((-0.3, 1.0, 0.0), True),
+        ((1.0, -2.5, 0.0), True),
+    ],
+)
+def test_friction_that_drives_is_no_change(friction, negative):
+    covariance = np.diag([0.1, 1.0, 1.0]) ** 2
+    assert drives(np.array(friction), covariance) == negative
+
+
+def in_turn(robot: Robot, friction: np.ndarray) -> Recording:
+    """Joint after joint, twice, of a robot whose dry friction comes on over the first milliradians."""
+    time = np.arange(round(2 * TURN * robot.width * RATE)) / RATE
+    turn = (time // TURN % robot.width)[:, None] == np.arange(robot.width)
+    phase = np.pi * (time % TURN)[:, None] / TURN
+    swing = np.where(turn, np.sin(phase) ** 2 * np.sin(8.0 * phase), 0.0)
+    position = 0.4 * swing + 0.3 * np.cumsum(turn, axis=0) / len(time)
+    velocity = np.gradient(position, 1.0 / RATE, axis=0)
+    acceleration = np.gradient(velocity, 1.0 / RATE, axis=0)
+    effort = robot.inverse_dynamics(position, velocity, acceleration)
+    dry = np.stack([bristle(one, 0.005) for one in position.T], axis=1)
+    noise = 0.003 * np.abs(effort).max(axis=0) * np.random.default_rng(0).standard_normal(effort.shape)
+    return Recording(time, robot.joints, position, None, effort + friction * dry + noise)
+
+
+def test_a_joint_that_moves_for_the_first_time_has_not_changed():
+    """What is left of it grows from nothing to something, which is learning: it was told as a push, or negative friction."""
+    arm = Robot.bundled("arm6")
+    real = real_robot(arm, seed=2)
+    recording = in_turn(real, 2.0 * real.coulomb)
+    learning, told = Learning(arm), []
+    for start in range(0, len(recording), 20):
+        rows = slice(start, start + 20)
+        for _ in learning.take(recording.time[rows], recording.position[rows], recording.effort[rows]):
+            pass
+        told += [change.finding["sentence"] for change in learning.changes]
+        learning.changes.clear()
+    assert told == []
