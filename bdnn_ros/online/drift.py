@@ -34,8 +34,6 @@ OF_EFFORT = 0.01
 """And as a share of its effort scale."""
 KNOWN = 5.0
 """And in standard deviations."""
-
-
 NEGATIVE = 2.0
 """Standard deviations by which friction that drives is less than nothing."""
 

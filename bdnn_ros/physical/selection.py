@@ -58,21 +58,21 @@ def choose(
     plain: Structure,
     layout: Layout,
     kinds: Sequence[int],
-    bodies: np.ndarray | None = None,
+    possible: np.ndarray | None = None,
 ) -> Structure:
     """The structure that predicts best what was left out.
 
     Args:
         plain: nothing switched on; by its layout the noise was estimated.
         kinds: of the joints, (n,), 0 of one that holds still: motors turn with two of one kind that both move.
-        bodies: inertials that are believed, flat; None where the motion may tell any.
+        possible: inertials of bodies that are believed, flat; None where the motion may tell any.
     """
     blocks = list(recursion.blocks)
     if len(blocks) < FEWEST_BLOCKS:
         return plain
     edges = np.linspace(0, len(blocks), min(FOLDS, len(blocks)) + 1).round().astype(int)
     folds = [summed(blocks[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    joints = [_Joint(recursion, plain, layout, folds, joint, bodies) for joint in range(len(plain.groups))]
+    joints = [_Joint(recursion, plain, layout, folds, joint, possible) for joint in range(len(plain.groups))]
     chosen = replace(plain, couplings=_couplings(joints, kinds))
     for number, joint in enumerate(joints):
         chosen = chosen.with_joint(number, *_best(joint, chosen.couplings))
@@ -92,17 +92,17 @@ class _Joint:
         layout: Layout,
         folds: Sequence[Statistics],
         joint: int,
-        bodies: np.ndarray | None,
+        possible: np.ndarray | None,
     ) -> None:
         self.joint = joint
         self.where = Columns(len(recursion.noise))
         self.bodies = self.where.own
         self.correlation = float(recursion.correlation[joint])
         self.information, self.vector = recursion.without_joint(layout, joint)
-        if bodies is not None:
+        if possible is not None:
             believed = BELIEVED * recursion.prior_information[: self.bodies, : self.bodies]
             self.information[: self.bodies, : self.bodies] += believed
-            self.vector[: self.bodies] += believed @ bodies
+            self.vector[: self.bodies] += believed @ possible
         self.prior, self.pull = self._prior(recursion.belief, plain)
         self._usual_waves = self.prior[self.where.of_group(LARGE) - self.bodies]
         self._largest_wave = plain.beyond[joint] * largest_waves()
