@@ -37,7 +37,7 @@ class Block:
         pull_moment: (n, 6).
         cross: wrench against parameters, (n, 6, P).
         energy: Σ w r².
-        count: values of all joints, whatever each counts: one that hardly does is as large beside its doubt as others beside noise.
+        count: values of all joints, whatever each of them counts: small ones are as large beside their doubt as others.
     """
 
     start: float
