@@ -44,6 +44,19 @@ def test_the_parts_of_a_regression_are_the_regression(belief, statistics, which)
         np.testing.assert_allclose(moment, whole.moment[made.shared :], atol=1e-8)
 
 
+def test_of_one_joint_alone_the_bodies_are_shared_and_no_more():
+    """All its columns are in the same place on every joint, itself: what it learns was not found among them."""
+    belief = prior(Robot.bundled("arm2", ("arm2_joint1",)))
+    count = Columns(1).count
+    generator = np.random.default_rng(0)
+    sums = Statistics.of(generator.normal(size=(2 * count, 1, count)), generator.normal(size=(2 * count, 1)))
+    chosen = Structure.plain(belief).with_joint(0, 0, ("curve", "position"))
+    made = layout(chosen, belief, straightened(chosen, sums.gram[:, PER_LINK:, PER_LINK:]))
+    gram, moment = made.own_part(sums, 0)
+    np.testing.assert_allclose(gram, made.regression(sums, 0).gram[PER_LINK:], atol=1e-8)
+    np.testing.assert_allclose(moment, made.regression(sums, 0).moment[PER_LINK:], atol=1e-8)
+
+
 def test_every_parameter_has_a_place_and_a_spread(belief):
     for chosen in structures(belief):
         made = layout(chosen, belief)

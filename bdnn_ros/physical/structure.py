@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -138,13 +137,10 @@ class Layout:
             sums.moment[features] -= straight @ sums.moment[own]
         return sums
 
-    @cached_property
+    @property
     def shared(self) -> int:
-        """How many columns, from the first, are parameters of the same place on all joints."""
-        every = [*self.columns, *self.parameters]
-        least = min(len(places) for places in every)
-        same = np.all([places[:least] == np.arange(least) for places in every], axis=0)
-        return least if same.all() else int(np.argmin(same))
+        """How many columns, from the first, are parameters of the same place on all joints: the bodies'."""
+        return self.base // (PER_LINK + PER_JOINT) * PER_LINK
 
     def own_part(self, statistics: Statistics, joint: int) -> tuple[np.ndarray, np.ndarray]:
         """Rows of `regression` beyond the shared columns: of its gram (k, all), of its moment (k,)."""
