@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.online.drift import Drift, drives
+from bdnn_ros.online.drift import Drift, below_nothing
 from bdnn_ros.online.hypotheses import Explanation, explain
 from bdnn_ros.online.scene import BLOCK_SECONDS, Block, Scene, base_parameters, blocks, inverse
 from bdnn_ros.online.usual import CORRELATION, Usual
@@ -177,9 +177,9 @@ class Monitor:
         if best.kind == "payload" and abs(best.value[0]) < KNOWN * np.sqrt(best.covariance[0, 0]):
             return None
         mean = base_parameters(self._reference.robot, self._reference.offset)
-        if best.kind == "friction":
-            index, _ = self.scene.changed("friction", best.target)
-            if drives((mean + best.mean)[index], best.covariance):
+        if best.kind != "push":
+            index, _ = self.scene.changed(best.kind, best.target)
+            if below_nothing((mean + best.mean)[index], best.covariance):
                 return None
         rivals = tuple(e for e in found[1:] if best.evidence - e.evidence < APART and e.kind != best.kind)
         if rivals and len(self._suspects) < LONGEST - 1:

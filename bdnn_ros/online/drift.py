@@ -16,6 +16,7 @@ from bdnn_ros.online.hypotheses import Explanation, Known, energy, misfit, step
 from bdnn_ros.online.scene import Block, Scene, base_parameters, inverse
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior
+from bdnn_ros.robot import PER_LINK
 from bdnn_ros.signals import Signals
 
 CHUNKS = 4
@@ -35,7 +36,7 @@ OF_EFFORT = 0.01
 KNOWN = 5.0
 """And in standard deviations."""
 NEGATIVE = 2.0
-"""Standard deviations by which friction that drives is less than nothing."""
+"""Standard deviations by which what cannot be negative is less than nothing."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ class Drift:
         speed = float(np.sqrt(gram[0, 0] / max(gram[1, 1], 1e-300)))
         way = np.array([speed, 1.0, 0.0])
         before = (self.reference + mean[: len(self.reference)])[index]
-        if drives(before + found.value, found.covariance):
+        if below_nothing(before + found.value, found.covariance):
             return False
         level = float(way @ before)
         change = max(abs(float(way @ found.value)), abs(float(found.value[2])))
@@ -192,10 +193,11 @@ class Drift:
         return Prior(self.reference + now @ known.mean, 0.5 * (covariance + covariance.T), self._scene.scale)
 
 
-def drives(friction: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether viscous or Coulomb friction, the first two of (viscous, coulomb, offset), surely is negative: no joint has such."""
+def below_nothing(parameters: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether what cannot be negative surely is: a body's mass, viscous and Coulomb friction, which come first."""
+    positive = slice(1 if len(parameters) == PER_LINK else 2)
     spread = np.sqrt(np.diagonal(covariance))
-    return bool((friction < -NEGATIVE * spread)[:2].any())
+    return bool((parameters < -NEGATIVE * spread)[positive].any())
 
 
 def _terms(model: PhysicalModel) -> tuple[object, ...]:
