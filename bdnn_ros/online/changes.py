@@ -119,10 +119,11 @@ class Monitor:
         """Take in a chunk in which nothing happened at once."""
         known, noise = self._usual.known, self._usual.noise
         self._usual.take(residual, signals.at_rest[rows])
+        now = self._usual.noise
         self._reference, self._before = model, (signals, rows)
         columns = self.scene.columns(signals, rows)
-        certain = _certainty(signals, rows, model, self._usual.noise)
-        phi = columns * (np.sqrt(certain) / self._usual.noise)[:, :, None]
+        certain = _certainty(signals, rows, model, now)
+        phi = columns * (np.sqrt(certain) / now)[:, :, None]
         self._information += np.tensordot(phi, phi, axes=((0, 1), (0, 1)))
         if (self._usual.known != known).any():
             self._drift.clear()  # it starts over with those of which something is usual by now
@@ -162,10 +163,11 @@ class Monitor:
         if self._reference is None:
             return None
         data: list[Block] = []
+        loud = self._usual.loud
         for signals, rows in window:
             residual = _residual(self._reference, signals, rows)
-            certain = _certainty(signals, rows, self._reference, self._usual.loud)
-            data += blocks(self.scene, signals, rows, residual, self._usual.loud, certain=certain)
+            certain = _certainty(signals, rows, self._reference, loud)
+            data += blocks(self.scene, signals, rows, residual, loud, certain=certain)
         found = explain(self.scene, data, self._information)
         self._evidence = max(e.evidence - e.edge for e in found)
         best = found[0]
