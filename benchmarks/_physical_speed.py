@@ -47,7 +47,7 @@ def times(identifier: Identifier, recording: Recording) -> dict[str, float]:
     layout = identifier.parameter_layout
     return {
         "update_s": update,
-        "solution_s": median_time(lambda: identifier.recursion.solve(layout, 0)),
+        "solution_s": median_time(lambda: identifier.sums.recursion.solve(layout, 0)),
         "model_s": median_time(lambda: identifier.model()),
     }
 

@@ -140,6 +140,15 @@ def test_the_condition_is_that_of_independent_columns():
     assert data.condition(robot, [signals, signals]) == pytest.approx(value, rel=0.2)
 
 
+def test_a_base_that_leans_is_told(robot):
+    (found,) = (
+        one
+        for one in remarks(robot, good(robot.tilted(np.radians(2.0), np.radians(-3.0))))
+        if "base" in one.problem
+    )
+    assert found.problem.startswith("The base is tilted: roll 2.0") and "pitch -3.0" in found.problem
+
+
 @pytest.mark.parametrize(("delay", "words"), [(0.012, "ms behind"), (-0.012, "ms ahead of")])
 def test_an_effort_apart_from_the_motion_is_measured(robot, recording, delay, words):
     moved = np.stack([np.interp(recording.time - delay, recording.time, e) for e in recording.effort.T], 1)

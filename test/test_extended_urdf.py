@@ -11,10 +11,11 @@ import pytest
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError, RobotError, UsageError
 from bdnn_ros.extension.effects_file import effects_text, read_effects
-from bdnn_ros.extension.extended import ExtendedModel, tilt_of
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.extension.urdf_text import UrdfText
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mounting import tilt_of
 
 SPECS = (
     "coulomb_friction@arm7_joint4:coulomb=1.3",

@@ -140,10 +140,10 @@ def test_a_motor_that_turns_with_two_joints_is_found_where_both_are_of_a_kind_an
     identifier = Identifier(robot)
     identifier.fit([replace(recording, effort=effort)])
     assert identifier.structure.couplings == (Coupling(4, 1),)
-    plain = Structure.plain(identifier.recursion.belief)
-    without = layout(plain, identifier.recursion.belief)
+    plain = Structure.plain(identifier.belief)
+    without = layout(plain, identifier.belief)
     for kinds in ([1, 1, 1, 1, 1, 2], [1, 1, 1, 1, 0, 0]):
-        assert choose(identifier._evidence, plain, without, kinds).couplings == ()
+        assert choose(identifier.sums.evidence, plain, without, kinds).couplings == ()
     still = recording.position.copy()
     still[:, 5] = 0.3
     identifier = Identifier(robot)
@@ -173,7 +173,7 @@ def test_what_no_body_does_is_not_sought_in_bodies_and_rotors_that_cannot_exist(
     robot = Robot.bundled("arm6")
     identifier = Identifier(robot)
     identifier.fit([sprung(robot, 4, 0.6, 0)])
-    evidence = identifier._evidence
+    evidence = identifier.sums.evidence
     plain = Structure.plain(evidence.belief)
     posterior = evidence.solve(layout(plain, evidence.belief), 10)
     possible = Possible.of(evidence, posterior)
@@ -194,3 +194,36 @@ def test_no_motion_no_effort_other_joints_are_refused(real):
         identifier.fit([silent])
     with pytest.raises(UsageError, match="other joints"):
         Identifier(Robot.bundled("arm7")).fit([recording])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tilted_base_is_found_beside_wrong_bodies(real, seed, tmp_path):
+    """Else the bodies learn what holds in no other pose."""
+    generator = np.random.default_rng(seed)
+    tilt = generator.choice([-1.0, 1.0], 2) * np.radians(generator.uniform(1.5, 6.0, 2))
+    urdf = Robot.bundled("arm6")
+    mounted = real.tilted(*tilt)
+    model = Identifier(urdf).fit([motion(mounted, duration=15.0, seed=seed, noise=0.01)])
+    np.testing.assert_allclose(model.tilt, tilt, atol=np.radians(0.1))
+    assert (np.abs(np.subtract(model.tilt, tilt)) < 4.0 * np.array(model.tilt_std)).all()
+    signals = prepare(motion(mounted, seed=seed + 10))
+    measured = signals.smooth(signals.effort)[signals.interior]
+    left = measured - signals.smooth(model.predict(signals))[signals.interior]
+    assert ((left**2).mean(axis=0) / measured.var(axis=0)).mean() < 1e-3
+    loaded = load_model(save_model(tmp_path, model))
+    assert loaded.tilt == model.tilt and loaded.tilt_std == model.tilt_std
+
+
+def test_what_one_joint_alone_bears_tilts_no_base(real):
+    """A spring about a vertical axis pulls as gravity does on a base that leans."""
+    recording = motion(real, duration=15.0, noise=0.01)
+    effort = recording.effort.copy()
+    effort[:, 0] += 30.0 * np.sin(recording.position[:, 0] + 0.3)
+    model = Identifier(Robot.bundled("arm6")).fit([replace(recording, effort=effort)])
+    assert model.tilt == (0.0, 0.0) and model.tilt_std == (0.0, 0.0)
+
+
+def test_a_level_base_is_not_said_to_lean(real):
+    for seed in range(3):
+        model = Identifier(Robot.bundled("arm6")).fit([motion(real, seed=seed, noise=0.02)])
+        assert model.tilt == (0.0, 0.0) and model.tilt_std == (0.0, 0.0)

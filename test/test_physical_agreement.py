@@ -106,6 +106,20 @@ def test_friction_beside_learned_terms_may_differ_by_motion(robot, models, chang
     assert not any(one.by_motion for one in agreement(plain))
 
 
+def test_bases_that_lean_otherwise_are_told_apart(robot):
+    level, *turned = (
+        Identifier(robot).fit([recorded(robot.tilted(*np.radians(angles)), seed)])
+        for seed, angles in enumerate([(0.0, 0.0), (3.0, -2.0), (3.0, -2.5)])
+    )
+    found = agreement([level, *turned])
+    roll, pitch = (named(found, f"{name} of the base") for name in ("roll", "pitch"))
+    np.testing.assert_allclose(roll.values, 3.0, atol=0.05)
+    np.testing.assert_allclose(pitch.values, [-2.0, -2.5], atol=0.05)
+    assert pitch.differs and not roll.differs
+    assert "deg" in pitch.sentence()
+    assert not any("of the base" in one.words for one in agreement([level, turned[0]]))
+
+
 def test_one_recording_or_another_robot_is_refused(models):
     with pytest.raises(UsageError, match="two or more"):
         agreement(models[:1])

@@ -69,7 +69,7 @@ def check(
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
     value = condition(robot, signals)
-    found = [*doubts(robot), *unexcited(robot, model, spread), *conditioned(value)]
+    found = [*doubts(robot), *tilted(model), *unexcited(robot, model, spread), *conditioned(value)]
     if value < HOPELESS:
         found += delayed(model, recordings)
     return found + _oddities(recordings, robot, signals)
@@ -200,6 +200,18 @@ def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[R
             f"The effort is {1e3 * abs(lead):.1f} ms {side} the motion.",
             "Stamp position and effort where they are measured; the model allows for it.",
         )
+
+
+def tilted(model: PhysicalModel) -> Iterator[Remark]:
+    """Whether the base stands otherwise than the description says, as far as motion told."""
+    if not any(model.tilt_std):
+        return
+    (roll, pitch), (by_roll, by_pitch) = np.degrees(model.tilt), np.degrees(model.tilt_std)
+    yield Remark(
+        "",
+        f"The base is tilted: roll {roll:.2f}° (± {by_roll:.2f}), pitch {pitch:.2f}° (± {by_pitch:.2f}).",
+        "Level it, or mount it so in the robot description; the model allows for it.",
+    )
 
 
 def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:

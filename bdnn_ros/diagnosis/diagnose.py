@@ -19,7 +19,7 @@ from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
 from bdnn_ros.diagnosis.joining import concatenated
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
-from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
+from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
 from bdnn_ros.diagnosis.odds import contains
 from bdnn_ros.diagnosis.posterior import CLEAR, Estimate, estimates, excesses
 from bdnn_ros.diagnosis.result import Diagnosis
@@ -134,7 +134,7 @@ def examine(
     pool = _exact(candidates, equations, attempt.fitted)
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
     equations.count(pool.sure)
-    remainder = describe(equations, pool.left())
+    remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff))
     diagnosis = told(recordings, robot, equations, attempt, found, remainder, since=model is not None)
     return Examination(
         diagnosis,

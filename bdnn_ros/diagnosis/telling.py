@@ -83,7 +83,7 @@ def told(
         unexplained_share=share,
         unexplained_depends_on=remainder.depends_on[:6],
         unexplained_sentence=_unexplained_sentence(
-            share, remainder, _above(robot, near_floor), reference(since)
+            share, remainder, _above(robot, near_floor), reference(since), bool(findings)
         ),
         advice=tuple(
             advice(
@@ -248,12 +248,16 @@ def _above(robot: Robot, near: np.ndarray) -> str:
     return listed(joint for joint, one in zip(robot.joints, near, strict=True) if not one)
 
 
-def _unexplained_sentence(share: float, remainder: Remainder, above: str, reference: str) -> str:
+def _unexplained_sentence(
+    share: float, remainder: Remainder, above: str, reference: str, named: bool = True
+) -> str:
     if share > 1.0:
         return f"What was found predicts the motion that was held out worse than the {reference} does."
     much = f"{100.0 * share:.1f} %" if share >= 0.0005 else "Less than 0.1 %"
     where = f", at {above}" if above else ""
     left = f"{much} of the {reference}'s squared error is left above the noise{where}"
+    if not named and not above:  # all of a small error may well be left
+        left = "What is left is hardly more than noise"
     if remainder.depends_on:
         return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."
     if remainder.bursts:

@@ -34,7 +34,7 @@ class Remainder:
         depends_on: "joint.input" that predict the rest, strongest first.
         joints: joints where the rest is larger than the floor.
         predicted: per joint, what the inputs predict of the residual on held-out blocks, rows (R, n) [N·m].
-        bursts: joints where what no input predicts comes in bursts.
+        bursts: joints where what no input predicts comes in bursts, more than the position's steps can make.
         resting: joints that bear what nobody would pass over while they rest, where dry friction may hold anything.
     """
 
@@ -46,8 +46,12 @@ class Remainder:
     resting: tuple[str, ...] = ()
 
 
-def describe(equations: Equations, residual: np.ndarray) -> Remainder:
-    """Regress a residual, rows (R, n) [N·m], on each joint's position, velocity, load and on time."""
+def describe(equations: Equations, residual: np.ndarray, stepping: np.ndarray | float = 0.0) -> Remainder:
+    """Regress a residual, rows (R, n) [N·m], on each joint's position, velocity, load and on time.
+
+    Args:
+        stepping: what the steps in which the position is read may make of each joint, (n,) [N·m].
+    """
     names = equations.motion.signals.joints
     groups = _inputs(equations)
     predicted = np.zeros_like(residual)
@@ -72,7 +76,7 @@ def describe(equations: Equations, residual: np.ndarray) -> Remainder:
                 scores.append((gain * before / equations.effort_scale[j] ** 2, key))
     rest = [(residual - predicted)[equations.usable[:, j], j] for j in range(equations.width)]
     floor, calm = np.array([rms(left) for left in rest]), np.array([_between_bursts(left) for left in rest])
-    uneven = floor > UNEVEN * calm
+    uneven = floor > np.maximum(UNEVEN * calm, stepping)
     order = [key for _, key in sorted(scores, key=lambda pair: -pair[0])]
     return Remainder(
         np.where(uneven, calm, floor),

@@ -13,10 +13,11 @@ from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
-from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of, tilt_of
+from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of
 from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.mounting import tilt_of
 
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination

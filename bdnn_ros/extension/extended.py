@@ -285,9 +285,3 @@ def plant_of(robot: Robot, effects: Sequence[Installed]) -> Plant:
     for effect in effects:
         effect.install(plant)
     return plant
-
-
-def tilt_of(gravity_vector: np.ndarray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a base turned by Ry(pitch)·Rx(roll) that sees this gravity, (3,)."""
-    x, y, z = -np.asarray(gravity_vector) / np.linalg.norm(gravity_vector)
-    return math.atan2(y, z) + 0.0, -math.asin(max(-1.0, min(1.0, x))) + 0.0

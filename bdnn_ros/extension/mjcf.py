@@ -13,9 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.effects.registry import Installed
-from bdnn_ros.extension.extended import ExtendedModel, tilt_of
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import IN_URDF, Joints, joints_of, named
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.urdf import inertia_of
 
 IN_MJCF = frozenset({"armature", "joint_spring", "effort_scale", "effort_offset"})

@@ -11,10 +11,11 @@ import pinocchio as pin
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, payload_parameters
 from bdnn_ros.errors import UsageError
-from bdnn_ros.extension.extended import ExtendedModel, tilt_of
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf_text import UrdfText, tag
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.urdf import inertia_of, link_inertia
 
 IN_URDF = frozenset({"payload", "link_inertia", "base_tilt", "coulomb_friction", "viscous_friction"})

@@ -3,56 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.online.chunks import Chunks
-from bdnn_ros.physical.columns import low_passed, sharp_columns, smooth_columns
 from bdnn_ros.physical.dictionary import Scales
 from bdnn_ros.physical.handover import physical_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior, Spread, prior
 from bdnn_ros.physical.possible import Possible
-from bdnn_ros.physical.presliding import Directions, directions
-from bdnn_ros.physical.recursive import Recursion
-from bdnn_ros.physical.selection import choose
-from bdnn_ros.physical.sensing import SensorNoise
+from bdnn_ros.physical.presliding import Directions
+from bdnn_ros.physical.recursive import Posterior
+from bdnn_ros.physical.selection import choose, tilt_shows
 from bdnn_ros.physical.structure import Layout, Structure, layout, straightened, typical_friction
-from bdnn_ros.physical.weighing import certainty, moving, sliding
+from bdnn_ros.physical.sums import Motion, Sums
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
 
-FAST = 0.02
-"""Speed, in units of the limit, above which friction is sliding friction."""
 MOST_KEPT = 300
 """Chunks of motion kept to be gone through again; what later ones say is only summed up."""
 LEAST_FRICTION = 0.01
 """Of a joint, in units of its effort scale: what it lacks may still be learned."""
 LEARNED = 0.5
 """Share of the residual that is left where what is learned lowers it so far that doubtful rows must be weighed anew."""
+KNOWN_TILT = 5.0
+"""A base is tilted where an angle is so many times its standard deviation."""
 LONG_PAUSE = 10.0
 """No chunk is looked for in a pause longer than this [s]."""
 NEVER = 1 << 62
 FIRST_SETTLED = 4
+FIRST_LOOKED_AT = 4
+"""Chunks after which it is first asked how the base stands, again whenever they have doubled, until terms are chosen."""
 ITERATIONS = 10
 """Of noise and parameters, where there is time."""
 VELOCITY = 2.0
 """Velocity limit of a joint whose URDF has none [rad/s]: only a unit."""
 Progress = Callable[[float, str], None]
 """(share done, what is being done)."""
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """A chunk of motion: its signals, its rows, and the state of friction at its start."""
-
-    signals: Signals
-    rows: np.ndarray
-    start: Directions | None
 
 
 class Identifier:
@@ -70,6 +61,9 @@ class Identifier:
         settle_at: chunks after which the motion is gone through for the first time.
 
     Attributes:
+        robot: the prior, its base tilted as far as that is known.
+        belief: of the base parameters before any motion.
+        sums: of all motion so far.
         samples: taken in so far.
         chunks: of time completed so far.
         structure: terms that are switched on.
@@ -84,26 +78,21 @@ class Identifier:
         belief: Prior | None = None,
         settle_at: int = FIRST_SETTLED,
     ) -> None:
-        self.robot = robot
-        self.recursion = Recursion(belief or prior(robot, spread))
-        limit = robot.limits.velocity
-        self.scales = Scales(
-            self.recursion.belief.effort_scale, np.where(np.isfinite(limit), limit, VELOCITY)
-        )
-        self.structure = Structure.plain(self.recursion.belief)
+        self.robot = self._described = robot
+        self.belief = belief or prior(robot, spread)
+        limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, VELOCITY)
+        self.scales = Scales(self.belief.effort_scale, limit)
+        self.structure = Structure.plain(self.belief)
         self.version = 0
         self.samples = 0
         self.chunks = 0
         self.latest: tuple[Signals, np.ndarray] | None = None
         self._stream = Chunks(robot.joints, cutoff)
-        self._evidence = Recursion(self.recursion.belief)
-        self._usual = self._evidence.noise
-        self._fast = np.zeros(())
+        self.sums = Sums(robot, self.belief, self.scales)
         self._straight: tuple[np.ndarray, ...] = ()
-        self._carrier = robot
-        self._kept: list[_Motion] = []
+        self._kept: list[Motion] = []
         self._used = 0
-        self._settle_at = settle_at
+        self._settle_at, self._lean_at = settle_at, FIRST_LOOKED_AT
         self._state: tuple[np.ndarray, Directions] | None = None
 
     @property
@@ -199,24 +188,25 @@ class Identifier:
             RecordingError: no motion came yet.
             UpdateRejected: the result is not finite or not feasible.
         """
-        posterior = self.recursion.solve(self.parameter_layout, iterations)
+        posterior = self.sums.recursion.solve(self.parameter_layout, iterations)
         self.version += 1
         return physical_model(self.robot, posterior, self.structure, self.scales, self.version)
 
     def settle(self) -> None:
         """Go through the motion again with the load as known now, and choose the terms that it supports."""
-        evidence, belief = self._evidence, self.recursion.belief
+        sums, belief = self.sums, self.belief
+        evidence = sums.evidence
         if evidence.total is None:
             return
-        plain = Structure.plain(belief)
         whole = len(self._kept) == self._used
         # the choice depends on the motion alone, not on when it was made before
-        for sums in (self.recursion, evidence):
-            sums.doubt()
-        if whole and (self._usual != evidence.noise).any():
-            self._carrier = self.robot
-            self._go_through_again(evidence.noise)
-        posterior = evidence.solve(layout(plain, belief), ITERATIONS)
+        for each in (sums.recursion, evidence):
+            each.doubt()
+        if whole and (sums.usual != evidence.noise).any():
+            self.robot = self._described
+            sums.take_for(self.robot)
+            sums.again(self._kept, evidence.noise)
+        plain, posterior = self._on_its_base(whole)
         usual = typical_friction(posterior.mean, posterior.layout, evidence.total)
         friction = np.clip(usual, LEAST_FRICTION * belief.effort_scale, belief.effort_scale)
         possible = Possible.of(evidence, posterior)
@@ -225,36 +215,56 @@ class Identifier:
         plain = replace(plain, friction=tuple(friction), beyond=tuple(beyond))
         bodies = possible.inertials if possible.unexplained.any() else None
         if whole:
-            self._carrier = physical_model(self.robot, posterior, plain, self.scales).robot
-            self._go_through_again(posterior.noise)
+            self._take_for(posterior, plain)
         self._choose(plain, posterior.layout, bodies)
         if not whole:
             return
-        left = self.recursion.solve(self.parameter_layout, ITERATIONS).noise
-        if (left < LEARNED * self._usual).any():
-            self._go_through_again(left)
+        left = sums.recursion.solve(self.parameter_layout, ITERATIONS).noise
+        if (left < LEARNED * sums.usual).any():
+            sums.again(self._kept, left)
             self._choose(plain, posterior.layout, bodies)
 
-    def _go_through_again(self, usual: np.ndarray) -> None:
-        """Sum all motion anew, with what its residual usually is, (n,) [N·m]."""
-        self._usual = usual
-        self.recursion.clear()
-        self._evidence.clear()
-        self._fast = np.zeros(())
-        for motion in self._kept:
-            self._sum(motion)
+    def lean(self) -> None:
+        """Settle no more than whether the base is tilted: bodies learn within seconds what a level one would take."""
+        if self.sums.evidence.total is None:
+            return
+        self.sums.evidence.doubt()
+        plain, posterior = self._on_its_base(whole=True)
+        if plain.tilted:
+            self._take_for(posterior, plain)
+            self.structure = plain
+
+    def _take_for(self, posterior: Posterior, structure: Structure) -> None:
+        """Sum all motion anew about the robot that is known by now."""
+        known = physical_model(self.robot, posterior, structure, self.scales).robot
+        self.robot = replace(self.robot, gravity_vector=known.gravity_vector)
+        self.sums.take_for(known)
+        self.sums.again(self._kept, posterior.noise)
+
+    def _on_its_base(self, whole: bool) -> tuple[Structure, Posterior]:
+        """Nothing but bodies, rotors and friction, on a base that is tilted where the motion shows it; whether it does
+        stays settled once not all motion is kept."""
+        level, evidence = Structure.plain(self.belief), self.sums.evidence
+        tilted = replace(level, tilted=True)
+        posterior = evidence.solve(layout(level, self.belief), ITERATIONS)
+        if tilt_shows(evidence, level) if whole else self.structure.tilted:
+            turned = evidence.solve(layout(tilted, self.belief), ITERATIONS)
+            if not whole or (np.abs(turned.mean) > KNOWN_TILT * turned.std)[turned.layout.tilt].any():
+                return tilted, turned
+            posterior = evidence.solve(layout(level, self.belief), ITERATIONS)
+        return level, posterior
 
     def _choose(self, plain: Structure, without: Layout, bodies: np.ndarray | None) -> None:
         """Settle which terms are on; by the layout without any the noise of the evidence was estimated."""
-        moves = self._fast.any(axis=(1, 2))
+        moves = self.sums.fast.any(axis=(1, 2))
         kinds: list[int] = np.where(moves, 1 + self.robot.slides, 0).tolist()
-        self.structure = choose(self._evidence, plain, without, kinds, bodies)
-        self._straight = straightened(self.structure, self._fast)
+        self.structure = choose(self.sums.evidence, plain, without, kinds, bodies)
+        self._straight = straightened(self.structure, self.sums.fast)
 
     @property
     def parameter_layout(self) -> Layout:
         """Where the parameters of the structure are."""
-        return layout(self.structure, self.recursion.belief, self._straight)
+        return layout(self.structure, self.belief, self._straight)
 
     def restarted(self, belief: Prior) -> Identifier:
         """An identifier that goes on with this stream, but knows only this much of the robot."""
@@ -270,8 +280,8 @@ class Identifier:
         if chunk is None:
             self._state = None
             return
-        motion = _Motion(*chunk, self._state_at(chunk[0].time[0]))
-        state = self._sum(motion)
+        motion = Motion(*chunk, self._state_at(chunk[0].time[0]))
+        state = self.sums.add(motion)
         self._state = motion.signals.time, state
         self._used += 1
         if len(self._kept) < MOST_KEPT:
@@ -280,27 +290,9 @@ class Identifier:
         if self._used >= self._settle_at:
             self._settle_at *= 2
             self.settle()
-
-    def _sum(self, motion: _Motion) -> Directions:
-        """Add a chunk to the statistics; returns the directions of friction along it."""
-        signals, rows = motion.signals, motion.rows
-        assert signals.effort is not None
-        state = directions(signals, motion.start)
-        smooth = smooth_columns(self.robot, signals)
-        bodies = self._carrier.inertials.size
-        load = smooth[:, :, :bodies] @ self._carrier.inertials.ravel()
-        sharp = sharp_columns(signals, state, load, self.scales)
-        columns = low_passed(signals, smooth, sharp, rows)
-        fast = np.abs(signals.velocity[rows]) > FAST * self.scales.velocity
-        swift = (columns[:, :, bodies:] * fast[:, :, None]).transpose(1, 2, 0)
-        self._fast = self._fast + swift @ swift.transpose(0, 2, 1)
-        effort = signals.smooth(signals.effort)[rows]
-        noise = SensorNoise.of(self.robot, signals, rows)
-        residual = np.maximum(np.sqrt(noise.effort / noise.count), self._usual)
-        certain = certainty(signals, rows, state, self._carrier.coulomb, residual)
-        self._evidence.update(columns, effort, certain * moving(signals, rows), noise)
-        self.recursion.update(columns, effort, certain * sliding(signals, rows, self.scales), noise)
-        return state
+        elif self._used == self._lean_at < self._settle_at < NEVER:
+            self._lean_at *= 2
+            self.lean()
 
     def _state_at(self, time: float) -> Directions | None:
         """State of friction at a time within the last chunk's motion, None where there is none."""

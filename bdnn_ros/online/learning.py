@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -98,7 +98,10 @@ class Learning:
     ) -> None:
         self._before: Dynamics = robot if resume is None else resume
         self._number = number
-        known = None if resume is None else belief(resume, robot)
+        known = None
+        if resume is not None:
+            known = belief(resume, robot)
+            robot = replace(robot, gravity_vector=resume.robot.gravity_vector)
         self.identifier = Identifier(robot, cutoff, belief=known, settle_at=SETTLE_AT)
         self.served: Version | None = None
         self.errors: list[Error] = []

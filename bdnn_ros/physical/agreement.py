@@ -53,6 +53,8 @@ class Agreement:
 def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
     """What models of one robot, each of another recording, say of every parameter that motion can tell.
 
+    The base's angles are compared between those that found it tilted.
+
     Values differ where their weighted squared distances from the mean are more than chance explains (χ² test,
     level divided by the number of parameters after Bonferroni).
 
@@ -63,17 +65,30 @@ def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
         raise UsageError("Agreement takes two or more models of one robot.", "Give several recordings of it.")
     found = combinations(models[0].robot)
     parameters = [model.parameters.vector() for model in models]
+    level = CHANCE / len(found)
     result = []
     for one in found:
         values = np.array([one.value(vector) for vector in parameters])
-        stds = np.array([max(one.std(model.covariance), 1e-12) for model in models])
-        weights = 1.0 / stds**2
-        mean = float(weights @ values / weights.sum())
-        distance = float(weights @ (values - mean) ** 2)
-        differs = bool(chi2.sf(distance, len(models) - 1) < CHANCE / len(found))
-        spread, by_motion = float(values.std(ddof=1)), _by_motion(one, models)
-        result.append(Agreement(one.words, one.unit, values, stds, mean, spread, differs, by_motion))
+        stds = np.array([one.std(model.covariance) for model in models])
+        result.append(_compared(one.words, one.unit, values, stds, level, _by_motion(one, models)))
+    turned = [model for model in models if any(model.tilt_std)]
+    for k, name in enumerate(("roll", "pitch") if len(turned) > 1 else ()):
+        values = np.degrees([model.tilt[k] for model in turned])
+        stds = np.degrees([model.tilt_std[k] for model in turned])
+        result.append(_compared(f"{name} of the base", "deg", values, stds, level))
     return result
+
+
+def _compared(
+    words: str, unit: str, values: np.ndarray, stds: np.ndarray, level: float, by_motion: bool = False
+) -> Agreement:
+    """What recordings say of one thing, (m,) each, told to differ where chance makes it so no more often than the level."""
+    stds = np.maximum(stds, 1e-12)
+    weights = 1.0 / stds**2
+    mean = float(weights @ values / weights.sum())
+    distance = float(weights @ (values - mean) ** 2)
+    differs = bool(chi2.sf(distance, len(values) - 1) < level)
+    return Agreement(words, unit, values, stds, mean, float(values.std(ddof=1)), differs, by_motion)
 
 
 def _by_motion(one: Combination, models: Sequence[PhysicalModel]) -> bool:

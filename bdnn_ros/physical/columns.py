@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from bdnn_ros.physical.dictionary import Scales, curve, features
 from bdnn_ros.physical.presliding import COUPLING_SIGNS, USUAL, Directions, coupled
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mounting import gravity_of, tilt_of
 from bdnn_ros.signals import Signals
 from bdnn_ros.signals.kernels import gaussian_kernel
 
+TURNED = 1e-4
+"""Angle by which the base is turned both ways to see what tilting it adds [rad]."""
 
-def smooth_columns(robot: Robot, signals: Signals) -> np.ndarray:
-    """Columns that are linear in the motion's derivatives, (N, n, `Columns.coulomb`): low-passed with it."""
+
+def tilting(robot: Robot) -> tuple[Robot, Robot]:
+    """The robot under what gravity gains per angle by which its base rolls, and pitches, further [m/s²/rad]."""
+    now = np.array(tilt_of(robot.gravity_vector))
+    gained = (gravity_of(*(now + step)) - gravity_of(*(now - step)) for step in TURNED * np.eye(2))
+    roll, pitch = (replace(robot, gravity_vector=each / (2.0 * TURNED)) for each in gained)
+    return roll, pitch
+
+
+def smooth_columns(robot: Robot, signals: Signals, tilts: tuple[Robot, Robot]) -> np.ndarray:
+    """Columns that are linear in the motion's derivatives, (N, n, `Columns.coulomb`): low-passed with it.
+
+    Args:
+        tilts: of `tilting`, the bodies as far as they are known.
+    """
     # noise that is taken for motion would seem to tell inertias
     moves = ~signals.at_rest
     q, v, a = signals.position, signals.velocity * moves, signals.acceleration * moves
@@ -20,7 +38,8 @@ def smooth_columns(robot: Robot, signals: Signals) -> np.ndarray:
     motors = np.stack([coupled(a), coupled(v)], axis=-1)
     assert signals.effort is not None
     rate = signals.derivative(signals.effort)[:, :, None]  # what a sensor that is a second ahead would add
-    return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors), rate], axis=-1)
+    tilt = np.stack([each.gravity(q) for each in tilts], axis=-1)
+    return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors), rate, tilt], axis=-1)
 
 
 def sharp_columns(signals: Signals, direction: Directions, load: np.ndarray, scales: Scales) -> np.ndarray:

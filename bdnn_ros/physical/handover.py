@@ -14,6 +14,7 @@ from bdnn_ros.physical.parameters import PER_JOINT, Parameters
 from bdnn_ros.physical.recursive import Posterior, inverse, solve
 from bdnn_ros.physical.structure import Structure
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.mounting import tilt_of
 
 FRICTION_LAW = 0.01
 """Coulomb and viscous friction are idealisations, good to this share of the friction."""
@@ -35,8 +36,8 @@ def physical_model(
     layout, width = posterior.layout, robot.width
     if not np.isfinite(posterior.mean).all():
         raise UpdateRejected("The identified parameters are not finite.", "Check the efforts for outliers.")
-    lead = layout.base + PER_COUPLING * len(structure.couplings)
-    physical = np.arange(lead + 1)
+    lead, tilt = layout.lead, layout.tilt
+    physical = np.arange(lead + 1 + len(tilt))
     learned = np.arange(len(physical), layout.size)
     cross = posterior.information[np.ix_(learned, physical)]
     follow = solve(posterior.information[np.ix_(learned, learned)], cross) if len(learned) else cross
@@ -49,6 +50,8 @@ def physical_model(
         raise UpdateRejected("The identified inertias are not physically possible.", "Check units and signs.")
     identified = robot.with_inertials(values.inertials)
     identified = identified.with_joint_parameters(values.armature, values.viscous, values.coulomb)
+    if len(tilt):
+        identified = identified.tilted(*(np.array(tilt_of(robot.gravity_vector)) + vector[tilt]))
 
     def part(where: slice) -> np.ndarray:
         return weights[where.start - len(physical) : where.stop - len(physical)]
@@ -68,6 +71,7 @@ def physical_model(
             structure.groups, spread_weights(structure.groups, of_joint), np.array(taken), scales
         )
     covariance = inverse(information)
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     return PhysicalModel(
         identified,
         values.offset,
@@ -78,7 +82,8 @@ def physical_model(
         motors,
         learned_effort,
         float(vector[lead]),
-        float(np.sqrt(max(covariance[lead, lead], 0.0))),
+        float(std[lead]),
+        tilt_std=tuple(std[tilt].tolist()) if len(tilt) else (0.0, 0.0),
     )
 
 

@@ -15,6 +15,7 @@ from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
 from bdnn_ros.robot.entries import reading
+from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
@@ -40,6 +41,8 @@ class PhysicalModel(ReadOnlyArrays):
         lead: how far the measured effort is ahead of the motion [s]; a command held for a period is by half of it.
         lead_std: its standard deviation [s].
         lag: time constant of a low-pass of first order that the measured effort has passed [s].
+        tilt_std: standard deviations of the roll and pitch at which `robot` stands [rad]; zero where they were taken
+            as known.
     """
 
     kind: ClassVar[str] = "physical"
@@ -56,6 +59,7 @@ class PhysicalModel(ReadOnlyArrays):
     lead: float = 0.0
     lead_std: float = 0.0
     lag: float = 0.0
+    tilt_std: tuple[float, ...] = (0.0, 0.0)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -67,6 +71,11 @@ class PhysicalModel(ReadOnlyArrays):
         """What was identified, by kind."""
         robot = self.robot
         return Parameters(robot.inertials, robot.armature, robot.viscous, robot.coulomb, self.offset)
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """Roll and pitch [rad] at which the base stands."""
+        return tilt_of(self.robot.gravity_vector)
 
     @cached_property
     def std(self) -> Parameters:
@@ -188,6 +197,7 @@ class PhysicalModel(ReadOnlyArrays):
             "lead": self.lead,
             "lead_std": self.lead_std,
             "lag": self.lag,
+            "tilt_std": list(self.tilt_std),
             "motors": pairs,
         }
         if self.learned is not None:
@@ -217,6 +227,7 @@ class PhysicalModel(ReadOnlyArrays):
                 lead=float(info["lead"]),
                 lead_std=float(info.get("lead_std", 0.0)),
                 lag=float(info.get("lag", 0.0)),
+                tilt_std=tuple(float(value) for value in info.get("tilt_std", (0.0, 0.0))),
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )

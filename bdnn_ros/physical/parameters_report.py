@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -41,6 +42,10 @@ def as_json(
         ],
         "lead": {"value": model.lead, "std": model.lead_std, "unit": "s"},
         "lag": {"value": model.lag, "unit": "s"},
+        "tilt": {
+            name: {"value": math.degrees(value), "std": math.degrees(std), "unit": "deg"}
+            for name, value, std in zip(("roll", "pitch"), model.tilt, model.tilt_std, strict=True)
+        },
         "terms": [_terms(model, k) for k in range(model.robot.width)],
         "remarks": [{"about": one.about, "problem": one.problem, "remedy": one.remedy} for one in remarks],
         "agreement": [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -142,7 +143,9 @@ class Recursion:
 
     def without_joint(self, layout: Layout, joint: int) -> tuple[np.ndarray, np.ndarray]:
         """What all other joints say of the first `base` parameters this joint has: information and vector."""
-        information, vector = self._accumulated(layout, joint)
+        weights = self.weights()
+        weights[joint] = 0.0
+        information, vector = self._accumulated(layout, self.total, weights)
         own = layout.parameters[joint]
         kept = own[own < layout.base]
         rest = np.setdiff1d(np.arange(layout.size), kept)
@@ -150,27 +153,37 @@ class Recursion:
         gain = solve(information[np.ix_(rest, rest)], np.column_stack([cross.T, vector[rest]]))
         return information[np.ix_(kept, kept)] - cross @ gain[:, :-1], vector[kept] - cross @ gain[:, -1]
 
+    def left_out(self, layout: Layout, folds: Sequence[Statistics]) -> np.ndarray:
+        """Squared error of each joint on parts of the data, each under the parameters of all else, (n,) [N²·m²]."""
+        assert self.total is not None
+        errors = np.zeros(len(self.noise))
+        for fold in folds:
+            mean = solve(*self._accumulated(layout, self.total - fold, self.weights()))
+            for joint, rows in enumerate(layout.parameters):
+                errors[joint] += layout.regression(fold, joint).squared_error(mean[rows])
+        return errors
+
     def _posterior(self, layout: Layout) -> Posterior:
-        information, vector = self._accumulated(layout)
+        information, vector = self._accumulated(layout, self.total, self.weights())
         mean = solve(information, vector)
         return Posterior(mean, information, self.noise, self.correlation, layout)
 
-    def _accumulated(self, layout: Layout, left_out: int = -1) -> tuple[np.ndarray, np.ndarray]:
-        """Information matrix and vector of prior and data, without one joint's data."""
-        assert self.total is not None
+    def _accumulated(
+        self, layout: Layout, total: Statistics | None, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Information matrix and vector of prior and data, a row of each joint with its weight."""
+        assert total is not None
         information = np.zeros((layout.size, layout.size))
         information[: layout.base, : layout.base] = self.prior_information
         extra = np.arange(layout.base, layout.size)
         information[extra, extra] = 1.0 / layout.deviation**2
         vector = np.zeros(layout.size)
         vector[: layout.base] = self.prior_information @ self.belief.mean
-        weights, shared = self.weights(), layout.shared
-        if left_out >= 0:
-            weights[left_out] = 0.0
-        information[:shared, :shared] += np.tensordot(weights, self.total.gram[:, :shared, :shared], 1)
-        vector[:shared] += weights @ self.total.moment[:, :shared]
+        shared = layout.shared
+        information[:shared, :shared] += np.tensordot(weights, total.gram[:, :shared, :shared], 1)
+        vector[:shared] += weights @ total.moment[:, :shared]
         for joint, weight in enumerate(weights):
-            gram, moment = layout.own_part(self.total, joint)
+            gram, moment = layout.own_part(total, joint)
             rows = layout.parameters[joint]
             own = rows[shared:]
             information[own[:, None], rows] += weight * gram

@@ -21,6 +21,7 @@ from bdnn_ros.physical.structure import (
     Structure,
     coupling_deviation,
     group_deviation,
+    layout,
 )
 
 FOLDS = 6
@@ -33,6 +34,8 @@ BREAKAWAY_COST = 0.05
 """The same, of another breakaway than the usual one."""
 COUPLING_GAIN = 0.2
 """Share of the squared error on what was left out that a coupling must remove from each of its joints."""
+TILT_GAIN, TILT_COST = 0.1, 0.1
+"""The same, of a tilted base from each of two joints; and what others may lose, as a share of all that is gained."""
 NEGLIGIBLE = 1e-4
 """Share of the squared effort that needs no explanation."""
 BELIEVED = 100.0
@@ -56,27 +59,56 @@ Terms = tuple[int, tuple[str, ...]]
 def choose(
     recursion: Recursion,
     plain: Structure,
-    layout: Layout,
+    without: Layout,
     kinds: Sequence[int],
     possible: np.ndarray | None = None,
 ) -> Structure:
     """The structure that predicts best what was left out.
 
     Args:
-        plain: nothing switched on; by its layout the noise was estimated.
+        plain: nothing switched on.
+        without: its layout, by which the noise was estimated.
         kinds: of the joints, (n,), 0 of one that holds still: motors turn with two of one kind that both move.
         possible: inertials of bodies that are believed, flat; None where the motion may tell any.
     """
-    blocks = list(recursion.blocks)
-    if len(blocks) < FEWEST_BLOCKS:
+    folds = _folds(recursion)
+    if not folds:
         return plain
-    edges = np.linspace(0, len(blocks), min(FOLDS, len(blocks)) + 1).round().astype(int)
-    folds = [summed(blocks[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    joints = [_Joint(recursion, plain, layout, folds, joint, possible) for joint in range(len(plain.groups))]
+    joints = [_Joint(recursion, plain, without, folds, joint, possible) for joint in range(len(plain.groups))]
     chosen = replace(plain, couplings=_couplings(joints, kinds))
     for number, joint in enumerate(joints):
         chosen = chosen.with_joint(number, *_best(joint, chosen.couplings))
     return replace(chosen, relevance=tuple(joint.relevance for joint in joints))
+
+
+def tilt_shows(recursion: Recursion, plain: Structure) -> bool:
+    """Whether a tilted base lowers the error on what was left out, of two joints at least.
+
+    What it does to one alone could as well be a spring or a weight of its own.
+
+    Args:
+        plain: nothing switched on; by its layout the noise was estimated.
+    """
+    folds, tilted = _folds(recursion), replace(plain, tilted=True)
+    if not folds:
+        return False
+    negligible = NEGLIGIBLE * np.sum([fold.energy for fold in folds], axis=0)
+    before, after = (
+        np.log(recursion.left_out(layout(each, recursion.belief), folds) + negligible)
+        for each in (plain, tilted)
+    )
+    gain = before - after
+    lost = -gain[gain < 0.0].sum()
+    return bool(np.count_nonzero(gain > TILT_GAIN) > 1 and lost < TILT_COST * gain[gain > 0.0].sum())
+
+
+def _folds(recursion: Recursion) -> list[Statistics]:
+    """Stretches of time to leave out in turn; none where there is too little data."""
+    blocks = list(recursion.blocks)
+    if len(blocks) < FEWEST_BLOCKS:
+        return []
+    edges = np.linspace(0, len(blocks), min(FOLDS, len(blocks)) + 1).round().astype(int)
+    return [summed(blocks[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
 
 class _Joint:
@@ -89,7 +121,7 @@ class _Joint:
         self,
         recursion: Recursion,
         plain: Structure,
-        layout: Layout,
+        without: Layout,
         folds: Sequence[Statistics],
         joint: int,
         possible: np.ndarray | None,
@@ -98,7 +130,7 @@ class _Joint:
         self.where = Columns(len(recursion.noise))
         self.bodies = self.where.own
         self.correlation = float(recursion.correlation[joint])
-        self.information, self.vector = recursion.without_joint(layout, joint)
+        self.information, self.vector = recursion.without_joint(without, joint)
         if possible is not None:
             believed = BELIEVED * recursion.prior_information[: self.bodies, : self.bodies]
             self.information[: self.bodies, : self.bodies] += believed

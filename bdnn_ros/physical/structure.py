@@ -16,6 +16,8 @@ from bdnn_ros.robot import PER_LINK
 
 LEAD = 0.003
 """Prior standard deviation of how far the measured effort may be ahead of the motion [s]."""
+TILT = 0.1
+"""Prior standard deviation of the angles by which a tilted base rolls and pitches [rad]."""
 MOTOR_CURVE = 0.2
 """Prior standard deviation of the weights of a coupled motor's curve, in units of its joints' friction."""
 
@@ -32,6 +34,7 @@ class Structure:
         couplings: motors that turn with two joints.
         relevance: prior deviation of the weight of each feature, n tuples of FEATURES [N·m]; empty before the
             motion has shown any.
+        tilted: whether the base is.
     """
 
     breakaway: tuple[int, ...]
@@ -40,6 +43,7 @@ class Structure:
     beyond: tuple[float, ...]
     couplings: tuple[Coupling, ...] = ()
     relevance: tuple[tuple[float, ...], ...] = ()
+    tilted: bool = False
 
     @classmethod
     def plain(cls, belief: Prior) -> Structure:
@@ -60,8 +64,8 @@ class Columns:
     """Where each term is among the K columns of a joint.
 
     In order, low-passed once: the bodies (n · PER_LINK), armature, viscous, offset, for the pair with the
-    joint before and the joint after, for each sign, armature and viscous friction of a coupled motor, and the
-    rate of the measured effort. Then, low-passed twice: Coulomb friction for each of `BREAKAWAYS`, the
+    joint before and the joint after, for each sign, armature and viscous friction of a coupled motor, the rate
+    of the measured effort, and what a tilted base adds. Then, low-passed twice: Coulomb friction for each of `BREAKAWAYS`, the
     features, and Coulomb friction of the coupled motors with its curve.
     """
 
@@ -70,7 +74,8 @@ class Columns:
         self.own = width * PER_LINK
         self.coupled_smooth = self.own + 3
         self.lead = self.coupled_smooth + 2 * pairs
-        self.coulomb = self.lead + 1
+        self.tilt = self.lead + 1
+        self.coulomb = self.tilt + 2
         self.features = self.coulomb + len(BREAKAWAYS)
         self.coupled_sharp = self.features + FEATURES
         self.count = self.coupled_sharp + pairs * (1 + CURVE_FEATURES)
@@ -99,14 +104,16 @@ class Columns:
 class Layout:
     """Where the P parameters of a structure are.
 
-    Those of `Prior`, then `PER_COUPLING` of each coupling, the time the effort is ahead, the weights of the
-    couplings' curves, and the weights of the joints' features.
+    Those of `Prior`, then `PER_COUPLING` of each coupling, the time the effort is ahead and, of a tilted base, two
+    angles, the weights of the couplings' curves, and the weights of the joints' features.
 
     Attributes:
         columns: of each joint, which of its K columns take part.
         parameters: which of the P parameters those columns belong to.
         deviation: prior standard deviation of the parameters after the base, (P - base,).
         base: number of parameters in the order of `Prior`.
+        lead: where the time is by which the effort is ahead.
+        tilt: where the angles are by which the base rolls and pitches further; empty of one that is level.
         positive: parameters that cannot be negative.
         motors: where the weights of each coupling's curve are.
         weights: where the weights of each joint's features are, n slices.
@@ -117,6 +124,8 @@ class Layout:
     parameters: tuple[np.ndarray, ...]
     deviation: np.ndarray
     base: int
+    lead: int
+    tilt: np.ndarray
     positive: np.ndarray
     motors: tuple[slice, ...]
     weights: tuple[slice, ...]
@@ -222,7 +231,9 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
     parameters = [[bodies, width * PER_LINK + np.arange(PER_JOINT) * width + j] for j in range(width)]
     deviation: list[np.ndarray] = []
     lead = base + PER_COUPLING * len(structure.couplings)
-    free = lead + 1
+    tilt = lead + 1 + np.arange(2 * structure.tilted)
+    free = lead + 1 + len(tilt)
+    common = np.arange(lead, free), where.lead + np.arange(free - lead)
     positive = [width * PER_LINK + np.arange(PER_COUPLING * width), np.arange(base, lead)]
     motors = []
     for k, coupling in enumerate(structure.couplings):
@@ -238,9 +249,9 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
         motors.append(slice(free, free + CURVE_FEATURES))
         free += CURVE_FEATURES
     for joint in range(width):
-        columns[joint].append(np.array([where.lead]))
-        parameters[joint].append(np.array([lead]))
-    deviation.insert(len(structure.couplings), np.array([LEAD]))
+        parameters[joint].append(common[0])
+        columns[joint].append(common[1])
+    deviation.insert(len(structure.couplings), np.array([LEAD, *[TILT] * len(tilt)]))
     weights = []
     for joint, groups in enumerate(structure.groups):
         begin = free
@@ -256,6 +267,8 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
         tuple(np.concatenate(parts) for parts in parameters),
         np.concatenate(deviation) if deviation else np.empty(0),
         base,
+        lead,
+        tilt,
         np.concatenate(positive),
         tuple(motors),
         tuple(weights),

@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
+from bdnn_ros.robot.mounting import STANDARD_GRAVITY, gravity_of
 from bdnn_ros.robot.urdf import (
     NONE_HELD,
     Held,
@@ -27,7 +28,6 @@ from bdnn_ros.robot.urdf import (
 from bdnn_ros.robot.urdf_file import bundled_text, text_of
 from bdnn_ros.robot.urdf_values import refuse_impossible
 
-STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 PER_LINK = 10
 """Inertial parameters of a link: m, m·c (3), then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin."""
 
@@ -309,8 +309,7 @@ class Robot(ReadOnlyArrays):
 
     def tilted(self, roll: float, pitch: float) -> Robot:
         """The same robot on a base turned by Ry(pitch)·Rx(roll) from level [rad]."""
-        tilt = pin.utils.rotate("y", pitch) @ pin.utils.rotate("x", roll)
-        return replace(self, gravity_vector=tilt.T @ np.array(STANDARD_GRAVITY))
+        return replace(self, gravity_vector=gravity_of(roll, pitch))
 
     def _rows(self, *values: np.ndarray) -> tuple[list[np.ndarray], tuple[int, ...]]:
         """Values (..., n) as contiguous rows in Pinocchio's order, (N, n) each, and their common shape."""

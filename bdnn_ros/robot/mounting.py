@@ -1,0 +1,23 @@
+"""How a base stands: the direction from which gravity comes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+"""Acceleration of gravity on a level base, in its axes [m/s²]."""
+
+
+def gravity_of(roll: float, pitch: float) -> np.ndarray:
+    """Acceleration of gravity (3,) [m/s²] that a base turned by Ry(pitch)·Rx(roll) from level [rad] sees."""
+    turned = pin.utils.rotate("y", pitch) @ pin.utils.rotate("x", roll)
+    return np.asarray(turned.T @ np.array(STANDARD_GRAVITY))
+
+
+def tilt_of(gravity_vector: np.ndarray) -> tuple[float, float]:
+    """Roll and pitch [rad] of a base turned by Ry(pitch)·Rx(roll) that sees this gravity, (3,)."""
+    x, y, z = -np.asarray(gravity_vector) / np.linalg.norm(gravity_vector)
+    return math.atan2(y, z) + 0.0, -math.asin(max(-1.0, min(1.0, x))) + 0.0
