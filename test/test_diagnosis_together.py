@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from diagnosis_cases import signals_of
 
+from bdnn_ros.diagnosis.building import build, nominal_effort
 from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.registry import get
 from bdnn_ros.extension.extend import extend
+from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.simulation.scenario import Scenario
 
 
@@ -64,3 +72,34 @@ def test_what_a_soft_joint_left_at_first_is_no_cause_of_its_own() -> None:
     (only,) = found.diagnosis.findings
     assert (only.effect, only.joint) == ("joint_elasticity", "arm6_joint4")
     assert only.parameters["stiffness"].value == pytest.approx(22.0, rel=0.02)
+
+
+def test_what_links_are_off_by_hangs_from_the_tilted_base_as_well() -> None:
+    """Else errors of the links times the tilt are left, which pass for offsets of other joints."""
+    robot, angles = Robot.bundled("arm7"), np.radians([6.0, -5.0])
+    signals = signals_of("arm7", 20.0)
+    errors = 0.1 * np.random.default_rng(0).standard_normal(relative_inertials(robot).shape[1])
+    off = robot.with_inertials(robot.inertials.ravel() + relative_inertials(robot) @ errors)
+    real = nominal_effort(off.tilted(*angles), signals)
+    tilt = Term(get("base_tilt"), -1).shaped({"roll_deg": 6.0, "pitch_deg": -5.0})
+    left = []
+    for known in (None, (angles[0], angles[1])):
+        equations = build(replace(signals, effort=real), robot, tilt=known)
+        columns = np.concatenate([equations.rigid, equations.columns(tilt)], axis=2)[equations.usable]
+        target = equations.target[equations.usable]
+        told = np.linalg.lstsq(columns, target, rcond=1e-10)[0]
+        left.append(np.linalg.norm(target - columns @ told) / np.linalg.norm(target))
+    assert left[1] < 1e-6
+    assert left[0] > 1e-3
+
+
+@pytest.mark.parametrize(("effects", "tilted"), [(("base_tilt:roll_deg=3,pitch_deg=-4",), True), ((), False)])
+def test_a_tilt_that_stands_out_is_where_the_links_hang(effects: tuple[str, ...], tilted: bool) -> None:
+    robot = Robot.bundled("arm6")
+    found = examined(robot, *effects, wrong=0.05)
+    motion = found.equations.motion
+    assert (motion.level is robot) == tilted
+    assert {finding.effect for finding in found.diagnosis.findings} == ({"base_tilt"} if tilted else set())
+    np.testing.assert_allclose(
+        np.degrees(tilt_of(motion.robot.gravity_vector)), (3.0, -4.0) if tilted else (0.0, 0.0), atol=0.2
+    )

@@ -93,6 +93,17 @@ class Looks:
                 pushed |= (time > start - AROUND) & (time < end + AROUND)
         return pushed
 
+    def tilt(self) -> tuple[float, float] | None:
+        """Roll and pitch [rad] of a base that the first of the looks found tilted, with all that hangs from it; else None."""
+        found = self.at(TEST_PHASES[0]).found
+        if not any(term.effect.on == "base" for term in found.terms):
+            return None
+        pool = Pool(self.equations, found.pool.noise, found.terms, found.pool.link_error)
+        pool = settled(self.candidates, self.equations, pool)
+        (tilt,) = (one for one, term in enumerate(pool.terms) if term.effect.on == "base")
+        roll, pitch = pool.coefficients(pool.whole, tilt)
+        return float(roll), float(pitch)
+
     def _looked(self, test: np.ndarray) -> Look:
         equations = self.equations
         equations.take(self._motion)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
@@ -11,6 +13,7 @@ from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.recording import further
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.signals import Signals
 
 ROWS_PER_CUTOFF = 2.5
@@ -36,6 +39,7 @@ def build(
     robot: Robot,
     simulated: np.ndarray | None = None,
     covariance: np.ndarray | None = None,
+    tilt: tuple[float, float] | None = None,
 ) -> Equations:
     """The regression of a motion against a robot's simulation.
 
@@ -46,6 +50,8 @@ def build(
             friction.
         covariance: of the links' inertial parameters and of `COMMON` where they were identified, (P, P), in the order of
             `physical.parameters.parameter_names`.
+        tilt: roll and pitch [rad] at which the base seems to stand, beyond what the robot says: what its bodies' errors
+            weigh is counted as they hang then. None where nothing is known of one.
 
     Raises:
         RecordingError: no joint moves, or no effort.
@@ -70,6 +76,9 @@ def build(
     if simulated is None:
         simulated = _rigid_effort(robot, signals) + drive
     motion = Motion(signals, robot, simulated, drive)
+    if tilt is not None:
+        standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
+        motion = replace(motion, robot=standing, level=robot)
     target = signals.smooth(signals.effort - simulated)[rows]
     relative, jointwise = relative_inertials(robot), None
     if covariance is not None:

@@ -150,7 +150,7 @@ class Candidates:
         """
         links = equations.rigid.shape[2]
         errors = equations.relative @ fit.coefficients[:links]
-        plant = Plant(self.robot.with_inertials(self.robot.inertials.ravel() + errors))
+        plant = Plant(equations.motion.robot.with_inertials(self.robot.inertials.ravel() + errors))
         for chosen in fit.terms:
             term = pool.terms[chosen]
             if term.effect.on_body:

@@ -125,6 +125,10 @@ def examine(
     if calm is not signals:
         say("beside what pushes dry friction comes on otherwise")
         signals, looks = calm, _looks(recordings, calm, robot, model, predicted, say)
+    tilt = looks.tilt()
+    if tilt is not None:
+        say("as the bodies hang on a base that is tilted")
+        looks = _looks(recordings, signals, robot, model, predicted, say, tilt)
     recordings = remarked(recordings, signals, robot)
     equations, candidates = looks.equations, looks.candidates
     attempt = best_attempt(looks)
@@ -187,14 +191,15 @@ def _looks(
     model: Predicts | None,
     predicted: np.ndarray | None,
     say: Progress,
+    tilt: tuple[float, float] | None = None,
 ) -> Looks:
-    """First looks at the regression of a motion.
+    """First looks at the regression of a motion, on a base tilted so [rad].
 
     Raises:
         RecordingError: too short.
     """
     known = getattr(model, "covariance", None)
-    equations = build(signals, robot, predicted, known)
+    equations = build(signals, robot, predicted, known, tilt)
     equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:

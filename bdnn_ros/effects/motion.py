@@ -34,12 +34,15 @@ class Motion:
         robot: the simulation's robot (or the current estimate of it).
         load: effort that really acts at each joint, noise-free estimate (from a model), (N, n) [N·m].
         drive: the part of it that drives take before the gear (effects with `in_drive`), (N, n), if known.
+        level: the robot whose bodies a tilt turns, where errors of `robot`'s bodies are counted as it stands already; else
+            None, and a tilt turns all of them.
     """
 
     signals: Signals
     robot: Robot
     load: np.ndarray
     drive: np.ndarray | None = None
+    level: Robot | None = None
 
     @property
     def time(self) -> np.ndarray:
@@ -216,7 +219,8 @@ class Motion:
     @cached_property
     def gravity_pulls(self) -> np.ndarray:
         """Effort per acceleration of gravity along x, y and z of the base, (N, n, 3) [N·s²]."""
-        axes = (replace(self.robot, gravity_vector=axis) for axis in np.eye(3))
+        turned = self.level or self.robot
+        axes = (replace(turned, gravity_vector=axis) for axis in np.eye(3))
         return np.stack([robot.gravity(self.position) for robot in axes], axis=-1)
 
     def changed(self, position_change: np.ndarray) -> np.ndarray:
