@@ -91,3 +91,11 @@ def test_what_is_left_is_told_with_its_place(share, above, said):
     assert _unexplained_sentence(share, remainder, above, "URDF").startswith(said)
     depends = replace(remainder, depends_on=("j1.velocity",))
     assert "it depends on j1.velocity" in _unexplained_sentence(0.1, depends, above, "URDF")
+
+
+def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
+    """Nothing is named, and nothing wrong: a share of next to nothing would frighten."""
+    remainder = Remainder(np.ones(3), (), (), np.zeros((1, 3)), ("j2",), ())
+    said = _unexplained_sentence(0.3, remainder, "", "URDF", named=False)
+    assert said.startswith("What is left is hardly more than noise, in bursts at j2")
+    assert "30.0 %" in _unexplained_sentence(0.3, remainder, "j2", "URDF", named=False)

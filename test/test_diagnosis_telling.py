@@ -39,6 +39,10 @@ def test_a_finding_gives_way_to_a_rival_that_is_likelier():
 def test_a_push_does_not_give_way_to_one_that_is_a_toss_against_it():
     one, other = (Term(get("external_wrench"), 0, f"arm2_link{k}") for k in (1, 2))
     assert told_of([one, other], (0,), Judgement(0.4, 0.0, ((other, 0.6),))) is None
+    plainly = Judgement(0.02, 0.0, ((other, 0.97),))
+    assert told_of([one, other], (0,), plainly) == {"external_wrench"}, (
+        "or it would be named with no probability"
+    )
 
 
 @pytest.mark.parametrize("needed", [True, False])

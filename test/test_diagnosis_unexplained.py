@@ -94,3 +94,15 @@ def test_what_a_joint_bears_at_rest_is_seen_where_it_is_large_and_lasts(equation
     begun = time[len(usable) // 2 + 20]
     residual[(time >= begun) & (time < begun + seconds)] = size * equations.effort_scale
     assert describe(resting, residual).resting == said
+
+
+def test_bursts_that_the_steps_of_an_encoder_make_are_noise(equations):
+    noise, _ = white(equations, STD, 7)
+    residual = noise.copy()
+    residual[len(noise) // 4 : len(noise) // 3, 1] *= 8.0
+    assert describe(equations, residual).bursts == (J2,)
+    still = describe(equations, residual, stepping=np.array([0.0, 10.0 * STD]))
+    assert still.bursts == ()
+    usual = np.sqrt(np.mean(residual[equations.usable[:, 1], 1] ** 2))
+    assert still.floor[1] == pytest.approx(usual, rel=0.05)
+    assert describe(equations, residual, stepping=np.array([10.0 * STD, STD])).bursts == (J2,)

@@ -178,7 +178,8 @@ def test_what_a_motion_does_not_show_of_a_push_is_not_told_as_nothing():
     values |= {"force_y": math.nan, **dict.fromkeys(("point_x", "point_y", "point_z"), 0.0)}
     assert "(1, ?, 1) N and (1, 1, 1) N·m" in get("external_wrench").sentence("hand", values)
     force = next(p for p in get("external_wrench").parameters if p.name == "force_y")
-    assert force.seen(0.0, 90.0) and force.seen(500.0, 900.0) and not force.seen(0.0, 2000.0)
+    assert force.seen(0.0, 90.0) and force.seen(500.0, 400.0)
+    assert not force.seen(0.0, 2000.0) and not force.seen(230.0, 1100.0)
 
 
 @pytest.mark.parametrize("middle", [0.0, 3.0, -6.0])
@@ -215,3 +216,10 @@ def test_a_bristle_is_shown_by_a_force_and_a_travel_that_are_well_known(force, b
     """A joint that creeps looks like a short one."""
     stds = {"force": force, "breakaway": breakaway}
     assert get("hysteresis").shown({"force": 1.0, "breakaway": 0.01}, stds) is shown
+
+
+@pytest.mark.parametrize("breakaway, shown", [(0.001, False), (0.0011, False), (0.0025, True)])
+def test_a_bristle_as_short_as_any_that_is_tried_is_dry_friction(breakaway, shown):
+    """However well its travel is known: it would rather be shorter."""
+    values, stds = {"force": 1.0, "breakaway": breakaway}, {"force": 0.01, "breakaway": 1e-4}
+    assert get("hysteresis").shown(values, stds) is shown

@@ -79,8 +79,9 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
         term = pool.terms[one]
         for rival, probability in judgement.rivals:
             richer = contains(rival, term)
-            ahead = not (richer or term.effect.timed) and probability > judgement.nothing
-            ahead &= probability > judgement.probability * (PLAINLY if _settles_into(rival, term) else 1.0)
+            ahead = not richer and probability > judgement.nothing
+            toss = term.effect.timed or _settles_into(rival, term)
+            ahead &= probability > judgement.probability * (PLAINLY if toss else 1.0)
             simpler = contains(term, rival) or _settles_into(term, rival)
             simpler &= judgement.probability < PLAINLY * probability
             plainly = richer and probability > PLAINLY * judgement.probability

@@ -57,7 +57,7 @@ class Parameter:
     def seen(self, value: float, std: float) -> bool:
         """Whether a recording says anything of it: that a force is below a hundred kilonewtons is nothing."""
         usual = 0.0 if self.of_effort else max(map(abs, self.plausible))
-        return std < self.believed and (usual == 0.0 or std < UNSEEN * max(usual, abs(value)))
+        return std < self.believed and (usual == 0.0 or std < max(UNSEEN * usual, abs(value)))
 
 
 class Effect(ABC):

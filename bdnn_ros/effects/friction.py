@@ -262,7 +262,8 @@ class Hysteresis(Effect):
     shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
 
     def shown(self, values: Values, stds: Values) -> bool:
-        return all(values[name] > KNOWN * stds[name] for name in ("force", "breakaway"))
+        beyond = values["breakaway"] - self.shape_bounds["breakaway"][0]  # shorter ones are tried by none but Coulomb's
+        return values["force"] > KNOWN * stds["force"] and beyond > KNOWN * stds["breakaway"]
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         force, breakaway = values["force"], values["breakaway"]
