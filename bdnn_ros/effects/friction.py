@@ -262,7 +262,8 @@ class Hysteresis(Effect):
     shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
 
     def shown(self, values: Values, stds: Values) -> bool:
-        beyond = values["breakaway"] - self.shape_bounds["breakaway"][0]  # shorter ones are tried by none but Coulomb's
+        # one as short as any that is tried would rather be shorter: no bristle at all
+        beyond = values["breakaway"] - self.shape_bounds["breakaway"][0]
         return values["force"] > KNOWN * stds["force"] and beyond > KNOWN * stds["breakaway"]
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
