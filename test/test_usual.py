@@ -7,8 +7,9 @@ import pytest
 from live_support import real_robot
 
 from bdnn_ros.effects.friction import bristle
-from bdnn_ros.online.drift import below_nothing
+from bdnn_ros.online.hypotheses import Explanation
 from bdnn_ros.online.learning import Learning
+from bdnn_ros.online.scene import Kind
 from bdnn_ros.online.usual import ENOUGH, Usual
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -52,14 +53,20 @@ def test_what_fast_motion_leaves_is_usual_though_most_motion_is_slow():
     ],
 )
 def test_friction_that_drives_is_no_change(friction, negative):
-    covariance = np.diag([0.1, 1.0, 1.0]) ** 2
-    assert below_nothing(np.array(friction), covariance) == negative
+    drifted = changed("friction", np.diag([0.1, 1.0, 1.0]) ** 2)
+    assert drifted.below_nothing(np.array(friction)) == negative
 
 
 @pytest.mark.parametrize(("mass", "negative"), [(0.5, False), (-0.1, False), (-0.3, True)])
 def test_no_body_weighs_less_than_nothing_after_something_was_released(mass, negative):
-    body = np.array([mass, *[-1.0] * 9])
-    assert below_nothing(body, 0.1**2 * np.eye(10)) == negative
+    released = changed("payload", 0.1**2 * np.eye(10))
+    assert released.below_nothing(np.array([mass, *[-1.0] * 9])) == negative
+
+
+def changed(kind: Kind, covariance: np.ndarray) -> Explanation:
+    """A change as surely known as a covariance says."""
+    none = np.zeros(0)
+    return Explanation(kind, 0, 0.0, 1.0, 50.0, 1.0, 1.0, none, covariance, none, none)
 
 
 def in_turn(robot: Robot, friction: np.ndarray) -> Recording:

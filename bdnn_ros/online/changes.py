@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.online.drift import Drift, below_nothing
+from bdnn_ros.online.drift import Drift
 from bdnn_ros.online.hypotheses import Explanation, explain
 from bdnn_ros.online.scene import BLOCK_SECONDS, Block, Scene, base_parameters, blocks, inverse
 from bdnn_ros.online.usual import CORRELATION, Usual
@@ -181,7 +181,7 @@ class Monitor:
         mean = base_parameters(self._reference.robot, self._reference.offset)
         if best.kind != "push":
             index, _ = self.scene.changed(best.kind, best.target)
-            if below_nothing((mean + best.mean)[index], best.covariance):
+            if best.below_nothing((mean + best.mean)[index]):
                 return None
         rivals = tuple(e for e in found[1:] if best.evidence - e.evidence < APART and e.kind != best.kind)
         if rivals and len(self._suspects) < LONGEST - 1:

@@ -16,7 +16,6 @@ from bdnn_ros.online.hypotheses import Explanation, Known, energy, misfit, step
 from bdnn_ros.online.scene import Block, Scene, base_parameters, inverse
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior
-from bdnn_ros.robot import PER_LINK
 from bdnn_ros.signals import Signals
 
 CHUNKS = 4
@@ -35,8 +34,6 @@ OF_EFFORT = 0.01
 """And as a share of its effort scale."""
 KNOWN = 5.0
 """And in standard deviations."""
-NEGATIVE = 2.0
-"""Standard deviations by which what cannot be negative is less than nothing."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +169,7 @@ class Drift:
         speed = float(np.sqrt(gram[0, 0] / max(gram[1, 1], 1e-300)))
         way = np.array([speed, 1.0, 0.0])
         before = (self.reference + mean[: len(self.reference)])[index]
-        if below_nothing(before + found.value, found.covariance):
+        if found.below_nothing(before + found.value):
             return False
         level = float(way @ before)
         change = max(abs(float(way @ found.value)), abs(float(found.value[2])))
@@ -191,13 +188,6 @@ class Drift:
             more[np.ix_(index, index)] += spread
         covariance = now @ known.covariance @ now.T + more
         return Prior(self.reference + now @ known.mean, 0.5 * (covariance + covariance.T), self._scene.scale)
-
-
-def below_nothing(parameters: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether what cannot be negative surely is: a body's mass, viscous and Coulomb friction, which come first."""
-    positive = slice(1 if len(parameters) == PER_LINK else 2)
-    spread = np.sqrt(np.diagonal(covariance))
-    return bool((parameters < -NEGATIVE * spread)[positive].any())
 
 
 def _terms(model: PhysicalModel) -> tuple[object, ...]:

@@ -9,8 +9,9 @@ has not met is not taken for a change.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -20,6 +21,10 @@ LEAST_CORRELATION = 3.0
 """Rows that say as much as one independent row under the low-pass alone."""
 ALIKE = 0.03
 """Pushes or payloads on two links explain alike when they differ by less than this share."""
+NEGATIVE = 2.0
+"""Standard deviations by which what cannot be negative is less than nothing."""
+POSITIVE: Mapping[Kind, int] = MappingProxyType({"payload": 1, "friction": 2, "push": 0})
+"""How many of what a change changes, from the first, cannot be negative."""
 OFF_TIP = -3.0
 """Log odds of a payload or a push on another link than the last."""
 
@@ -51,6 +56,15 @@ class Explanation:
     mean: np.ndarray
     spread: np.ndarray
     edge: float = 0.0
+
+    def below_nothing(self, after: np.ndarray) -> bool:
+        """Whether what cannot be negative surely is: a body's mass, or viscous and Coulomb friction.
+
+        Args:
+            after: the parameters that it changes, as it leaves them, in the order of `value`.
+        """
+        spread = np.sqrt(np.diagonal(self.covariance))
+        return bool((after < -NEGATIVE * spread)[: POSITIVE[self.kind]].any())
 
 
 def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> list[Explanation]:
