@@ -18,6 +18,7 @@ from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Parameters
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.scores import score_model
 from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.excitation import fourier
@@ -123,3 +124,38 @@ def test_there_is_never_less_than_nothing():
     )
     assert smoother.coefficient_bounds == ((-0.3, np.inf),)
     assert none.coefficient_bounds == get("viscous_friction").coefficient_bounds == ((0.0, np.inf),)
+
+
+@cache
+def on_a_tilted_base(*effects: str, tilt: tuple[float, float] = (3.0, -4.0), seed: int = 7) -> Recording:
+    leaning = f"base_tilt:roll_deg={tilt[0]},pitch_deg={tilt[1]}"
+    scenario = Scenario(
+        Robot.bundled("arm6"), (leaning, *effects), seed=seed, wrong=0.05, duration=25.0, rate=200.0
+    )
+    return scenario.run()[0].recording
+
+
+@pytest.fixture(scope="module")
+def leaning() -> PhysicalModel:
+    return Identifier(Robot.bundled("arm6")).fit([on_a_tilted_base()])
+
+
+@pytest.mark.parametrize(
+    ("effects", "tilt", "changed"),
+    [
+        ((), (3.0, -4.0), {}),
+        (("payload@arm6_link6:mass=1.5,com_z=0.08",), (3.0, -4.0), {"payload": {"mass": 1.5}}),
+        ((), (5.0, -4.0), {"base_tilt": {"roll_deg": 2.0, "pitch_deg": 0.0}}),
+    ],
+)
+def test_what_was_identified_on_a_tilted_base_is_compared_as_it_stands(leaning, effects, tilt, changed):
+    found = examine([on_a_tilted_base(*effects, tilt=tilt)], leaning.robot, model=leaning)
+    told = {
+        finding.effect: {name: quantity.value for name, quantity in finding.parameters.items()}
+        for finding in found.diagnosis.findings
+    }
+    assert told.keys() == changed.keys()
+    for effect, values in changed.items():
+        assert {name: told[effect][name] for name in values} == pytest.approx(values, rel=0.05, abs=0.05)
+    standing = extend(found).robot.gravity_vector
+    np.testing.assert_allclose(np.degrees(tilt_of(standing)), tilt, atol=0.1)
