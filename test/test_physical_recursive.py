@@ -16,6 +16,8 @@ LAYOUT = Layout(
     parameters=tuple(INDEX),
     deviation=np.empty(0),
     base=5,
+    lead=5,
+    tilt=np.empty(0, int),
     positive=np.empty(0, int),
     motors=(),
     weights=(slice(5, 5), slice(5, 5)),
@@ -137,6 +139,23 @@ def test_what_the_other_joints_say_is_the_posterior_without_one():
     np.testing.assert_allclose(
         np.linalg.solve(information, vector), np.linalg.solve(full, right)[:3], rtol=1e-6, atol=1e-9
     )
+
+
+def test_what_is_left_out_is_predicted_by_all_else():
+    columns, effort = problem()
+    sums = recursion()
+    parts = [slice(0, 150), slice(150, 400)]
+    for rows in parts:
+        sums.update(columns[rows], effort[rows])
+    folds = [Statistics.of(columns[rows], effort[rows]) for rows in parts]
+    errors = np.zeros(2)
+    for out, other in (parts, parts[::-1]):
+        alone = recursion()
+        alone.noise, alone.correlation = sums.noise, sums.correlation
+        alone.update(columns[other], effort[other])
+        x = alone.solve(LAYOUT, 0).mean[INDEX]
+        errors += ((effort[out] - np.einsum("njk,jk->nj", columns[out], x)) ** 2).sum(axis=0)
+    np.testing.assert_allclose(sums.left_out(LAYOUT, folds), errors, rtol=1e-6)
 
 
 def test_badly_scaled_systems_are_solved():

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bdnn_ros.physical.columns import smooth_columns, tilting
 from bdnn_ros.physical.couplings import Coupling
 from bdnn_ros.physical.parameters import prior
 from bdnn_ros.physical.statistics import Statistics
 from bdnn_ros.physical.structure import Columns, Structure, layout, straightened
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.signals import prepare
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +30,11 @@ def statistics():
 def structures(belief):
     plain = Structure.plain(belief)
     learned = plain.with_joint(0, 2, ("curve", "load")).with_joint(1, 0, ("position",))
-    return plain, learned, replace(learned, couplings=(Coupling(0, -1),))
+    coupled = replace(learned, couplings=(Coupling(0, -1),))
+    return plain, learned, coupled, replace(coupled, tilted=True)
 
 
-@pytest.mark.parametrize("which", [0, 1, 2], ids=["plain", "learned", "coupled"])
+@pytest.mark.parametrize("which", range(4), ids=["plain", "learned", "coupled", "tilted"])
 def test_the_parts_of_a_regression_are_the_regression(belief, statistics, which):
     chosen = structures(belief)[which]
     own = slice(2 * PER_LINK, None)
@@ -70,7 +74,7 @@ def test_every_parameter_has_a_place_and_a_spread(belief):
 
 def test_what_is_straightened_holds_no_friction(belief, statistics):
     """Features less what is taken from them are orthogonal to friction and offset over the motion."""
-    _, chosen, _ = structures(belief)
+    _, chosen, *_ = structures(belief)
     own = slice(2 * PER_LINK, None)
     made = layout(chosen, belief, straightened(chosen, statistics.gram[:, own, own]))
     for joint in range(2):
@@ -79,3 +83,18 @@ def test_what_is_straightened_holds_no_friction(belief, statistics):
         friction = slice(2 * PER_LINK + 1, 2 * PER_LINK + 4)
         size = np.sqrt(np.diagonal(statistics.gram[joint])[0])
         np.testing.assert_allclose(gram[features, friction] / size**2, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (0.1, -0.05)])
+def test_columns_of_a_tilt_are_what_it_adds_to_the_effort(angles):
+    """About the tilt that is known so far, whatever that is."""
+    robot = Robot.bundled("arm6").tilted(*angles)
+    time = np.arange(0.0, 4.0, 0.01)
+    position = 0.5 * np.sin(time[:, None] * np.linspace(1.0, 2.0, 6))
+    signals = prepare(Recording(time, robot.joints, position, None, np.zeros_like(position)))
+    columns = smooth_columns(robot, signals, tilting(robot))
+    where = Columns(6).tilt + np.arange(2)
+    for column, step in zip(np.moveaxis(columns[:, :, where], 2, 0), 1e-5 * np.eye(2), strict=True):
+        more, less = (robot.tilted(*(np.array(angles) + way * step)) for way in (1.0, -1.0))
+        change = more.gravity(signals.position) - less.gravity(signals.position)
+        np.testing.assert_allclose(column, change / 2e-5, atol=1e-4 * np.abs(column).max())
