@@ -36,7 +36,13 @@ def models() -> dict[str, Model]:
     scales = Scales(np.ones(2), np.full(2, 5.0), np.full(2, 10.0), np.full(2, 0.1))
     local = LocalNetworks.silent(np.ones(2), np.ones(2)).with_offset(np.array([0.3, 0.2]))
     return {
-        "physical": PhysicalModel(robot, np.array([0.3, -0.1]), 0.01 * np.eye(28), np.zeros(2)),
+        "physical": PhysicalModel(
+            robot.tilted(0.05, -0.03),
+            np.array([0.3, -0.1]),
+            0.01 * np.eye(28),
+            np.zeros(2),
+            tilt_std=(0.001, 0.002),
+        ),
         "extended": ExtendedModel(robot, effects, np.full(2, 0.1), ({"mass": 0.1}, {})),
         "bdnn": BDNN.black_box(("a", "b"), scales),
         "bdnn_on_prior": BDNNOnPrior(PriorCore(robot, local, None, np.full(2, 0.05))),
@@ -81,8 +87,14 @@ def test_a_physical_model_as_urdf_and_effects(tmp_path: Path) -> None:
     state = [np.random.default_rng(k).uniform(-1, 1, (20, 2)) for k in range(3)]
     np.testing.assert_allclose(again.inverse_dynamics(*state), model.inverse_dynamics(*state), atol=1e-9)
     assert "model.mjcf.xml" in (tmp_path / "effects.yaml").read_text()
-    table = yaml.safe_load((tmp_path / "parameters.yaml").read_text())["parameters"]
-    assert table["arm2_joint1.offset"] == {"value": 0.3, "std": pytest.approx(0.1)}
+    described = yaml.safe_load((tmp_path / "parameters.yaml").read_text())
+    assert described["parameters"]["arm2_joint1.offset"] == {"value": 0.3, "std": pytest.approx(0.1)}
+    pitch = {
+        "value": pytest.approx(np.degrees(-0.03)),
+        "std": pytest.approx(np.degrees(0.002)),
+        "unit": "deg",
+    }
+    assert described["tilt"]["pitch"] == pitch
 
 
 def test_what_an_instant_cannot_know_is_said(tmp_path: Path, capsys) -> None:

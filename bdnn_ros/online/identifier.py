@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
-from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.errors import RecordingError, UpdateRejected, UsageError
 from bdnn_ros.online.chunks import Chunks
 from bdnn_ros.physical.dictionary import Scales
 from bdnn_ros.physical.handover import physical_model
@@ -231,8 +232,9 @@ class Identifier:
         self.sums.evidence.doubt()
         plain, posterior = self._on_its_base(whole=True)
         if plain.tilted:
-            self._take_for(posterior, plain)
-            self.structure = plain
+            with suppress(UpdateRejected):  # so little motion may not make a robot yet
+                self._take_for(posterior, plain)
+                self.structure = plain
 
     def _take_for(self, posterior: Posterior, structure: Structure) -> None:
         """Sum all motion anew about the robot that is known by now."""

@@ -42,10 +42,7 @@ def as_json(
         ],
         "lead": {"value": model.lead, "std": model.lead_std, "unit": "s"},
         "lag": {"value": model.lag, "unit": "s"},
-        "tilt": {
-            name: {"value": math.degrees(value), "std": math.degrees(std), "unit": "deg"}
-            for name, value, std in zip(("roll", "pitch"), model.tilt, model.tilt_std, strict=True)
-        },
+        "tilt": tilt_entry(model),
         "terms": [_terms(model, k) for k in range(model.robot.width)],
         "remarks": [{"about": one.about, "problem": one.problem, "remedy": one.remedy} for one in remarks],
         "agreement": [
@@ -61,6 +58,15 @@ def as_json(
             }
             for one in agreements
         ],
+    }
+
+
+def tilt_entry(model: PhysicalModel) -> dict[str, Any]:
+    """How the base stands, in degrees; plain values."""
+    angles = zip(("roll", "pitch"), model.tilt, model.tilt_std, strict=True)
+    return {
+        name: {"value": math.degrees(value), "std": math.degrees(std), "unit": "deg"}
+        for name, value, std in angles
     }
 
 
