@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -9,6 +12,8 @@ from live_support import Robotics, motion, node_process, real_robot, status, urd
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
+from bdnn_ros.nodes.diagnostics import base
+from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros
@@ -44,6 +49,13 @@ def test_a_publisher_that_is_not_heard_is_told_of(tmp_path):
         assert status(kept)["samples_received"] == "0" and told in node.output
         ros.node.destroy_publisher(deaf)
         wait_until(lambda: told not in status(kept)["message"], 10.0)
+
+
+def test_the_angles_of_a_base_are_told_where_motion_showed_them():
+    level = nominal(ARM)
+    leaning = replace(level, robot=ARM.tilted(*np.radians([2.5, -4.0])), tilt_std=(0.001, 0.001))
+    assert base(ARM) == base(level) == {}
+    assert base(leaning) == {"base_roll_deg": "2.50", "base_pitch_deg": "-4.00"}
 
 
 def test_stamps_that_are_none_are_told_of(tmp_path):

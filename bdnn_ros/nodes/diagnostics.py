@@ -8,9 +8,11 @@ from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.nodes.error_now import ErrorNow
 from bdnn_ros.online.intake import CommandIntake
 from bdnn_ros.online.session import Session
+from bdnn_ros.physical.model import PhysicalModel
 
 NAME = "bdnn: identification"
 SILENCE = 2.0
@@ -134,6 +136,7 @@ class Reporter:
             "model_age": f"{now - served.since:.1f}" if served else math.nan,
             "model_samples": served.samples if served else 0,
             "model_origin": served.origin if served else "",
+            **(base(served.model) if served else {}),
             "updates_rejected": session.counts.updates_rejected,
             "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
@@ -175,6 +178,16 @@ class Reporter:
         if session.counts.updates_rejected and session.counts.reason:
             return DiagnosticStatus.OK, f"an update was refused: {session.counts.reason}"
         return DiagnosticStatus.OK, "training" if session.learning else "serving, training is paused"
+
+
+def base(model: Dynamics) -> dict[str, object]:
+    """How the base of an identified robot turned out to stand [deg]; nothing where it stands as described."""
+    if not isinstance(model, PhysicalModel) or not any(model.tilt_std):
+        return {}
+    return {
+        f"base_{name}_deg": f"{math.degrees(angle):.2f}"
+        for name, angle in zip(("roll", "pitch"), model.tilt, strict=True)
+    }
 
 
 def _text(value: object) -> str:
