@@ -92,7 +92,7 @@ def tilt_shows(recursion: Recursion, plain: Structure) -> bool:
     folds, tilted = _folds(recursion), replace(plain, tilted=True)
     if not folds:
         return False
-    negligible = NEGLIGIBLE * np.sum([fold.energy for fold in folds], axis=0)
+    negligible = NEGLIGIBLE * np.sum([fold.energy for fold in folds], axis=0) + np.finfo(float).tiny
     before, after = (
         np.log(recursion.left_out(layout(each, recursion.belief), folds) + negligible)
         for each in (plain, tilted)
