@@ -130,7 +130,7 @@ def test_there_is_never_less_than_nothing():
 def on_a_tilted_base(*effects: str, tilt: tuple[float, float] = (3.0, -4.0), seed: int = 7) -> Recording:
     leaning = f"base_tilt:roll_deg={tilt[0]},pitch_deg={tilt[1]}"
     scenario = Scenario(
-        Robot.bundled("arm6"), (leaning, *effects), seed=seed, wrong=0.05, duration=25.0, rate=200.0
+        Robot.bundled("arm6"), (leaning, *effects), seed=seed, wrong=0.05, duration=15.0, rate=200.0
     )
     return scenario.run()[0].recording
 

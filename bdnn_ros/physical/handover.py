@@ -83,7 +83,7 @@ def physical_model(
         learned_effort,
         float(vector[lead]),
         float(std[lead]),
-        tilt_std=tuple(std[tilt].tolist()) if len(tilt) else (0.0, 0.0),
+        tilt_std=(float(std[tilt[0]]), float(std[tilt[1]])) if len(tilt) else (0.0, 0.0),
     )
 
 

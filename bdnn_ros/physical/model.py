@@ -59,7 +59,7 @@ class PhysicalModel(ReadOnlyArrays):
     lead: float = 0.0
     lead_std: float = 0.0
     lag: float = 0.0
-    tilt_std: tuple[float, ...] = (0.0, 0.0)
+    tilt_std: tuple[float, float] = (0.0, 0.0)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -217,6 +217,7 @@ class PhysicalModel(ReadOnlyArrays):
             breakaway = tuple(int(index) for index in info["breakaway"])
             if breakaway and not 0 <= min(breakaway) <= max(breakaway) < len(BREAKAWAYS):
                 raise ValueError("breakaway")
+            roll, pitch = map(float, info.get("tilt_std", (0.0, 0.0)))
             return cls(
                 robot=robot_from_state(arrays, info),
                 offset=arrays["offset"],
@@ -227,7 +228,7 @@ class PhysicalModel(ReadOnlyArrays):
                 lead=float(info["lead"]),
                 lead_std=float(info.get("lead_std", 0.0)),
                 lag=float(info.get("lag", 0.0)),
-                tilt_std=tuple(float(value) for value in info.get("tilt_std", (0.0, 0.0))),
+                tilt_std=(roll, pitch),
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )
