@@ -204,7 +204,7 @@ def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[R
 
 def tilted(model: PhysicalModel) -> Iterator[Remark]:
     """Whether the base stands otherwise than the description says, as far as motion told."""
-    if not any(model.tilt_std):
+    if not model.leans:
         return
     (roll, pitch), (by_roll, by_pitch) = np.degrees(model.tilt), np.degrees(model.tilt_std)
     yield Remark(

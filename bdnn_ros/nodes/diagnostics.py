@@ -182,7 +182,7 @@ class Reporter:
 
 def base(model: Dynamics) -> dict[str, object]:
     """How the base of an identified robot turned out to stand [deg]; nothing where it stands as described."""
-    if not isinstance(model, PhysicalModel) or not any(model.tilt_std):
+    if not isinstance(model, PhysicalModel) or not model.leans:
         return {}
     return {
         f"base_{name}_deg": f"{math.degrees(angle):.2f}"

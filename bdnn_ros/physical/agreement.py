@@ -71,7 +71,7 @@ def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
         values = np.array([one.value(vector) for vector in parameters])
         stds = np.array([one.std(model.covariance) for model in models])
         result.append(_compared(one.words, one.unit, values, stds, level, _by_motion(one, models)))
-    turned = [model for model in models if any(model.tilt_std)]
+    turned = [model for model in models if model.leans]
     for k, name in enumerate(("roll", "pitch") if len(turned) > 1 else ()):
         values = np.degrees([model.tilt[k] for model in turned])
         stds = np.degrees([model.tilt_std[k] for model in turned])

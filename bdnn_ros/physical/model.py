@@ -77,6 +77,11 @@ class PhysicalModel(ReadOnlyArrays):
         """Roll and pitch [rad] at which the base stands."""
         return tilt_of(self.robot.gravity_vector)
 
+    @property
+    def leans(self) -> bool:
+        """Whether motion showed that the base stands otherwise than described."""
+        return any(self.tilt_std)
+
     @cached_property
     def std(self) -> Parameters:
         """Standard deviations of the parameters."""
