@@ -149,6 +149,12 @@ def test_a_base_that_leans_is_told(robot):
     assert found.problem.startswith("The base is tilted: roll 2.0") and "pitch -3.0" in found.problem
 
 
+def test_a_zero_that_is_off_is_told(robot):
+    off = replace(robot, zeros=np.eye(robot.width)[1] * 0.06)
+    (found,) = (one for one in remarks(robot, good(off)) if "position" in one.problem)
+    assert found.about == robot.joints[1] and "+0.0" in found.problem and "rad" in found.problem
+
+
 @pytest.mark.parametrize(("delay", "words"), [(0.012, "ms behind"), (-0.012, "ms ahead of")])
 def test_an_effort_apart_from_the_motion_is_measured(robot, recording, delay, words):
     moved = np.stack([np.interp(recording.time - delay, recording.time, e) for e in recording.effort.T], 1)

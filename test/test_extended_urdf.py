@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cli_cases import sliding_arm
 
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError, RobotError, UsageError
@@ -143,6 +144,17 @@ def test_base_tilt_is_the_contracts(robot: Robot) -> None:
     tree = ElementTree.fromstring(extended_urdf(model))
     origin = tree.find("joint[@name='level_to_base']/origin")
     np.testing.assert_allclose([float(x) for x in origin.get("rpy").split()], [roll, pitch, 0.0])
+
+
+@pytest.mark.parametrize("name", ["arm7", "sliding"])
+def test_zeros_are_in_the_joints_origins(name: str) -> None:
+    arm = sliding_arm() if name == "sliding" else Robot.bundled(name)
+    off = replace(arm, zeros=np.linspace(-0.2, 0.3, arm.width))
+    urdf = extended_urdf(model_of(off))
+    again = Robot.from_urdf(urdf)
+    assert not again.zeros.any()
+    same_rigid_effort(model_of(off), again)
+    assert extended_urdf(model_of(arm)) == arm.urdf
 
 
 def test_chosen_joints_and_armature_of_the_simulation(robot: Robot) -> None:

@@ -214,16 +214,37 @@ def test_a_tilted_base_is_found_beside_wrong_bodies(real, seed, tmp_path):
     assert loaded.tilt == model.tilt and loaded.tilt_std == model.tilt_std
 
 
-def test_what_one_joint_alone_bears_tilts_no_base(real):
+@pytest.mark.parametrize("seed", range(4))
+def test_zeros_that_are_off_are_found_beside_wrong_bodies(seed, tmp_path):
+    """Of joints that are not parallel to the next one, whose zero its body could nearly stand for."""
+    generator, urdf = np.random.default_rng(seed), Robot.bundled("arm7")
+    zeros = np.zeros(7)
+    off = generator.choice([1, 2, 3], 1 + seed % 2, replace=False)
+    zeros[off] = generator.choice([-1.0, 1.0], len(off)) * generator.uniform(0.03, 0.1, len(off))
+    rubbing = wrong(urdf, seed=1).with_joint_parameters(*np.outer([0.1, 2.0, 1.0], np.ones(7)))
+    real = replace(rubbing, zeros=zeros)
+    model = Identifier(urdf).fit([motion(real, duration=15.0, seed=seed, noise=0.01)])
+    assert {joint for joint, *_ in model.zeros} == {*off.tolist()}
+    for joint, value, std in model.zeros:
+        assert abs(value - zeros[joint]) < min(4.0 * std, 2e-3)
+    signals = prepare(motion(real, seed=seed + 10))
+    measured = signals.smooth(signals.effort)[signals.interior]
+    left = measured - signals.smooth(model.predict(signals))[signals.interior]
+    assert ((left**2).mean(axis=0) / measured.var(axis=0)).mean() < 1e-3
+    loaded = load_model(save_model(tmp_path, model))
+    assert loaded.zeros == model.zeros and (loaded.robot.zeros == model.robot.zeros).all()
+
+
+def test_what_one_joint_alone_bears_is_no_setup(real):
     """A spring about a vertical axis pulls as gravity does on a base that leans."""
     recording = motion(real, duration=15.0, noise=0.01)
     effort = recording.effort.copy()
     effort[:, 0] += 30.0 * np.sin(recording.position[:, 0] + 0.3)
     model = Identifier(Robot.bundled("arm6")).fit([replace(recording, effort=effort)])
-    assert model.tilt == (0.0, 0.0) and model.tilt_std == (0.0, 0.0)
+    assert model.tilt == (0.0, 0.0) and not model.leans and not model.zeros
 
 
-def test_a_level_base_is_not_said_to_lean(real):
+def test_a_robot_that_is_set_up_as_described_is_not_said_to_be_otherwise(real):
     for seed in range(3):
         model = Identifier(Robot.bundled("arm6")).fit([motion(real, seed=seed, noise=0.02)])
-        assert model.tilt == (0.0, 0.0) and model.tilt_std == (0.0, 0.0)
+        assert model.tilt == (0.0, 0.0) and not model.leans and not model.zeros

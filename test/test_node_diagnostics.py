@@ -12,7 +12,7 @@ from live_support import Robotics, motion, node_process, real_robot, status, urd
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from bdnn_ros.nodes.diagnostics import base
+from bdnn_ros.nodes.diagnostics import setup
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
 
@@ -51,11 +51,13 @@ def test_a_publisher_that_is_not_heard_is_told_of(tmp_path):
         wait_until(lambda: told not in status(kept)["message"], 10.0)
 
 
-def test_the_angles_of_a_base_are_told_where_motion_showed_them():
+def test_how_a_robot_is_set_up_is_told_where_motion_showed_it():
     level = nominal(ARM)
     leaning = replace(level, robot=ARM.tilted(*np.radians([2.5, -4.0])), tilt_std=(0.001, 0.001))
-    assert base(ARM) == base(level) == {}
-    assert base(leaning) == {"base_roll_deg": "2.50", "base_pitch_deg": "-4.00"}
+    assert setup(ARM) == setup(level) == {}
+    assert setup(leaning) == {"base_roll_deg": "2.50", "base_pitch_deg": "-4.00"}
+    off = replace(level, robot=replace(ARM, zeros=np.array([0.0, 0.05])), zeros_std=(0.0, 0.001))
+    assert setup(off) == {"zero_of_arm2_joint2": "0.0500"}
 
 
 def test_stamps_that_are_none_are_told_of(tmp_path):

@@ -120,6 +120,17 @@ def test_bases_that_lean_otherwise_are_told_apart(robot):
     assert not any("of the base" in one.words for one in agreement([level, turned[0]]))
 
 
+def test_zeros_are_compared_where_two_recordings_show_them(robot):
+    models = [
+        Identifier(robot).fit([recorded(replace(robot, zeros=np.eye(robot.width)[1] * zero), seed)])
+        for seed, zero in enumerate([0.0, 0.05, 0.08])
+    ]
+    (found,) = (one for one in agreement(models) if one.words.startswith("zero of"))
+    assert found.words == f"zero of {robot.joints[1]}" and found.differs
+    np.testing.assert_allclose(found.values, [0.05, 0.08], atol=5e-3)
+    assert not any("zero of" in one.words for one in agreement(models[:2]))
+
+
 def test_one_recording_or_another_robot_is_refused(models):
     with pytest.raises(UsageError, match="two or more"):
         agreement(models[:1])

@@ -9,7 +9,7 @@ from bdnn_ros.physical.columns import smooth_columns, tilting
 from bdnn_ros.physical.couplings import Coupling
 from bdnn_ros.physical.parameters import prior
 from bdnn_ros.physical.statistics import Statistics
-from bdnn_ros.physical.structure import Columns, Structure, layout, straightened
+from bdnn_ros.physical.structure import TILT, Columns, Structure, layout, straightened
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import prepare
@@ -31,10 +31,10 @@ def structures(belief):
     plain = Structure.plain(belief)
     learned = plain.with_joint(0, 2, ("curve", "load")).with_joint(1, 0, ("position",))
     coupled = replace(learned, couplings=(Coupling(0, -1),))
-    return plain, learned, coupled, replace(coupled, tilted=True)
+    return plain, learned, coupled, replace(coupled, setup=(0, 1, 3))
 
 
-@pytest.mark.parametrize("which", range(4), ids=["plain", "learned", "coupled", "tilted"])
+@pytest.mark.parametrize("which", range(4), ids=["plain", "learned", "coupled", "set up"])
 def test_the_parts_of_a_regression_are_the_regression(belief, statistics, which):
     chosen = structures(belief)[which]
     own = slice(2 * PER_LINK, None)
@@ -93,8 +93,25 @@ def test_columns_of_a_tilt_are_what_it_adds_to_the_effort(angles):
     position = 0.5 * np.sin(time[:, None] * np.linspace(1.0, 2.0, 6))
     signals = prepare(Recording(time, robot.joints, position, None, np.zeros_like(position)))
     columns = smooth_columns(robot, signals, tilting(robot))
-    where = Columns(6).tilt + np.arange(2)
+    where = Columns(6).setup + np.array(TILT)
     for column, step in zip(np.moveaxis(columns[:, :, where], 2, 0), 1e-5 * np.eye(2), strict=True):
         more, less = (robot.tilted(*(np.array(angles) + way * step)) for way in (1.0, -1.0))
         change = more.gravity(signals.position) - less.gravity(signals.position)
         np.testing.assert_allclose(column, change / 2e-5, atol=1e-4 * np.abs(column).max())
+
+
+def test_columns_of_zeros_are_what_they_add_to_the_effort():
+    """About the zeros that are known so far."""
+    arm = Robot.bundled("arm6")
+    robot = replace(arm, zeros=np.linspace(-0.1, 0.1, 6))
+    time = np.arange(0.0, 4.0, 0.01)
+    position = 0.5 * np.sin(time[:, None] * np.linspace(1.0, 2.0, 6))
+    signals = prepare(Recording(time, robot.joints, position, None, np.zeros_like(position)))
+    columns = smooth_columns(robot, signals, tilting(robot))
+    motion = signals.velocity * ~signals.at_rest, signals.acceleration * ~signals.at_rest
+    for joint, step in enumerate(1e-5 * np.eye(6)):
+        off = robot.zeros + step, robot.zeros - step
+        more, less = (arm.rigid_effort(signals.position - zeros, *motion) for zeros in off)
+        column = columns[:, :, Columns(6).setup + len(TILT) + joint]
+        change = (more - less) / 2e-5
+        np.testing.assert_allclose(column, change, atol=1e-6 * np.abs(change).max() + 1e-6)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from cli_cases import sliding_arm
 
 from bdnn_ros.errors import RobotError, UsageError
 from bdnn_ros.robot import BUNDLED, PER_LINK, Robot
@@ -252,6 +254,20 @@ def test_a_tilted_base_turns_gravity() -> None:
     base = np.array([np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
     np.testing.assert_allclose(vector, G * base, atol=1e-12)
     np.testing.assert_allclose(arm.tilted(0.3, 0.2).mass_matrix(q), arm.mass_matrix(q))
+
+
+@pytest.mark.parametrize("name", ["arm7", "sliding"])
+def test_a_joint_that_reports_too_much_stands_further_back(name: str) -> None:
+    """The inertias, the points and the slides too."""
+    arm = sliding_arm() if name == "sliding" else Robot.bundled(name)
+    zeros = np.random.default_rng(0).uniform(-0.3, 0.3, arm.width)
+    off, (q, v, a) = replace(arm, zeros=zeros), np.random.default_rng(1).normal(size=(3, 20, arm.width))
+    np.testing.assert_allclose(off.rigid_effort(q, v, a), arm.rigid_effort(q - zeros, v, a), atol=1e-9)
+    np.testing.assert_allclose(off.mass_matrix(q), arm.mass_matrix(q - zeros), atol=1e-9)
+    link = arm.moving_link(arm.joints[-1])
+    np.testing.assert_allclose(off.link_jacobian(q, link), arm.link_jacobian(q - zeros, link), atol=1e-9)
+    again = arm.set_up_as(off.tilted(0.1, 0.2))
+    np.testing.assert_allclose(again.gravity(q), arm.tilted(0.1, 0.2).gravity(q - zeros), atol=1e-9)
 
 
 def place(robot: Robot, q: np.ndarray, link: str, point: np.ndarray | None = None) -> np.ndarray:

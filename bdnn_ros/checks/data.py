@@ -9,6 +9,7 @@ import numpy as np
 from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.checks.sampling import brisk
+from bdnn_ros.checks.setup import tilted, zeros_off
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.combinations import WORDS, Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
@@ -69,7 +70,13 @@ def check(
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
     value = condition(robot, signals)
-    found = [*doubts(robot), *tilted(model), *unexcited(robot, model, spread), *conditioned(value)]
+    found = [
+        *doubts(robot),
+        *tilted(model),
+        *zeros_off(model),
+        *unexcited(robot, model, spread),
+        *conditioned(value),
+    ]
     if value < HOPELESS:
         found += delayed(model, recordings)
     return found + _oddities(recordings, robot, signals)
@@ -200,18 +207,6 @@ def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[R
             f"The effort is {1e3 * abs(lead):.1f} ms {side} the motion.",
             "Stamp position and effort where they are measured; the model allows for it.",
         )
-
-
-def tilted(model: PhysicalModel) -> Iterator[Remark]:
-    """Whether the base stands otherwise than the description says, as far as motion told."""
-    if not model.leans:
-        return
-    (roll, pitch), (by_roll, by_pitch) = np.degrees(model.tilt), np.degrees(model.tilt_std)
-    yield Remark(
-        "",
-        f"The base is tilted: roll {roll:.2f}° (± {by_roll:.2f}), pitch {pitch:.2f}° (± {by_pitch:.2f}).",
-        "Level it, or mount it so in the robot description; the model allows for it.",
-    )
 
 
 def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:

@@ -21,7 +21,7 @@ from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import write_bytes, write_model_files
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters_report import tilt_entry
+from bdnn_ros.physical.parameters_report import tilt_entry, zeros_entry
 from bdnn_ros.robot import Robot
 
 HELP = "write a model as URDF, MuJoCo model, YAML and ONNX"
@@ -137,7 +137,7 @@ def describe(model: Model) -> dict[str, Any]:
         result["parameters"] = {
             name: {"value": float(value), "std": float(std)} for name, value, std in model.table()
         }
-        result["tilt"] = tilt_entry(model)
+        result |= {"tilt": tilt_entry(model), "zeros": zeros_entry(model)}
     elif isinstance(model, ExtendedModel):
         stds: tuple[Mapping[str, float], ...] = model.stds or ({},) * len(model.effects)
         result["effects"] = [
@@ -165,5 +165,6 @@ def _bodies(robot: Robot) -> dict[str, Any]:
         "armature": dict(zip(robot.joints, robot.armature.tolist(), strict=True)),
         "viscous": dict(zip(robot.joints, robot.viscous.tolist(), strict=True)),
         "coulomb": dict(zip(robot.joints, robot.coulomb.tolist(), strict=True)),
+        "zeros": dict(zip(robot.joints, robot.zeros.tolist(), strict=True)),
         "gravity": robot.gravity_vector.tolist(),
     }

@@ -27,7 +27,7 @@ def preamble(stem: str) -> str:
     wide = len(mjcf)
     return f"""\
 # What {urdf} cannot say. Nothing is to be applied twice:
-#   {urdf:{wide}}  carries the links' inertias, payloads, the base's tilt, damping and friction
+#   {urdf:{wide}}  carries the links' inertias, payloads, zeros, the base's tilt, damping and friction
 #   {"this file":{wide}}  carries all the rest; with {urdf} it is the whole model:
 #   {"":{wide}}  bdnn simulate --urdf {urdf} --effects effects.yaml
 #   {mjcf}  stands alone: what {urdf} carries, and of this file what says so under {ALSO_IN}

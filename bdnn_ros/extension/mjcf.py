@@ -84,7 +84,7 @@ def _inertial(parameters: np.ndarray) -> ElementTree.Element:
 def _axis(tree: pin.Model, index: int) -> tuple[str, np.ndarray]:
     """Kind and axis (3,) of a joint, in its own frame."""
     data = tree.joints[index].createData()
-    tree.joints[index].calc(data, np.zeros(tree.joints[index].nq))
+    tree.joints[index].calc(data, np.zeros(tree.nq))
     motion = np.asarray(data.S, float).ravel()
     return ("slide", motion[:3]) if np.abs(motion[:3]).max() > 0.5 else ("hinge", motion[3:])
 

@@ -60,10 +60,11 @@ def beside_urdf(model: ExtendedModel) -> list[Installed]:
 
 
 def extended_urdf(model: ExtendedModel) -> str:
-    """The model's URDF with corrected inertials, payloads, friction tags and the base's tilt."""
+    """The model's URDF with corrected inertials, payloads, friction tags, zeros and the base's tilt."""
     document = UrdfText(model.robot.urdf)
     _write_bodies(document, model)
     _write_friction(document, model)
+    _write_zeros(document, model.robot)
     _write_tilt(document, model.robot.gravity_vector)
     return document.text()
 
@@ -177,6 +178,30 @@ def _write_friction(document: UrdfText, model: ExtendedModel) -> None:
         attributes: dict[str, object] = dict(old.attributes) if old else {}
         attributes |= {"damping": joints.viscous[k], "friction": joints.coulomb[k]}
         document.put(joint, "dynamics", tag("dynamics", **attributes))
+
+
+def _write_zeros(document: UrdfText, robot: Robot) -> None:
+    """Origins of joints whose zeros are off, where they have to be for positions as they are reported."""
+    for name, zero, slides in zip(robot.joints, robot.zeros, robot.slides, strict=True):
+        if zero == 0.0:
+            continue
+        joint = document.named("joint", name)
+        rpy, xyz, axis = (
+            np.array(element.attributes.get(key, default).split() if element else default.split(), float)
+            for element, key, default in (
+                (joint.child("origin"), "rpy", "0 0 0"),
+                (joint.child("origin"), "xyz", "0 0 0"),
+                (joint.child("axis"), "xyz", "1 0 0"),
+            )
+        )
+        back = -zero * axis / np.linalg.norm(axis)
+        rotation = pin.rpy.rpyToMatrix(*rpy)
+        if slides:
+            xyz = xyz + rotation @ back
+        else:
+            rotation = rotation @ pin.exp3(back)
+        turned = tag("origin", xyz=xyz.tolist(), rpy=pin.rpy.matrixToRpy(rotation).tolist())
+        document.put(joint, "origin", turned)
 
 
 def _write_tilt(document: UrdfText, gravity_vector: np.ndarray) -> None:

@@ -136,7 +136,7 @@ class Reporter:
             "model_age": f"{now - served.since:.1f}" if served else math.nan,
             "model_samples": served.samples if served else 0,
             "model_origin": served.origin if served else "",
-            **(base(served.model) if served else {}),
+            **(setup(served.model) if served else {}),
             "updates_rejected": session.counts.updates_rejected,
             "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
@@ -180,13 +180,14 @@ class Reporter:
         return DiagnosticStatus.OK, "training" if session.learning else "serving, training is paused"
 
 
-def base(model: Dynamics) -> dict[str, object]:
-    """How the base of an identified robot turned out to stand [deg]; nothing where it stands as described."""
-    if not isinstance(model, PhysicalModel) or not model.leans:
+def setup(model: Dynamics) -> dict[str, object]:
+    """How an identified robot turned out to be set up: its base [deg], zeros [rad] ([m]); nothing of what is as described."""
+    if not isinstance(model, PhysicalModel):
         return {}
+    angles = zip(("roll", "pitch"), model.tilt, strict=True) if model.leans else ()
     return {
-        f"base_{name}_deg": f"{math.degrees(angle):.2f}"
-        for name, angle in zip(("roll", "pitch"), model.tilt, strict=True)
+        **{f"base_{name}_deg": f"{math.degrees(angle):.2f}" for name, angle in angles},
+        **{f"zero_of_{model.joints[joint]}": f"{value:.4f}" for joint, value, _ in model.zeros},
     }
 
 

@@ -18,8 +18,8 @@ from bdnn_ros.physical.parameters import Prior, Spread, prior
 from bdnn_ros.physical.possible import Possible
 from bdnn_ros.physical.presliding import Directions
 from bdnn_ros.physical.recursive import Posterior
-from bdnn_ros.physical.selection import choose, tilt_shows
-from bdnn_ros.physical.structure import Layout, Structure, layout, straightened, typical_friction
+from bdnn_ros.physical.selection import choose, set_up
+from bdnn_ros.physical.structure import TILT, Layout, Structure, layout, straightened, typical_friction
 from bdnn_ros.physical.sums import Motion, Sums
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -31,14 +31,14 @@ LEAST_FRICTION = 0.01
 """Of a joint, in units of its effort scale: what it lacks may still be learned."""
 LEARNED = 0.5
 """Share of the residual that is left where what is learned lowers it so far that doubtful rows must be weighed anew."""
-KNOWN_TILT = 5.0
-"""A base is tilted where an angle is so many times its standard deviation."""
+KNOWN = 5.0
+"""A base is tilted, and a zero is off, where it is so many times its standard deviation."""
 LONG_PAUSE = 10.0
 """No chunk is looked for in a pause longer than this [s]."""
 NEVER = 1 << 62
 FIRST_SETTLED = 4
-FIRST_LOOKED_AT = 4
-"""Chunks after which it is first asked how the base stands, again whenever they have doubled, until terms are chosen."""
+FIRST_SET_UP = 4
+"""Chunks after which it is first asked how the robot is set up, again whenever they have doubled, until terms are chosen."""
 ITERATIONS = 10
 """Of noise and parameters, where there is time."""
 VELOCITY = 2.0
@@ -62,7 +62,7 @@ class Identifier:
         settle_at: chunks after which the motion is gone through for the first time.
 
     Attributes:
-        robot: the prior, its base tilted as far as that is known.
+        robot: the prior, set up as far as that is known.
         belief: of the base parameters before any motion.
         sums: of all motion so far.
         samples: taken in so far.
@@ -93,7 +93,7 @@ class Identifier:
         self._straight: tuple[np.ndarray, ...] = ()
         self._kept: list[Motion] = []
         self._used = 0
-        self._settle_at, self._lean_at = settle_at, FIRST_LOOKED_AT
+        self._settle_at, self._set_up_at = settle_at, FIRST_SET_UP
         self._state: tuple[np.ndarray, Directions] | None = None
 
     @property
@@ -207,7 +207,7 @@ class Identifier:
             self.robot = self._described
             sums.take_for(self.robot)
             sums.again(self._kept, evidence.noise)
-        plain, posterior = self._on_its_base(whole)
+        plain, posterior = self._as_set_up(whole)
         usual = typical_friction(posterior.mean, posterior.layout, evidence.total)
         friction = np.clip(usual, LEAST_FRICTION * belief.effort_scale, belief.effort_scale)
         possible = Possible.of(evidence, posterior)
@@ -225,13 +225,13 @@ class Identifier:
             sums.again(self._kept, left)
             self._choose(plain, posterior.layout, bodies)
 
-    def lean(self) -> None:
-        """Settle no more than whether the base is tilted: bodies learn within seconds what a level one would take."""
+    def set_up(self) -> None:
+        """Settle no more than how the robot is set up: bodies learn within seconds what a level base would take."""
         if self.sums.evidence.total is None:
             return
         self.sums.evidence.doubt()
-        plain, posterior = self._on_its_base(whole=True)
-        if plain.tilted:
+        plain, posterior = self._as_set_up(whole=True)
+        if plain.setup:
             with suppress(UpdateRejected):  # so little motion may not make a robot yet
                 self._take_for(posterior, plain)
                 self.structure = plain
@@ -239,22 +239,21 @@ class Identifier:
     def _take_for(self, posterior: Posterior, structure: Structure) -> None:
         """Sum all motion anew about the robot that is known by now."""
         known = physical_model(self.robot, posterior, structure, self.scales).robot
-        self.robot = replace(self.robot, gravity_vector=known.gravity_vector)
+        self.robot = self.robot.set_up_as(known)
         self.sums.take_for(known)
         self.sums.again(self._kept, posterior.noise)
 
-    def _on_its_base(self, whole: bool) -> tuple[Structure, Posterior]:
-        """Nothing but bodies, rotors and friction, on a base that is tilted where the motion shows it; whether it does
-        stays settled once not all motion is kept."""
-        level, evidence = Structure.plain(self.belief), self.sums.evidence
-        tilted = replace(level, tilted=True)
-        posterior = evidence.solve(layout(level, self.belief), ITERATIONS)
-        if tilt_shows(evidence, level) if whole else self.structure.tilted:
-            turned = evidence.solve(layout(tilted, self.belief), ITERATIONS)
-            if not whole or (np.abs(turned.mean) > KNOWN_TILT * turned.std)[turned.layout.tilt].any():
-                return tilted, turned
-            posterior = evidence.solve(layout(level, self.belief), ITERATIONS)
-        return level, posterior
+    def _as_set_up(self, whole: bool) -> tuple[Structure, Posterior]:
+        """Nothing but bodies, rotors and friction, and of the setup what motion surely shows; what is unknown of that stays
+        settled once not all motion is kept."""
+        evidence, plain = self.sums.evidence, Structure.plain(self.belief)
+        posterior = evidence.solve(layout(plain, self.belief), ITERATIONS)
+        setup = set_up(evidence, plain).setup if whole else self.structure.setup
+        while setup != plain.setup:
+            plain = replace(plain, setup=setup)
+            posterior = evidence.solve(layout(plain, self.belief), ITERATIONS)
+            setup = _sure(posterior, setup) if whole else setup
+        return plain, posterior
 
     def _choose(self, plain: Structure, without: Layout, bodies: np.ndarray | None) -> None:
         """Settle which terms are on; by the layout without any the noise of the evidence was estimated."""
@@ -292,15 +291,25 @@ class Identifier:
         if self._used >= self._settle_at:
             self._settle_at *= 2
             self.settle()
-        elif self._used == self._lean_at < self._settle_at < NEVER:
-            self._lean_at *= 2
-            self.lean()
+        elif self._used == self._set_up_at < self._settle_at < NEVER:
+            self._set_up_at *= 2
+            self.set_up()
 
     def _state_at(self, time: float) -> Directions | None:
         """State of friction at a time within the last chunk's motion, None where there is none."""
         if self._state is None or not self._state[0][0] <= time <= self._state[0][-1]:
             return None
         return self._state[1].at(int(np.searchsorted(self._state[0], time, side="right")) - 1)
+
+
+def _sure(posterior: Posterior, setup: tuple[int, ...]) -> tuple[int, ...]:
+    """What of the setup is known not to be as described; one angle of the base says so of both."""
+    at = posterior.layout.setup
+    sizes = np.abs(posterior.mean[at]) / posterior.std[at]
+    sure = {k for k, size in zip(setup, sizes, strict=True) if size > KNOWN}
+    if sure & {*TILT}:
+        sure |= {*TILT}
+    return tuple(k for k in setup if k in sure)
 
 
 def _stretches(recording: Recording, seconds: float) -> list[slice]:

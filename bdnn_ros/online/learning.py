@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -101,7 +101,7 @@ class Learning:
         known = None
         if resume is not None:
             known = belief(resume, robot)
-            robot = replace(robot, gravity_vector=resume.robot.gravity_vector)
+            robot = robot.set_up_as(resume.robot)
         self.identifier = Identifier(robot, cutoff, belief=known, settle_at=SETTLE_AT)
         self.served: Version | None = None
         self.errors: list[Error] = []

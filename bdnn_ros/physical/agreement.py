@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.physical.combinations import Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import PER_LINK
+from bdnn_ros.robot.units import along
 
 CHANCE = 0.01
 """Probability that chance alone makes any of all parameters seem to differ."""
@@ -53,7 +54,7 @@ class Agreement:
 def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
     """What models of one robot, each of another recording, say of every parameter that motion can tell.
 
-    The base's angles are compared between those that found it tilted.
+    The base's angles, and a joint's zero, are compared between those that found them not as described.
 
     Values differ where their weighted squared distances from the mean are more than chance explains (χ² test,
     level divided by the number of parameters after Bonferroni).
@@ -76,7 +77,18 @@ def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
         values = np.degrees([model.tilt[k] for model in turned])
         stds = np.degrees([model.tilt_std[k] for model in turned])
         result.append(_compared(f"{name} of the base", "deg", values, stds, level))
-    return result
+    return [*result, *_zeros(models, level)]
+
+
+def _zeros(models: Sequence[PhysicalModel], level: float) -> Iterator[Agreement]:
+    """What models say that joints report at their zeros, of joints of which two or more say that it is off."""
+    robot = models[0].robot
+    for joint, name in enumerate(robot.joints):
+        told = [(value, std) for model in models for k, value, std in model.zeros if k == joint]
+        if len(told) > 1:
+            unit = along("rad", bool(robot.slides[joint]))
+            values, stds = np.array(told).T
+            yield _compared(f"zero of {name}", unit, values, stds, level)
 
 
 def _compared(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from bdnn_ros.errors import UpdateRejected
@@ -12,7 +14,7 @@ from bdnn_ros.physical.local import LocalResiduals, spread_weights
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT, Parameters
 from bdnn_ros.physical.recursive import Posterior, inverse, solve
-from bdnn_ros.physical.structure import Structure
+from bdnn_ros.physical.structure import TILT, Structure
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import tilt_of
 
@@ -36,8 +38,8 @@ def physical_model(
     layout, width = posterior.layout, robot.width
     if not np.isfinite(posterior.mean).all():
         raise UpdateRejected("The identified parameters are not finite.", "Check the efforts for outliers.")
-    lead, tilt = layout.lead, layout.tilt
-    physical = np.arange(lead + 1 + len(tilt))
+    lead = layout.lead
+    physical = np.arange(lead + 1 + len(layout.setup))
     learned = np.arange(len(physical), layout.size)
     cross = posterior.information[np.ix_(learned, physical)]
     follow = solve(posterior.information[np.ix_(learned, learned)], cross) if len(learned) else cross
@@ -50,8 +52,15 @@ def physical_model(
         raise UpdateRejected("The identified inertias are not physically possible.", "Check units and signs.")
     identified = robot.with_inertials(values.inertials)
     identified = identified.with_joint_parameters(values.armature, values.viscous, values.coulomb)
-    if len(tilt):
-        identified = identified.tilted(*(np.array(tilt_of(robot.gravity_vector)) + vector[tilt]))
+    further, doubt = np.zeros((2, len(TILT) + width))
+    covariance = inverse(information)
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    for k, at in zip(structure.setup, layout.setup, strict=True):
+        further[k], doubt[k] = vector[at], std[at]
+    tilt, zeros = np.split(further, [len(TILT)])
+    if tilt.any():
+        identified = identified.tilted(*(tilt_of(robot.gravity_vector) + tilt))
+    identified = replace(identified, zeros=robot.zeros + zeros)
 
     def part(where: slice) -> np.ndarray:
         return weights[where.start - len(physical) : where.stop - len(physical)]
@@ -70,8 +79,6 @@ def physical_model(
         learned_effort = LocalResiduals(
             structure.groups, spread_weights(structure.groups, of_joint), np.array(taken), scales
         )
-    covariance = inverse(information)
-    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     return PhysicalModel(
         identified,
         values.offset,
@@ -83,7 +90,8 @@ def physical_model(
         learned_effort,
         float(vector[lead]),
         float(std[lead]),
-        tilt_std=(float(std[tilt[0]]), float(std[tilt[1]])) if len(tilt) else (0.0, 0.0),
+        tilt_std=(float(doubt[0]), float(doubt[1])),
+        zeros_std=tuple(doubt[len(TILT) :].tolist()),
     )
 
 

@@ -43,6 +43,7 @@ class PhysicalModel(ReadOnlyArrays):
         lag: time constant of a low-pass of first order that the measured effort has passed [s].
         tilt_std: standard deviations of the roll and pitch at which `robot` stands [rad]; zero where they were taken
             as known.
+        zeros_std: standard deviations of the robot's zeros, n of them [rad] ([m]), zero of those taken as known; or none.
     """
 
     kind: ClassVar[str] = "physical"
@@ -60,6 +61,7 @@ class PhysicalModel(ReadOnlyArrays):
     lead_std: float = 0.0
     lag: float = 0.0
     tilt_std: tuple[float, float] = (0.0, 0.0)
+    zeros_std: tuple[float, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -81,6 +83,11 @@ class PhysicalModel(ReadOnlyArrays):
     def leans(self) -> bool:
         """Whether motion showed that the base stands otherwise than described."""
         return any(self.tilt_std)
+
+    @property
+    def zeros(self) -> list[tuple[int, float, float]]:
+        """Joints whose zeros motion showed to be off: which, what it reports there and its standard deviation [rad] ([m])."""
+        return [(k, float(self.robot.zeros[k]), std) for k, std in enumerate(self.zeros_std) if std]
 
     @cached_property
     def std(self) -> Parameters:
@@ -203,6 +210,7 @@ class PhysicalModel(ReadOnlyArrays):
             "lead_std": self.lead_std,
             "lag": self.lag,
             "tilt_std": list(self.tilt_std),
+            "zeros_std": list(self.zeros_std),
             "motors": pairs,
         }
         if self.learned is not None:
@@ -223,6 +231,9 @@ class PhysicalModel(ReadOnlyArrays):
             if breakaway and not 0 <= min(breakaway) <= max(breakaway) < len(BREAKAWAYS):
                 raise ValueError("breakaway")
             roll, pitch = map(float, info.get("tilt_std", (0.0, 0.0)))
+            zeros_std = tuple(map(float, info.get("zeros_std", ())))
+            if len(zeros_std) not in (0, len(info["joints"])):
+                raise ValueError("zeros_std")
             return cls(
                 robot=robot_from_state(arrays, info),
                 offset=arrays["offset"],
@@ -234,6 +245,7 @@ class PhysicalModel(ReadOnlyArrays):
                 lead_std=float(info.get("lead_std", 0.0)),
                 lag=float(info.get("lag", 0.0)),
                 tilt_std=(roll, pitch),
+                zeros_std=zeros_std,
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )

@@ -11,6 +11,7 @@ from bdnn_ros.physical.combinations import combinations, unit_of
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL
 from bdnn_ros.physical.remark import Remark
+from bdnn_ros.robot.units import along
 
 FORMAT, VERSION = "bdnn_ros/parameters", 1
 
@@ -43,6 +44,7 @@ def as_json(
         "lead": {"value": model.lead, "std": model.lead_std, "unit": "s"},
         "lag": {"value": model.lag, "unit": "s"},
         "tilt": tilt_entry(model),
+        "zeros": zeros_entry(model),
         "terms": [_terms(model, k) for k in range(model.robot.width)],
         "remarks": [{"about": one.about, "problem": one.problem, "remedy": one.remedy} for one in remarks],
         "agreement": [
@@ -67,6 +69,15 @@ def tilt_entry(model: PhysicalModel) -> dict[str, Any]:
     return {
         name: {"value": math.degrees(value), "std": math.degrees(std), "unit": "deg"}
         for name, value, std in angles
+    }
+
+
+def zeros_entry(model: PhysicalModel) -> dict[str, Any]:
+    """What joints report at their zeros, of those that are off; plain values."""
+    slides = model.robot.slides
+    return {
+        model.joints[joint]: {"value": value, "std": std, "unit": along("rad", bool(slides[joint]))}
+        for joint, value, std in model.zeros
     }
 
 

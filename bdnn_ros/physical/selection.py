@@ -16,6 +16,7 @@ from bdnn_ros.physical.recursive import Recursion, inverse, solve
 from bdnn_ros.physical.statistics import Statistics, summed
 from bdnn_ros.physical.structure import (
     LEAD,
+    TILT,
     Columns,
     Layout,
     Structure,
@@ -34,8 +35,8 @@ BREAKAWAY_COST = 0.05
 """The same, of another breakaway than the usual one."""
 COUPLING_GAIN = 0.2
 """Share of the squared error on what was left out that a coupling must remove from each of its joints."""
-TILT_GAIN, TILT_COST = 0.1, 0.1
-"""The same, of a tilted base from each of two joints; and what others may lose, as a share of all that is gained."""
+SETUP_GAIN, SETUP_COST = 0.1, 0.1
+"""The same, of a tilted base or a zero from each of two joints; and what others may lose, as a share of all that is gained."""
 NEGLIGIBLE = 1e-4
 """Share of the squared effort that needs no explanation."""
 BELIEVED = 100.0
@@ -81,25 +82,41 @@ def choose(
     return replace(chosen, relevance=tuple(joint.relevance for joint in joints))
 
 
-def tilt_shows(recursion: Recursion, plain: Structure) -> bool:
-    """Whether a tilted base lowers the error on what was left out, of two joints at least.
+def set_up(recursion: Recursion, plain: Structure) -> Structure:
+    """With what is not as described of how the robot is set up: what lowers the error on what was left out most, then
+    what does so beside it, and so on.
 
-    What it does to one alone could as well be a spring or a weight of its own.
+    It has to show on two joints at least: what it does to one alone could as well be a spring or a weight of its own.
 
     Args:
         plain: nothing switched on; by its layout the noise was estimated.
     """
-    folds, tilted = _folds(recursion), replace(plain, tilted=True)
+    folds = _folds(recursion)
     if not folds:
-        return False
+        return plain
     negligible = NEGLIGIBLE * np.sum([fold.energy for fold in folds], axis=0) + np.finfo(float).tiny
-    before, after = (
-        np.log(recursion.left_out(layout(each, recursion.belief), folds) + negligible)
-        for each in (plain, tilted)
-    )
-    gain = before - after
+
+    def left(structure: Structure) -> np.ndarray:
+        return np.log(recursion.left_out(layout(structure, recursion.belief), folds) + negligible)
+
+    chosen, before = plain, left(plain)
+    kinds = [TILT, *((len(TILT) + joint,) for joint in range(len(plain.groups)))]
+    while True:
+        further = [
+            replace(chosen, setup=(*chosen.setup, *kind)) for kind in kinds if not {*kind} & {*chosen.setup}
+        ]
+        gains = [before - left(structure) for structure in further]
+        shown = [(gain.sum(), k) for k, gain in enumerate(gains) if _shows(gain)]
+        if not shown:
+            return replace(chosen, setup=tuple(sorted(chosen.setup)))
+        best = max(shown)[1]
+        chosen, before = further[best], before - gains[best]
+
+
+def _shows(gain: np.ndarray) -> bool:
+    """Whether two joints at least gain enough, and others do not lose too much of it."""
     lost = -gain[gain < 0.0].sum()
-    return bool(np.count_nonzero(gain > TILT_GAIN) > 1 and lost < TILT_COST * gain[gain > 0.0].sum())
+    return bool(np.count_nonzero(gain > SETUP_GAIN) > 1 and lost < SETUP_COST * gain[gain > 0.0].sum())
 
 
 def _folds(recursion: Recursion) -> list[Statistics]:

@@ -16,8 +16,10 @@ from bdnn_ros.robot import PER_LINK
 
 LEAD = 0.003
 """Prior standard deviation of how far the measured effort may be ahead of the motion [s]."""
-TILT = 0.1
-"""Prior standard deviation of the angles by which a tilted base rolls and pitches [rad]."""
+SETUP = 0.1
+"""Prior standard deviation of the angles by which a tilted base rolls and pitches, and of zeros that are off [rad] ([m])."""
+TILT = (0, 1)
+"""Roll and pitch of the base, among what may be unknown of how a robot is set up; then follow the zeros of its joints."""
 MOTOR_CURVE = 0.2
 """Prior standard deviation of the weights of a coupled motor's curve, in units of its joints' friction."""
 
@@ -34,7 +36,7 @@ class Structure:
         couplings: motors that turn with two joints.
         relevance: prior deviation of the weight of each feature, n tuples of FEATURES [N·m]; empty before the
             motion has shown any.
-        tilted: whether the base is.
+        setup: what is not as described of how the robot is set up, in ascending order: `TILT`, len(TILT) + k the zero of joint k.
     """
 
     breakaway: tuple[int, ...]
@@ -43,7 +45,7 @@ class Structure:
     beyond: tuple[float, ...]
     couplings: tuple[Coupling, ...] = ()
     relevance: tuple[tuple[float, ...], ...] = ()
-    tilted: bool = False
+    setup: tuple[int, ...] = ()
 
     @classmethod
     def plain(cls, belief: Prior) -> Structure:
@@ -65,8 +67,8 @@ class Columns:
 
     In order, low-passed once: the bodies (n · PER_LINK), armature, viscous, offset, for the pair with the
     joint before and the joint after, for each sign, armature and viscous friction of a coupled motor, the rate
-    of the measured effort, and what a tilted base adds. Then, low-passed twice: Coulomb friction for each of `BREAKAWAYS`, the
-    features, and Coulomb friction of the coupled motors with its curve.
+    of the measured effort, and what the setup adds: a tilted base, zeros that are off. Then, low-passed twice: Coulomb
+    friction for each of `BREAKAWAYS`, the features, and Coulomb friction of the coupled motors with its curve.
     """
 
     def __init__(self, width: int) -> None:
@@ -74,8 +76,8 @@ class Columns:
         self.own = width * PER_LINK
         self.coupled_smooth = self.own + 3
         self.lead = self.coupled_smooth + 2 * pairs
-        self.tilt = self.lead + 1
-        self.coulomb = self.tilt + 2
+        self.setup = self.lead + 1
+        self.coulomb = self.setup + len(TILT) + width
         self.features = self.coulomb + len(BREAKAWAYS)
         self.coupled_sharp = self.features + FEATURES
         self.count = self.coupled_sharp + pairs * (1 + CURVE_FEATURES)
@@ -104,8 +106,8 @@ class Columns:
 class Layout:
     """Where the P parameters of a structure are.
 
-    Those of `Prior`, then `PER_COUPLING` of each coupling, the time the effort is ahead and, of a tilted base, two
-    angles, the weights of the couplings' curves, and the weights of the joints' features.
+    Those of `Prior`, then `PER_COUPLING` of each coupling, the time the effort is ahead, what is unknown of the setup, the
+    weights of the couplings' curves, and the weights of the joints' features.
 
     Attributes:
         columns: of each joint, which of its K columns take part.
@@ -113,7 +115,7 @@ class Layout:
         deviation: prior standard deviation of the parameters after the base, (P - base,).
         base: number of parameters in the order of `Prior`.
         lead: where the time is by which the effort is ahead.
-        tilt: where the angles are by which the base rolls and pitches further; empty of one that is level.
+        setup: where the angles are by which the base and zeros are further off.
         positive: parameters that cannot be negative.
         motors: where the weights of each coupling's curve are.
         weights: where the weights of each joint's features are, n slices.
@@ -125,7 +127,7 @@ class Layout:
     deviation: np.ndarray
     base: int
     lead: int
-    tilt: np.ndarray
+    setup: np.ndarray
     positive: np.ndarray
     motors: tuple[slice, ...]
     weights: tuple[slice, ...]
@@ -231,9 +233,9 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
     parameters = [[bodies, width * PER_LINK + np.arange(PER_JOINT) * width + j] for j in range(width)]
     deviation: list[np.ndarray] = []
     lead = base + PER_COUPLING * len(structure.couplings)
-    tilt = lead + 1 + np.arange(2 * structure.tilted)
-    free = lead + 1 + len(tilt)
-    common = np.arange(lead, free), where.lead + np.arange(free - lead)
+    setup = lead + 1 + np.arange(len(structure.setup))
+    free = lead + 1 + len(setup)
+    common = np.arange(lead, free), np.array([where.lead, *(where.setup + k for k in structure.setup)])
     positive = [width * PER_LINK + np.arange(PER_COUPLING * width), np.arange(base, lead)]
     motors = []
     for k, coupling in enumerate(structure.couplings):
@@ -251,7 +253,7 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
     for joint in range(width):
         parameters[joint].append(common[0])
         columns[joint].append(common[1])
-    deviation.insert(len(structure.couplings), np.array([LEAD, *[TILT] * len(tilt)]))
+    deviation.insert(len(structure.couplings), np.array([LEAD, *[SETUP] * len(setup)]))
     weights = []
     for joint, groups in enumerate(structure.groups):
         begin = free
@@ -268,7 +270,7 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
         np.concatenate(deviation) if deviation else np.empty(0),
         base,
         lead,
-        tilt,
+        setup,
         np.concatenate(positive),
         tuple(motors),
         tuple(weights),

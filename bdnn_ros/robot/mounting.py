@@ -1,4 +1,4 @@
-"""How a base stands: the direction from which gravity comes."""
+"""How a robot is set up: the direction from which gravity comes, and where joints have their zeros."""
 
 from __future__ import annotations
 
@@ -21,3 +21,12 @@ def tilt_of(gravity_vector: np.ndarray) -> tuple[float, float]:
     """Roll and pitch [rad] of a base turned by Ry(pitch)·Rx(roll) that sees this gravity, (3,)."""
     x, y, z = -np.asarray(gravity_vector) / np.linalg.norm(gravity_vector)
     return math.atan2(y, z) + 0.0, -math.asin(max(-1.0, min(1.0, x))) + 0.0
+
+
+def turned_back(model: pin.Model, joint: int, zero: float) -> pin.SE3:
+    """Where a joint of one degree of freedom has to be placed for the model to stand as it does where the joint reports
+    that much beyond its position [rad] ([m])."""
+    data, positions = model.joints[joint].createData(), np.zeros(model.nq)
+    positions[model.idx_qs[joint]] = -zero
+    model.joints[joint].calc(data, positions)
+    return model.jointPlacements[joint] * data.M

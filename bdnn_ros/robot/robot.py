@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
-from bdnn_ros.robot.mounting import STANDARD_GRAVITY, gravity_of
+from bdnn_ros.robot.mounting import STANDARD_GRAVITY, gravity_of, turned_back
 from bdnn_ros.robot.urdf import (
     NONE_HELD,
     Held,
@@ -43,11 +43,12 @@ class Robot(ReadOnlyArrays):
             fixed to it; body i moves with joint i.
         armature, viscous, coulomb: per joint, (n,) [kg·m²], [N·m·s/rad], [N·m]; damping and friction tags
             of the URDF fill the last two.
+        zeros: what each joint reports where it is at its zero, (n,) [rad] ([m]).
         gravity_vector: acceleration of gravity in the base frame, (3,) [m/s²].
         held: other joints of the URDF, and where they stand [rad] ([m]); the rest is at zero, or at the nearest limit.
     """
 
-    READ_ONLY = ("inertials", "armature", "viscous", "coulomb", "gravity_vector")
+    READ_ONLY = ("inertials", "armature", "viscous", "coulomb", "zeros", "gravity_vector")
 
     urdf: str
     joints: tuple[str, ...]
@@ -56,6 +57,7 @@ class Robot(ReadOnlyArrays):
     viscous: np.ndarray
     coulomb: np.ndarray
     limits: Limits
+    zeros: np.ndarray
     gravity_vector: np.ndarray = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
     held: tuple[tuple[str, float], ...] = ()
 
@@ -76,7 +78,7 @@ class Robot(ReadOnlyArrays):
         order = np.array([model.idx_vs[model.getJointId(name)] for name in names])
         inertials = np.array([model.inertias[model.getJointId(name)].toDynamicParameters() for name in names])
         none, tags, limits = np.zeros(len(names)), joint_tags(urdf, names), limits_of(model, order)
-        return cls(urdf, names, inertials, none, *tags, limits, held=tuple(held.items()))
+        return cls(urdf, names, inertials, none, *tags, limits, none, held=tuple(held.items()))
 
     @classmethod
     def from_file(cls, path: str | Path, joints: Sequence[str] = ()) -> Robot:
@@ -100,8 +102,10 @@ class Robot(ReadOnlyArrays):
     @cached_property
     def _model(self) -> pin.Model:
         model, _ = model_of(self.urdf, self.joints, dict(self.held))
-        for name, values in zip(self.joints, self.inertials, strict=True):
-            model.inertias[model.getJointId(name)] = inertia_of(values)
+        for name, values, zero in zip(self.joints, self.inertials, self.zeros, strict=True):
+            joint = model.getJointId(name)
+            model.inertias[joint] = inertia_of(values)
+            model.jointPlacements[joint] = turned_back(model, joint, zero)
         model.armature[:] = 0.0
         model.gravity.linear = np.asarray(self.gravity_vector)
         return model
@@ -117,7 +121,7 @@ class Robot(ReadOnlyArrays):
 
     @cached_property
     def _order(self) -> np.ndarray:
-        """Pinocchio's velocity index of each joint, (n,)."""
+        """Pinocchio's velocity index of each joint, (n,): one less than the joint's own number."""
         return np.array([self._model.idx_vs[self._model.getJointId(name)] for name in self.joints])
 
     @cached_property
@@ -196,7 +200,7 @@ class Robot(ReadOnlyArrays):
         for k, row in enumerate(zip(q, v, a, strict=True)):
             result[k] = pin.computeJointTorqueRegressor(model, data, *row)
         blocks = result.reshape(len(q), self.width, self.width, PER_LINK)
-        return blocks[:, self._order][:, :, self._bodies].reshape(result.shape)
+        return blocks[:, self._order][:, :, self._order].reshape(result.shape)
 
     def effort_derivatives(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
@@ -213,20 +217,15 @@ class Robot(ReadOnlyArrays):
         return by_position, by_velocity, by_acceleration
 
     @cached_property
-    def _bodies(self) -> np.ndarray:
-        """Pinocchio's body (joint id - 1) that moves with each joint, (n,)."""
-        return np.array([self._model.getJointId(name) - 1 for name in self.joints])
-
-    @cached_property
     def slides(self) -> np.ndarray:
         """Whether each joint is prismatic, (n,) bool."""
-        kinds = (self._model.joints[int(body) + 1].shortname() for body in self._bodies)
+        kinds = (self._model.joints[int(body) + 1].shortname() for body in self._order)
         return np.array([kind.startswith("JointModelP") for kind in kinds])
 
     @cached_property
     def carries(self) -> np.ndarray:
         """Which joints (columns) each joint (rows) moves, itself among them, (n, n) bool."""
-        bodies = self._bodies + 1
+        bodies = self._order + 1
         return np.array([np.isin(bodies, list(self._model.subtrees[int(body)])) for body in bodies])
 
     @cached_property
@@ -310,6 +309,10 @@ class Robot(ReadOnlyArrays):
     def tilted(self, roll: float, pitch: float) -> Robot:
         """The same robot on a base turned by Ry(pitch)·Rx(roll) from level [rad]."""
         return replace(self, gravity_vector=gravity_of(roll, pitch))
+
+    def set_up_as(self, other: Robot) -> Robot:
+        """The same robot with another's zeros, on another's base."""
+        return replace(self, zeros=other.zeros, gravity_vector=other.gravity_vector)
 
     def _rows(self, *values: np.ndarray) -> tuple[list[np.ndarray], tuple[int, ...]]:
         """Values (..., n) as contiguous rows in Pinocchio's order, (N, n) each, and their common shape."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.robot import Robot
 
-ARRAYS = ("inertials", "armature", "viscous", "coulomb", "gravity_vector")
+ARRAYS = ("inertials", "armature", "viscous", "coulomb", "zeros", "gravity_vector")
 
 
 def robot_state(robot: Robot) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -25,8 +25,9 @@ def robot_from_state(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Rob
         KeyError: an array or an entry is missing.
         RobotError: the description is not usable.
     """
+    none = np.zeros(len(info["joints"]))  # files of before have no zeros
     held = {str(joint): float(position) for joint, position in info.get("held", {}).items()}
     robot = Robot.from_urdf(str(info["urdf"]), [str(joint) for joint in info["joints"]], held)
     robot = robot.with_inertials(arrays["inertials"])
     robot = robot.with_joint_parameters(arrays["armature"], arrays["viscous"], arrays["coulomb"])
-    return replace(robot, gravity_vector=np.asarray(arrays["gravity_vector"], float))
+    return replace(robot, zeros=arrays.get("zeros", none), gravity_vector=arrays["gravity_vector"])

@@ -1,0 +1,34 @@
+"""How a robot turned out to be set up, where motion showed that it is not as described."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.remark import Remark
+from bdnn_ros.robot.units import along
+
+
+def tilted(model: PhysicalModel) -> Iterator[Remark]:
+    """Whether the base stands otherwise than the description says."""
+    if not model.leans:
+        return
+    (roll, pitch), (by_roll, by_pitch) = np.degrees(model.tilt), np.degrees(model.tilt_std)
+    yield Remark(
+        "",
+        f"The base is tilted: roll {roll:.2f}° (± {by_roll:.2f}), pitch {pitch:.2f}° (± {by_pitch:.2f}).",
+        "Level it, or mount it so in the robot description; the model allows for it.",
+    )
+
+
+def zeros_off(model: PhysicalModel) -> Iterator[Remark]:
+    """Joints that are not at zero where they report it."""
+    for joint, value, std in model.zeros:
+        unit = along("rad", bool(model.robot.slides[joint]))
+        yield Remark(
+            model.joints[joint],
+            f"It reports its position {value:+.4f} {unit} (± {std:.4f}) off the true one.",
+            "Set its encoder's zero, or move the joint's origin in the robot description; the model allows for it.",
+        )
