@@ -73,3 +73,48 @@ def test_a_few_samples_are_left_alone(even, scattered, count):
 def test_a_robot_at_rest_has_no_say(even, scattered):
     still = Recording(scattered, JOINTS, np.ones((len(even), 2)))
     assert without_jitter(still) is still
+
+
+def late(even: np.ndarray, share: float, seed: int = 0, most: int = 1) -> np.ndarray:
+    """Stamps of which some were made as late as 10 µs before the next: `most` in a row, all at once, as a queue lets go."""
+    generator, stamps = np.random.default_rng(seed), even.copy()
+    for start in generator.choice(len(even) // 10, max(1, round(share * len(even))), replace=False) * 10 + 3:
+        held = 1 + generator.integers(most)
+        stamps[start : start + held] = even[start + held] - 1e-5 * np.arange(held, 0, -1)
+    return stamps
+
+
+@pytest.mark.parametrize("share", [0.0, 0.005, 0.03])
+@pytest.mark.parametrize("most", [1, 4])
+def test_stamps_that_are_late_are_put_right(even, share, most):
+    """One alone would be an acceleration of thousands of rad/s²."""
+    stamps = late(even, share, most=most)
+    mended = without_jitter(recorded(even, stamps))
+    np.testing.assert_allclose(mended.time, even, atol=0.05 * PERIOD)
+    assert "put right" in mended.notes[-1]
+    assert error_of(recorded(even, stamps)) < 3.0 * error_of(recorded(even, even))
+
+
+def test_late_stamps_between_scattered_ones_and_lost_messages_are_put_right(even, scattered):
+    kept = np.random.default_rng(3).random(len(even)) > 0.01
+    stamps = late(scattered[kept], 0.005)
+    mended = without_jitter(recorded(even[kept], stamps))
+    assert np.std(mended.time - even[kept]) < 0.3 * SCATTER
+
+
+def test_stamps_that_scatter_by_a_third_of_a_period_are_put_right(even):
+    scattered = np.sort(even + 0.3 * PERIOD * np.random.default_rng(4).standard_normal(len(even)))
+    scattered += 1e-9 * np.arange(len(even))
+    mended = without_jitter(recorded(even, scattered))
+    assert np.std(mended.time - even) < 0.05 * PERIOD
+
+
+def test_what_comes_just_before_the_next_of_no_clock_is_left_out():
+    """Where no even times are known, it would be the slope of its noise."""
+    generator = np.random.default_rng(5)
+    taken = np.cumsum(PERIOD * generator.uniform(0.2, 2.0, 4000))
+    stamps = taken.copy()
+    stamps[100] = stamps[101] - 1e-7
+    mended = without_jitter(recorded(taken, stamps))
+    assert len(mended) == len(taken) - 1 and stamps[100] not in mended.time
+    assert "1 of 4000" in mended.notes[-1] and "left out" in mended.notes[-1]

@@ -5,12 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import savgol_filter
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import uniform_filter1d
 
 from bdnn_ros.recording import Recording
 
 UNEVEN = 0.5
-"""Stamps that are further than this share of a period from an even time are of something else."""
+"""Stamps that are further than this share of a period from an even time were made late, or are of something else."""
+MOST_LATE = 0.2
+"""Share of such stamps above which they are of something else."""
+CROWDED = 0.05
+"""A sample that comes less than this share of a period before the next says nothing but its noise of how a joint moves."""
+QUEUE = 15
+"""So many messages in a row are never all late."""
+ROUNDS = 3
+"""In which the clock is found by the stamps that are not late, and those that are not by the clock."""
 AROUND = 2.0
 """A clock's own drift is followed over so long [s]."""
 FEWEST = 20
@@ -25,40 +34,96 @@ def without_jitter(recording: Recording) -> Recording:
 
     A stamp that is late by dt moves a joint by its velocity times dt, which passes for noise of the position and, differentiated
     twice, for noise of the acceleration. Where the samples themselves were taken late, even times do the same: whichever makes
-    the positions smoother is right.
+    the positions smoother is right. It is asked first of stamps that are later than others by far, then of all.
     """
-    time, rough, smooth = recording.time.copy(), [], []
-    for rows in recording.segments():
-        stamps = recording.time[rows]
-        even = _evened(stamps)
-        if even is not None:
-            time[rows] = even
-            rough.append(_roughness(stamps, recording.position[rows]))
-            smooth.append(_roughness(even, recording.position[rows]))
-    if not rough:
+    if len(recording) < FEWEST:
         return recording
+    time, even = recording.time.copy(), recording.time.copy()
+    for rows in recording.segments():
+        even[rows] = _evened(recording.time[rows])
+    late = np.abs(time - even) > UNEVEN / recording.rate
+    for moved in (late, even != time):
+        tried = np.where(moved, even, time)
+        if _smoother(recording, time, tried):
+            time = tried
+    off = recording.time - time
+    if off.any():
+        told = f"stamps scatter by {1e3 * off.std():.2g} ms about the even rate that positions were taken at; put right."
+        if not off[~late].any():
+            told = f"{np.count_nonzero(off)} of {len(off)} stamps are late, by up to {1e3 * off.max():.2g} ms; put right."
+        recording = replace(recording, time=time, notes=(*recording.notes, f"{recording.name}: {told}"))
+    return _spread_out(recording)
+
+
+def _spread_out(recording: Recording) -> Recording:
+    """Without samples that come so shortly before the next one that they were stamped late, or say nothing."""
+    steps = np.diff(recording.time, append=np.inf)
+    crowded = steps < CROWDED / recording.rate
+    if not crowded.any():
+        return recording
+    note = f"{recording.name}: {np.count_nonzero(crowded)} of {len(crowded)} messages are stamped just before the next; left out."
+    return replace(recording.part(~crowded), notes=(*recording.notes, note))
+
+
+def _evened(stamps: np.ndarray) -> np.ndarray:
+    """Times of a clock that ticks evenly but for a slow drift, (N,) [s]; the stamps where they are of no such clock."""
+    if len(stamps) < FEWEST:
+        return stamps
+    period = float(np.median(np.diff(stamps)))
+    around = min(round(AROUND / period), len(stamps) - 1) // 2 * 2 + 1
+    clocks = []
+    for ticks in _ticks(np.diff(stamps) / period):
+        nominal = stamps[0] + period * np.concatenate([[0.0], np.cumsum(ticks)])
+        clocks.append(nominal + _drift(stamps - nominal, around, UNEVEN * period))
+    even = min(clocks, key=lambda clock: float(np.abs(stamps - clock).mean()))
+    late = np.abs(stamps - even) > UNEVEN * period
+    return stamps if late.mean() > MOST_LATE or (np.diff(even) <= 0.0).any() else even
+
+
+def _ticks(steps: np.ndarray) -> list[np.ndarray]:
+    """How often the clock may have ticked in each step, (N - 1,) periods: were no message late, none lost, or some of both."""
+    # a message that is late makes up for it, as those that are lost do not: no later one is as little behind as before
+    behind = np.pad(np.concatenate([[0.0], np.cumsum(steps - 1.0)]), (0, QUEUE - 1), mode="edge")
+    lost = np.diff(sliding_window_view(behind, QUEUE).min(axis=1))
+    both = np.where(steps > 1.0 + UNEVEN, 1.0 + np.maximum(np.rint(lost), 0.0), 1.0)
+    ticks = [np.maximum(np.rint(steps), 1.0)]
+    return ticks + [other for other in (np.ones(len(steps)), both) if (other != ticks[0]).any()]
+
+
+def _drift(behind: np.ndarray, around: int, late: float) -> np.ndarray:
+    """What stamps are behind an even clock for long (N,) [s], whatever few of them are late by more than others [s]."""
+    drift = _line_by_line(behind, around)
+    for _ in range(ROUNDS):
+        odd = np.abs(behind - drift) > late
+        if not odd.any():
+            break
+        drift = _line_by_line(np.where(odd, drift, behind), around)
+    return drift
+
+
+def _line_by_line(values: np.ndarray, around: int) -> np.ndarray:
+    """Each value (N,) on the straight line that is nearest to the odd number around it (Savitzky and Golay 1964)."""
+    half, at = around // 2, np.arange(around)
+    result = uniform_filter1d(values, around)
+    if half:
+        result[:half] = np.polyval(np.polyfit(at, values[:around], 1), at[:half])
+        result[-half:] = np.polyval(np.polyfit(at, values[-around:], 1), at[-half:])
+    return np.asarray(result)
+
+
+def _smoother(recording: Recording, stamps: np.ndarray, tried: np.ndarray) -> bool:
+    """Whether positions depart less from a smooth course by the times that are tried, around those that are others."""
+    rough, smooth = [], []
+    for rows in recording.segments():
+        other = np.convolve(stamps[rows] != tried[rows], np.ones(5), mode="valid") > 0.0
+        if other.any():
+            rough.append(_roughness(stamps[rows], recording.position[rows])[other])
+            smooth.append(_roughness(tried[rows], recording.position[rows])[other])
+    if not rough:
+        return False
     before, after = (np.concatenate(each).mean(axis=0) for each in (rough, smooth))
     moving = before > TINY
-    if not moving.any() or np.log(after[moving] / before[moving]).mean() > 2.0 * np.log(SMOOTHER):
-        return recording
-    scatter = 1e3 * float(np.std(recording.time - time))
-    note = f"{recording.name}: stamps scatter by {scatter:.2g} ms about the even rate that positions were taken at; put right."
-    return replace(recording, time=time, notes=(*recording.notes, note))
-
-
-def _evened(stamps: np.ndarray) -> np.ndarray | None:
-    """Times of a clock that ticks evenly but for a slow drift, (N,) [s]; None where the stamps are of no such clock."""
-    if len(stamps) < FEWEST:
-        return None
-    steps = np.diff(stamps)
-    period = float(np.median(steps))
-    ticks = np.rint(steps / period)
-    if (ticks < 1.0).any():
-        return None
-    nominal = stamps[0] + period * np.concatenate([[0.0], np.cumsum(ticks)])
-    around = min(round(AROUND / period), len(stamps) - 1) // 2 * 2 + 1
-    even = nominal + savgol_filter(stamps - nominal, around, 1)
-    return even if (np.abs(stamps - even) < UNEVEN * period).all() else None
+    return bool(moving.any() and np.log(after[moving] / before[moving]).mean() <= 2.0 * np.log(SMOOTHER))
 
 
 def _roughness(time: np.ndarray, values: np.ndarray) -> np.ndarray:
