@@ -105,3 +105,19 @@ def test_one_column_that_rounding_took_all_from_gains_nothing() -> None:
     ends = np.full((1, 1), -np.inf), np.full((1, 1), np.inf)
     gain, _ = gains_of(np.array([[[-1e-4]]]), np.array([[1e-3]]), np.array([[1.0]]), *ends)
     assert gain[0] == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_incidental_may_as_well_not_be_there(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    columns, target, prior = rng.normal(size=(12, 3)), rng.normal(size=12), rng.uniform(0.5, 2.0, 3)
+    schur, left, ends = columns.T @ columns + np.diag(prior), columns.T @ target, np.full((1, 3), np.inf)
+    incidental = np.array([False, False, True])
+    (full,), (free,) = gains_of(schur[None], left[None], prior[None], -ends, ends)
+    two = slice(0, 2)
+    alone = schur[None, two, two], left[None, two], prior[None, two], -ends[:, two], ends[:, two]
+    (least,), (without,) = gains_of(*alone)
+    (both,), (best,) = gains_of(schur[None], left[None], prior[None], -ends, ends, incidental)
+    assert both == pytest.approx(np.logaddexp(full, least) - np.log(2.0), abs=1e-6)
+    wanted = free if full > least else np.append(without, 0.0)
+    np.testing.assert_allclose(best, wanted, atol=1e-6)

@@ -249,3 +249,22 @@ def test_contributions_add_up(pool, terms):
     np.testing.assert_allclose(pool.contribution(fit) - pool.contribution(fit, blur=False), blur, atol=1e-9)
     with pytest.raises(KeyError):
         pool.part(fit, COULOMB)
+
+
+def test_a_payload_may_as_well_have_no_inertia_of_its_own(terms) -> None:
+    """Its fit is the likelier one, its evidence the mean of both."""
+    payload, _ = term("payload@arm2_link2:mass=1", Robot.bundled("arm2"))
+    pool = pool_of([*terms, payload])
+    last = len(terms)
+    index = pool.columns_of([VISCOUS, last])
+    own = np.flatnonzero(np.isin(index, pool.slots[last][4:]))
+    known = pool.precision[index] * np.where(np.isin(np.arange(len(index)), own), 1e8, 1.0)
+    full, least = (pool._fit((VISCOUS, last), index, each) for each in (pool.precision[index], known))
+    both = pool.fit([VISCOUS, last])
+    assert both.evidence == pytest.approx(np.logaddexp(full.evidence, least.evidence) - np.log(2.0))
+    np.testing.assert_array_equal(
+        both.coefficients, max(full, least, key=lambda one: one.evidence).coefficients
+    )
+    np.testing.assert_allclose(least.coefficients[own], 0.0, atol=1e-6)
+    gain = pool.gains(pool.fit([VISCOUS]), [last])[0]
+    assert gain == pytest.approx(both.evidence - pool.fit([VISCOUS]).evidence, abs=2.0)

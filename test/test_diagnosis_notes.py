@@ -10,13 +10,14 @@ import pytest
 from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
-from bdnn_ros.diagnosis.notes import loads
+from bdnn_ros.diagnosis.notes import loads, mostly_links
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.diagnosis.telling import _unexplained_sentence
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.simulate import simulate
 
 ARM = Robot.bundled("arm6")
@@ -99,3 +100,19 @@ def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
     said = _unexplained_sentence(0.3, remainder, "", "URDF", named=False)
     assert said.startswith("What is left is hardly more than noise, in bursts at j2")
     assert "30.0 %" in _unexplained_sentence(0.3, remainder, "j2", "URDF", named=False)
+
+
+def test_that_links_errors_make_up_most_is_said_where_they_do():
+    (note,) = mostly_links(0.74, since=False)
+    assert "74%" in note and "simulation's squared error" in note
+    assert mostly_links(0.3, since=False) == []
+
+
+def test_links_that_are_wrong_beside_a_small_cause_are_told_of():
+    """What their corrections take is said where the verdict is read."""
+    cause = "coulomb_friction@arm6_joint3:coulomb=1.5"
+    simulated, _ = Scenario(ARM, effects=(cause,), seed=3, wrong=0.1).run()
+    examination = examine([simulated.recording], ARM)
+    assert [finding.effect for finding in examination.diagnosis.findings] == ["coulomb_friction"]
+    (told,) = (line for line in verdict_lines(examination, []) if "masses and inertias make up" in line)
+    assert "simulation's squared error" in told

@@ -67,6 +67,16 @@ def test_a_payload_far_from_a_light_wrist_has_its_centre(worn):
     assert height.value == pytest.approx(0.128, abs=2.0 * height.std) and height.std < 0.012
 
 
+def test_a_point_that_all_links_of_a_wrist_turn_about_is_on_any_of_them():
+    """That its inertia is seen to be nothing on the last one does not speak against that."""
+    robot, links = Robot.bundled("arm6"), {"arm6_link4", "arm6_link5", "arm6_link6"}
+    simulated, _ = Scenario(robot, effects=("payload@arm6_link6:mass=1.5",), seed=0, worn=True).run()
+    (found,) = (f for f in diagnose([simulated.recording], robot).findings if f.effect == "payload")
+    rivals = {r.link: r.probability for r in found.rivals if r.effect == "payload"}
+    assert {found.link, *rivals} == links
+    assert found.probability + sum(rivals.values()) > 0.95 and min(rivals.values()) > 0.05
+
+
 def test_what_an_arm_carries_is_not_believed_smaller_where_only_its_wrist_shows_it():
     """A kilogram is twenty times what a light wrist does, and a twentieth of what the arm is."""
     robot, masses = Robot.bundled("arm7"), []

@@ -11,6 +11,10 @@ EXACT = 1e-12
 """Coefficients may leave their bounds by this much."""
 ROUNDING = 1e-12
 """Share of a diagonal that rounding may have taken of it."""
+NOTHING = 1e8
+"""Precision, in units of what is believed, of a coefficient that is nothing."""
+LIKELY = np.log(2.0)
+"""Log odds against either of two things that are as likely."""
 MOST_SETS = 10
 """So many sets of held coefficients are tried before the general solver is asked."""
 
@@ -116,6 +120,20 @@ def _active_set(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.nda
     return None
 
 
+def by_block(
+    white: np.ndarray, target: np.ndarray, block: np.ndarray, blocks: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gram matrices (B, P, P), moments (B, P) and powers (B,) of each block of rows (R, n, P) and their target (R, n)."""
+    grams, moments, powers = [], [], []
+    for b in range(blocks):
+        rows = block == b
+        tall, flat = white[rows].reshape(-1, white.shape[2]), target[rows].ravel()
+        grams.append(tall.T @ tall)
+        moments.append(tall.T @ flat)
+        powers.append(float(flat @ flat))
+    return np.array(grams), np.array(moments), np.array(powers)
+
+
 def held_out_losses(
     grams: np.ndarray,
     moments: np.ndarray,
@@ -140,7 +158,12 @@ def held_out_losses(
 
 
 def gains_of(
-    schur: np.ndarray, left: np.ndarray, prior: np.ndarray, low: np.ndarray, high: np.ndarray
+    schur: np.ndarray,
+    left: np.ndarray,
+    prior: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    incidental: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Evidence gained by each of c blocks of k columns, (c,), and coefficients inside their bounds, (c, k).
 
@@ -148,7 +171,16 @@ def gains_of(
         schur: what the columns add to the information matrix beside the rest, (c, k, k).
         left: their moments with what the rest leaves, (c, k).
         prior: precisions of the coefficients, (c, k).
+        incidental: which of k coefficients may as well be nothing, (k,) bool; their blocks' coefficients are the likelier ones.
     """
+    if incidental is not None and incidental.any():
+        known = prior * np.where(incidental, NOTHING, 1.0)
+        alone = schur + (known - prior)[:, :, None] * np.eye(prior.shape[1])
+        (full, free), (least, without) = (
+            gains_of(matrices, left, precisions, low, high)
+            for matrices, precisions in ((schur, prior), (alone, known))
+        )
+        return np.logaddexp(full, least) - LIKELY, np.where((full > least)[:, None], free, without)
     schur = raised(schur, prior)
     if left.shape[1] == 1:
         best, size = np.clip(left / schur[..., 0], low, high), np.log(schur[:, 0, 0])

@@ -8,14 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from bdnn_ros.diagnosis.bounded import factored, gains_of, held, held_out_losses, outside
+from bdnn_ros.diagnosis.bounded import (
+    LIKELY,
+    NOTHING,
+    by_block,
+    factored,
+    gains_of,
+    held,
+    held_out_losses,
+    outside,
+)
 from bdnn_ros.diagnosis.equations import BLURS, Equations
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.term import Term
@@ -67,16 +76,14 @@ class Pool:
         spread = [equations.link_spread(link_error), equations.nuisance_spread]
         spread += [equations.spread(t, c) for t, c in zip(self.terms, columns, strict=True)]
         self.precision = 1.0 / np.concatenate(spread) ** 2
-        lower = [np.full(self.base, -np.inf)] + [
-            np.array([b[0] for b in t.effect.coefficient_bounds]) for t in terms
-        ]
-        upper = [np.full(self.base, np.inf)] + [
-            np.array([b[1] for b in t.effect.coefficient_bounds]) for t in terms
-        ]
-        self.lower, self.upper = np.concatenate(lower), np.concatenate(upper)
+        free = np.tile([-np.inf, np.inf], (self.base, 1))
+        self.lower, self.upper = np.vstack([free, *(t.effect.coefficient_bounds for t in self.terms)]).T
+        self.incidental = np.concatenate([np.full(self.base, False), *(t.incidental for t in self.terms)])
         self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
         self.white_target = equations.whiten(equations.target, noise)
-        self.gram, self.moment, self.power = _by_block(self.white, self.white_target, equations)
+        self.gram, self.moment, self.power = by_block(
+            self.white, self.white_target, equations.block, equations.blocks
+        )
         for term, slot in zip(self.terms, self.slots, strict=True):
             self.moment[:, slot] -= equations.echo(term, len(slot))
         self._fits: dict[tuple[int, ...], Fit] = {}
@@ -140,20 +147,26 @@ class Pool:
         """Posterior of a set of terms, with coefficients inside their bounds."""
         key = tuple(chosen)
         if key not in self._fits:
-            self._fits[key] = self._fit(key)
+            index = self.columns_of(key)
+            full = self._fit(key, index, self.precision[index])
+            if self.incidental[index].any():
+                known = self.precision * np.where(self.incidental, NOTHING, 1.0)
+                least = self._fit(key, index, known[index])
+                both = float(np.logaddexp(full.evidence, least.evidence)) - LIKELY
+                full = replace(max(full, least, key=lambda fit: fit.evidence), evidence=both)
+            self._fits[key] = full
         return self._fits[key]
 
-    def _fit(self, chosen: tuple[int, ...]) -> Fit:
+    def _fit(self, chosen: tuple[int, ...], index: np.ndarray, precision: np.ndarray) -> Fit:
         gram, moment, power = self.total
-        index = self.columns_of(chosen)
-        a = gram[np.ix_(index, index)] + np.diag(self.precision[index])
+        a = gram[np.ix_(index, index)] + np.diag(precision)
         factor = factored(a)
         best = cho_solve((factor, True), moment[index])
         low, high = self.lower[index], self.upper[index]
         if outside(best, low, high):
             best = held(factor, moment[index], low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
-        volume = 0.5 * np.sum(np.log(self.precision[index])) - np.sum(np.log(np.diag(factor)))
+        volume = 0.5 * np.sum(np.log(precision)) - np.sum(np.log(np.diag(factor)))
         return Fit(chosen, best, factor, float(volume - loss - self._scale), float(loss))
 
     def most(self, candidates: Sequence[int]) -> float:
@@ -183,16 +196,16 @@ class Pool:
         half[:, wanted] = solve_triangular(fit.factor, gram[np.ix_(index, wanted)], lower=True)
         result = np.empty(len(candidates))
         sizes = np.array([len(self.slots[c]) for c in candidates])
-        for size in np.unique(sizes):
-            same = np.flatnonzero(sizes == size)
+        some = np.array([len(self.terms[c].effect.incidental) for c in candidates])
+        for size, few in np.unique(np.stack([sizes, some]), axis=1).T:
+            same = np.flatnonzero((sizes == size) & (some == few))
             slots = np.array([self.slots[candidates[int(i)]] for i in same])
             inner = gram[slots[:, :, None], slots[:, None, :]]
             seen = half[:, slots].transpose(1, 2, 0)
             schur = inner - seen @ seen.transpose(0, 2, 1)
             schur[:, np.arange(size), np.arange(size)] += self.precision[slots]
-            result[same], _ = gains_of(
-                schur, left[slots], self.precision[slots], self.lower[slots], self.upper[slots]
-            )
+            ends, incidental = (self.lower[slots], self.upper[slots]), self.incidental[slots[0]]
+            result[same], _ = gains_of(schur, left[slots], self.precision[slots], *ends, incidental)
         return result
 
     def gain_of(self, fit: Fit, term: Term, columns: np.ndarray | None = None) -> tuple[float, np.ndarray]:
@@ -201,16 +214,17 @@ class Pool:
         Args:
             columns: rows (R, n, k) in place of the term's own, without bounds; else its own are made and not kept.
         """
-        bounds = np.array(term.effect.coefficient_bounds)
+        bounds, incidental = np.array(term.effect.coefficient_bounds), term.incidental
         if columns is None:
             columns = self.equations.made(term)
         elif columns.shape[2] != len(bounds):
-            bounds = np.tile([-np.inf, np.inf], (columns.shape[2], 1))
+            bounds, incidental = np.tile([-np.inf, np.inf], (columns.shape[2], 1)), incidental[:0]
         inner, left = self.beside(fit, columns)
         left -= self.equations.echo(term, len(left)).sum(axis=0)
         prior = 1.0 / self.equations.spread(term, columns) ** 2
         schur = inner + np.diag(prior)
-        gains, best = gains_of(schur[None], left[None], prior[None], bounds[None, :, 0], bounds[None, :, 1])
+        ends = bounds[None, :, 0], bounds[None, :, 1]
+        gains, best = gains_of(schur[None], left[None], prior[None], *ends, incidental)
         return float(gains[0]), best[0]
 
     def beside(self, fit: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -303,18 +317,3 @@ class Pool:
         before = fit.terms[: fit.terms.index(chosen)]
         at = self.base + sum(len(self.slots[other]) for other in before)
         return slice(at, at + len(self.slots[chosen]))
-
-
-def _by_block(
-    white: np.ndarray, target: np.ndarray, equations: Equations
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gram matrices (B, P, P), moments (B, P) and powers (B,) of each block."""
-    grams, moments, powers = [], [], []
-    for b in range(equations.blocks):
-        rows = equations.block == b
-        tall = white[rows].reshape(-1, white.shape[2])
-        flat = target[rows].ravel()
-        grams.append(tall.T @ tall)
-        moments.append(tall.T @ flat)
-        powers.append(float(flat @ flat))
-    return np.array(grams), np.array(moments), np.array(powers)

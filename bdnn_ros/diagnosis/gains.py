@@ -84,6 +84,12 @@ def _removal(
     )
 
 
+def share_of(part: np.ndarray, left: np.ndarray, before: np.ndarray, rows: np.ndarray) -> float:
+    """Part of the squared error `before` in some rows that an effort removes where `left` is left, (R, n) each [N·m]."""
+    total, without, now = (float(np.sum(values[rows] ** 2)) for values in (before, left + part, left))
+    return max((without - now) / max(total, 1e-30), 0.0)
+
+
 def acting(part: np.ndarray) -> np.ndarray:
     """Rows at which an effect's effort (R, ...) is more than a share of its largest."""
     size = np.abs(part)

@@ -10,11 +10,17 @@ import numpy as np
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS
-from bdnn_ros.diagnosis.result import Finding
+from bdnn_ros.diagnosis.result import Finding, reference
 from bdnn_ros.effects.environment import FORCE, ExternalWrench
 from bdnn_ros.robot import Robot
 
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
+MOSTLY_LINKS = (
+    "Beside the named causes, small errors of all links' masses and inertias make up {share:.0%} of the {reference}'s squared "
+    "error: none of them is sure by itself, and wrong units or what has no name may be among them."
+)
+MOST = 0.5
+"""Share of the squared error above which that is said."""
 ALONE = (
     "Only {joint} moves: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
     "of them is named. Move several joints at once."
@@ -53,6 +59,11 @@ def of_recording(robot: Robot, equations: Equations) -> list[str]:
     if longest < least:
         notes.append(BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least))
     return notes
+
+
+def mostly_links(share: float, since: bool) -> list[str]:
+    """A note where the links' corrections remove most of the squared error, this share of it."""
+    return [MOSTLY_LINKS.format(share=share, reference=reference(since))] * (share > MOST)
 
 
 def loads(robot: Robot, findings: Sequence[Finding], time: np.ndarray) -> list[str]:

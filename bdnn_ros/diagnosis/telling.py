@@ -11,10 +11,19 @@ import numpy as np
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.gains import gain_of, removed, rms
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.gains import gain_of, removed, rms, share_of
 from bdnn_ros.diagnosis.identifiability import Judgement, advice
 from bdnn_ros.diagnosis.kinematics import reported_velocity
-from bdnn_ros.diagnosis.notes import AT_AN_END, AT_REST, FAR_OFF, THROUGHOUT, loads, of_recording
+from bdnn_ros.diagnosis.notes import (
+    AT_AN_END,
+    AT_REST,
+    FAR_OFF,
+    THROUGHOUT,
+    loads,
+    mostly_links,
+    of_recording,
+)
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, at_an_end, leftover, throughout, together
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict, reference
@@ -100,9 +109,16 @@ def told(
             *[THROUGHOUT] * bool(always),
             *loads(robot, findings, equations.motion.time[equations.rows]),
             *[FAR_OFF] * far_off,
+            *(mostly_links(_by_links(equations, attempt.fitted, held), since) if findings else ()),
             *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
         ),
     )
+
+
+def _by_links(equations: Equations, fitted: Pool, rows: np.ndarray) -> float:
+    """Part of the simulation's squared error in some rows that the links' corrections remove."""
+    part = equations.rigid @ fitted.whole.coefficients[: equations.rigid.shape[2]]
+    return share_of(part, fitted.left(), equations.target, rows)
 
 
 def _findings(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
@@ -25,6 +27,11 @@ class Term:
     def place(self) -> tuple[str, str, int, str | None]:
         """What it is and where, without the shape."""
         return (self.effect.name, self.effect.variant, self.target, self.link)
+
+    @property
+    def incidental(self) -> np.ndarray:
+        """Which of its coefficients may as well be nothing, (k,) bool."""
+        return np.isin(np.arange(len(self.effect.coefficient_bounds)), self.effect.incidental)
 
     def shaped(self, shape: dict[str, float]) -> Term:
         """The same effect with another shape."""

@@ -116,6 +116,8 @@ class Effect(ABC):
     """What it does goes up and down with the position, as what changes with time may where a joint is seldom at a place."""
     timed: ClassVar[bool] = False
     """It acts between two times that only the data tell: its `start` and `end`."""
+    incidental: ClassVar[tuple[int, ...]] = ()
+    """Coefficients that are fitted, not told, and may as well be nothing."""
     parts: ClassVar[tuple[str, ...]] = ()
     """Parameters of which a motion may show some without the others; a sentence is given NaN for what is not shown."""
     kinematic: ClassVar[bool] = False

@@ -92,6 +92,7 @@ class Payload(OnBody):
     the shape names: exact there, and the next centre found with them is nearer (Newton). The first comes from a body
     with any second moments: without them a light link's inertia leaves no room for a mass. The last coefficients are its
     inertia about its own centre: without them the link takes that, and with it some of the mass, or the load is turned.
+    They may be too small to matter, and nothing speaks against a load whose inertia is seen to be.
     """
 
     name = "payload"
@@ -102,6 +103,7 @@ class Payload(OnBody):
         Parameter("com_y", "m", -1.0, 1.0, plausible=(-0.05, 0.05), believed=OFF_CENTRE, default=0.0),
         Parameter("com_z", "m", -1.0, 1.0, plausible=(0.0, 0.12), believed=OFF_CENTRE, default=0.0),
     )
+    incidental = tuple(range(POINT, PER_LINK))
     parts = SHAPE
     equation = "Y_link(q, qd, qdd) * (mass, mass * com, mass * (com.com * 1 - com * com'))"
     confused_with = ("link_inertia", "base_tilt", "effort_scale")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
+from bdnn_ros.diagnosis.gains import share_of
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, reference
 from bdnn_ros.report import words
@@ -189,10 +190,7 @@ def link_rows(changes: list[LinkChange]) -> list[LinkRow]:
 
 def links_share(shown: View) -> float:
     """Part of the simulation's held-out squared error that the links' corrections remove."""
-    held = shown.usable & shown.held[:, None]
-    total = float(np.sum(shown.before[held] ** 2))
-    without = float(np.sum((shown.residual + shown.links)[held] ** 2) - np.sum(shown.residual[held] ** 2))
-    return max(without / max(total, 1e-30), 0.0)
+    return share_of(shown.links, shown.residual, shown.before, shown.usable & shown.held[:, None])
 
 
 def recorded(examination: Examination) -> str:
