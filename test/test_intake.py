@@ -97,6 +97,28 @@ def test_without_a_stamp_the_time_of_sending_stands(intake):
     assert intake.unstamped == 1
 
 
+def test_a_simulation_that_begins_again_at_zero_goes_on(intake):
+    for run in range(50):
+        for k in range(20):
+            stamp = k * 100 * MS
+            intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), stamp, START + 3 * run * PAUSE + stamp)
+    times = intake.ring.read(0).time
+    assert len(times) >= 50 * 19 and (np.diff(times) > 0).all()
+    assert intake.unstamped == 1, "the first stamp of all may be none; later ones are a simulation's"
+    assert times[-1] - times[0] < 50 * 5 * PAUSE
+
+
+@pytest.mark.parametrize("pattern", ["ab", "aabb", "abbb"])
+def test_two_clocks_by_turns_do_not_carry_stream_time_away(intake, pattern):
+    clocks = {"a": START, "b": 50 * PAUSE}
+    for k in range(20_000):
+        stamp = clocks[pattern[k % len(pattern)]] + k * MS
+        intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), stamp, START + k * MS)
+    times = intake.ring.read(0).time
+    assert len(times) > 1000 and (np.diff(times) > 0).all()
+    assert intake.clock._time < START + 20_000 * 2 * PAUSE + 3600 * PAUSE
+
+
 def part(intake: Intake, joint: str, stamp: int, value: float = 1.0, effort: float = 3.0) -> bool:
     """A message of one joint, stamped [ns] after the start."""
     return intake.take([joint], (value,), (), (effort,), START + stamp, START + stamp + 5)
@@ -210,6 +232,12 @@ def test_a_pause_is_no_loss():
     advance(clock, START + MS * np.arange(500))
     advance(clock, START + 7 * PAUSE + MS * np.arange(500))
     assert clock.lost == 0 and clock.pauses == 1
+
+
+def test_a_pause_moves_stream_time_by_an_hour_at_most():
+    clock = Clock()
+    before, after = clock.advance(START), clock.advance(START + 86400 * PAUSE)
+    assert after - before == 3600 * PAUSE and clock.pauses == 1
 
 
 @pytest.mark.parametrize("block", [0, 3])

@@ -20,8 +20,12 @@ from bdnn_ros.readings import MOST, credible
 
 PAUSE = 1_000_000_000
 """A step of the stamps longer than this [ns], either way, is a pause or a new clock, not a loss."""
+LONGEST = 3600 * PAUSE
+"""A pause moves stream time on by no more than this [ns], however far the stamps go on."""
 BACKWARDS_LIMIT = 20
 """So many samples in a row that go back by less than a `PAUSE` are a new clock too."""
+SINCE_ZERO = 100_000_000 * PAUSE
+"""A clock that shows less than this [ns], three years, began at zero, as a simulation's does; it may show zero again."""
 
 BACKWARDS = "stamp_backwards"
 JOINTS = "joints_missing"
@@ -43,7 +47,7 @@ class Clock:
         self.pauses = 0
         self.restarts = 0
         self._gaps = Gaps()
-        self._stamp = 0
+        self._stamp = self._latest = 0
         self._time = 0
         self._backwards = 0
 
@@ -57,18 +61,25 @@ class Clock:
         """Usual step between stamps [ns]; 0 before it is known."""
         return self._gaps.period
 
+    @property
+    def since_zero(self) -> bool:
+        """Whether the stamps so far are of a clock that began at zero."""
+        return 0 < self._stamp < SINCE_ZERO
+
     def advance(self, stamp: int) -> int:
         """Stream time of a sample with this stamp [ns], or -1 where the stamp repeats or goes back a bit."""
         step = stamp - self._stamp
-        if self._stamp == 0:
+        if self._time == 0:
             self._gaps.pause()
-            self._stamp = self._time = stamp
+            self._stamp = self._latest = self._time = stamp
             return stamp
         if 0 < step <= PAUSE:
             self._gaps.add(step)
         elif step > PAUSE:
             self.pauses += 1
             self._gaps.pause()
+            # up to the latest stamp an earlier clock is back, as of two publishers with one each
+            step = min(max(stamp - self._latest, 2 * PAUSE), LONGEST)
         else:
             self._backwards += 1
             if step > -PAUSE and self._backwards < BACKWARDS_LIMIT:
@@ -77,7 +88,7 @@ class Clock:
             self._gaps.pause()
             step = 2 * PAUSE  # what follows a new clock is never joined to what was before
         self._backwards = 0
-        self._stamp = stamp
+        self._stamp, self._latest = stamp, max(stamp, self._latest)
         self._time += step
         return self._time
 
@@ -96,7 +107,7 @@ class Intake:
         kinds: of the messages that came, and how many of each.
         received: samples, and messages with any of the joints that did not become one.
         rejected: messages left out, by reason.
-        unstamped: messages whose stamp is zero; when they were sent stands for it.
+        unstamped: messages whose stamp is zero, and no time; when they were sent stands for it.
     """
 
     def __init__(self, joints: Sequence[str], ring: Ring, needs_effort: bool = True) -> None:
@@ -125,7 +136,7 @@ class Intake:
         kind = self._kind
         if names != kind.names:
             kind = self._kind = self.kinds.of(names)
-        if stamp <= 0:
+        if stamp < 0 or (stamp == 0 and not self.clock.since_zero):
             self.unstamped += 1
             stamp = sent
         kind.group.came(names, effort, stamp)
