@@ -184,6 +184,19 @@ def test_what_no_body_does_is_not_sought_in_bodies_and_rotors_that_cannot_exist(
     assert choose(evidence, plain, posterior.layout, kinds, possible.inertials).groups[4] == ("position",)
 
 
+def test_after_a_change_terms_are_chosen_as_soon_as_at_first(monkeypatch):
+    """However long the stream was before: the thresholds have doubled with it."""
+    robot, settled = Robot.bundled("arm2"), []
+    monkeypatch.setattr(Identifier, "settle", lambda identifier: settled.append(identifier.chunks))
+    identifier, start = Identifier(robot, settle_at=4), 0.0
+    for _ in range(2):
+        recording = motion(robot, duration=20.0, start=start)
+        identifier.feed(recording.time, recording.position, recording.effort)
+        identifier.finish()
+        identifier, start = identifier.restarted(identifier.belief), start + 100.0
+    assert settled == [4, 8, 16, 24, 28, 36]
+
+
 def test_no_motion_no_effort_other_joints_are_refused(real):
     identifier = Identifier(Robot.bundled("arm6"))
     with pytest.raises(RecordingError, match="No motion"):

@@ -93,7 +93,7 @@ class Identifier:
         self._straight: tuple[np.ndarray, ...] = ()
         self._kept: list[Motion] = []
         self._used = 0
-        self._settle_at, self._set_up_at = settle_at, FIRST_SET_UP
+        self._settle_first, self._settle_at, self._set_up_at = settle_at, settle_at, FIRST_SET_UP
         self._state: tuple[np.ndarray, Directions] | None = None
 
     @property
@@ -269,7 +269,7 @@ class Identifier:
 
     def restarted(self, belief: Prior) -> Identifier:
         """An identifier that goes on with this stream, but knows only this much of the robot."""
-        other = Identifier(self.robot, belief=belief, settle_at=self._settle_at)
+        other = Identifier(self.robot, belief=belief, settle_at=self._settle_first)
         other.version, other.samples, other.chunks = self.version, self.samples, self.chunks
         other._stream, other._state = self._stream, self._state
         return other
