@@ -6,18 +6,21 @@ import errno
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from live_support import wait_until
 
 from bdnn_ros.errors import DataError
 from bdnn_ros.online import supervisor as module
-from bdnn_ros.online.channel import Channel
+from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.course import MOST_DEATHS
 from bdnn_ros.online.serving import Settings
 from bdnn_ros.online.session import Session
-from bdnn_ros.online.supervisor import Supervisor
+from bdnn_ros.online.supervisor import LOST, Supervisor
 
 ANSWERS = """
 import socket, sys
@@ -28,6 +31,24 @@ while (message := channel.receive()).kind != "stop":
     if message.kind == "diagnose":
         channel.send(Message("findings", {"request": message.info["request"], "epoch": 0, "error": "nothing"}))
 """
+
+
+BEGINNING = """
+import os, socket, sys, time
+import numpy as np
+from bdnn_ros.online.channel import Channel, Message
+channel = Channel(socket.socket(fileno=int(sys.argv[2])))
+channel.send(Message("ready"))
+"""
+LARGE = """
+channel.receive()
+channel.send(Message("version", {}, {"covariance": np.ones(1 << 17)}))
+channel.send(Message("got", {"sum": channel.receive().arrays["covariance"].sum()}))
+channel.receive()
+"""
+"""Sends one megabyte before it reads on."""
+DEAF = "time.sleep(600.0)"
+HALF = "os.write(int(sys.argv[2]), bytes(5)); time.sleep(600.0)"
 
 
 @pytest.fixture
@@ -114,3 +135,74 @@ def test_a_question_that_dies_with_its_trainer_is_not_asked_of_the_next(session)
     with pytest.raises(DataError, match="ended"):
         asked.result(10.0)
     assert not session.supervisor._outbox
+
+
+@pytest.fixture
+def conversation():
+    """Starts a supervisor of a stand-in that goes on so; what it hears, and the supervisor."""
+    started = []
+
+    def start(program: str, introduction=()) -> tuple[list[Message], Supervisor]:
+        heard: list[Message] = []
+        command = (sys.executable, "-c", BEGINNING + program)
+        supervisor = Supervisor(heard.append, lambda: introduction, command)
+        started.append(supervisor)
+        supervisor.start()
+        return heard, supervisor
+
+    yield start
+    for supervisor in started:
+        supervisor.stop(1.0)
+
+
+def large() -> Message:
+    return Message("begin", {}, {"covariance": np.ones(1 << 17)})
+
+
+def test_both_sides_may_send_more_than_a_socket_holds_at_once(conversation):
+    heard, supervisor = conversation(LARGE)
+    supervisor.send(Message("training"))
+    supervisor.send(large())
+    wait_until(lambda: [message.kind for message in heard] == ["version", "got"])
+    assert heard[-1].info["sum"] == heard[0].arrays["covariance"].sum() == 1 << 17
+    assert supervisor.restarts == 0
+
+
+def test_a_trainer_that_hangs_while_it_is_written_to_is_replaced(conversation, monkeypatch):
+    monkeypatch.setattr(module, "HANG", 2.0)
+    heard, supervisor = conversation(DEAF)
+    wait_until(lambda: supervisor.alive)
+    supervisor.ring = Ring.create(16, 1)
+    supervisor.ring.beat()
+    supervisor.send(large())
+    wait_until(lambda: supervisor.restarts == 1)
+    lost = time.monotonic()
+    assert "silent for" in supervisor.trouble and heard[0].kind == LOST
+    wait_until(lambda: supervisor.restarts == 2)
+    assert time.monotonic() - lost > module.HANG, "the next one has as much time to give a sign of life"
+
+
+def test_a_message_that_cannot_be_sent_costs_the_trainer_and_no_more(conversation, capfd):
+    _, supervisor = conversation(DEAF)
+    wait_until(lambda: supervisor.alive)
+    supervisor.send(Message("training", {"on": object()}))
+    wait_until(lambda: supervisor.restarts == 1)
+    wait_until(lambda: supervisor.alive)
+    assert "not JSON serializable" in capfd.readouterr().err
+
+
+def test_a_trainer_that_hangs_in_the_middle_of_a_message_is_replaced(conversation, monkeypatch):
+    monkeypatch.setattr(module, "HANG", 1.0)
+    _, supervisor = conversation(HALF)
+    wait_until(lambda: supervisor.restarts >= 1)
+    assert supervisor.trouble == "silent in the middle of a message"
+
+
+def test_a_ring_that_waits_since_before_the_trainer_was_ready_is_not_sent_beside_the_introduction():
+    """It may be given up, and is closed as soon as the trainer has begun with the one that it is introduced to."""
+    supervisor = Supervisor(lambda message: None, lambda: (Message("begin", {"epoch": 2}),))
+    supervisor.send(Message("begin", {"epoch": 1}, descriptors=(99,)))
+    supervisor.send(Message("diagnose"))
+    supervisor._acquaint()
+    assert [message.kind for message in supervisor._outbox] == ["begin", "diagnose"]
+    assert supervisor._outbox[0].info["epoch"] == 2

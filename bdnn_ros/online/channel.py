@@ -56,6 +56,12 @@ class Channel:
         """For select."""
         return self._socket.fileno()
 
+    def give_up_after(self, seconds: float) -> None:
+        """Have `receive` fail where the next part of a message does not come for so long [s]."""
+        self._socket.setsockopt(
+            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", *divmod(round(seconds * 1e6), 10**6))
+        )
+
     def send(self, message: Message) -> None:
         """Send one message; waits while the other side is slow."""
         text = json.dumps({"kind": message.kind, "info": message.info}).encode()
@@ -83,15 +89,21 @@ class Channel:
             text_size, blob_size, _ = _HEAD.unpack(head)
             header = json.loads(self._exactly(text_size))
             blob = self._exactly(blob_size)
+        except BlockingIOError:
+            raise ConnectionError("silent in the middle of a message") from None
         except OSError as error:
             raise ConnectionError(str(error)) from None
         arrays = load(blob) if blob else {}
         return Message(header["kind"], header["info"], arrays, tuple(descriptors))
 
-    def close(self) -> None:
-        """Hang up: `receive` fails on both sides, also where it waits already."""
+    def hang_up(self) -> None:
+        """End it for both sides: `receive` fails after what came already, also where it waits."""
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Hang up, and give the socket back."""
+        self.hang_up()
         self._socket.close()
 
     def _exactly(self, size: int) -> bytes:

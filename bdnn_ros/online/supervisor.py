@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
 import signal
@@ -54,8 +53,7 @@ class Supervisor:
         self._command = list(command)
         self._niceness = niceness
         self._outbox: deque[Message] = deque()
-        self._wake_read, self._wake_write = os.pipe()
-        os.set_blocking(self._wake_write, False)
+        self._posted = threading.Event()
         self._stopping = threading.Event()
         self._ready = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
@@ -83,21 +81,19 @@ class Supervisor:
         What is sent after a `LOST` was heard reaches the next trainer.
         """
         self._outbox.append(message)
-        with contextlib.suppress(BlockingIOError, OSError):
-            os.write(self._wake_write, b"x")
+        self._posted.set()
 
     def stop(self, patience: float = 5.0) -> None:
         """End the trainer: asked first, killed after `patience` [s]. No process is left."""
         self.send(Message("stop"))
         self._stopping.set()
+        if not self._ready.is_set():
+            self._kill()  # it has not begun, and hears nothing yet
         if self._thread.is_alive():
             self._thread.join(patience)
         self._kill()
         if self._thread.is_alive():
             self._thread.join(5.0)
-        for descriptor in (self._wake_read, self._wake_write):
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
 
     # -- the thread --------------------------------------------------------------------------------
 
@@ -131,13 +127,25 @@ class Supervisor:
         """
         self._process = None
         channel, there = Channel.pair()
+        over = threading.Event()
+        writer = threading.Thread(
+            target=self._write, args=(channel, over), name="to the trainer", daemon=True
+        )
         try:
             with there:
                 self._spawn(there.fileno())
+            writer.start()
             self._converse(channel)
+        except ConnectionError as error:
+            self.trouble = str(error)  # `_end` says more where the process is gone
+            raise
         finally:
             self._ready.clear()
+            over.set()
+            self._posted.set()
             channel.close()
+            if writer.ident is not None:
+                writer.join()
             self._end()
 
     def _spawn(self, descriptor: int) -> None:
@@ -154,26 +162,51 @@ class Supervisor:
         )
 
     def _converse(self, channel: Channel) -> None:
-        """Carry messages both ways until the trainer is gone or the work is done."""
+        """Hear the trainer until it is gone or the work is done."""
+        channel.give_up_after(HANG)
+        ready = time.monotonic()
         while True:
-            readable, _, _ = select.select([channel.fileno(), self._wake_read], [], [], 1.0)
-            if channel.fileno() in readable:
+            readable, _, _ = select.select([channel], [], [], 1.0)
+            if readable:
                 message = channel.receive()
                 if message.kind == READY:
-                    for introduction in self._introduce():
-                        channel.send(introduction)
-                    self._ready.set()
+                    self._acquaint()
+                    ready = time.monotonic()
                 else:
                     self._listen(message)
-            if self._wake_read in readable:
-                os.read(self._wake_read, 4096)
-            while self._outbox and self._ready.is_set():
-                channel.send(self._outbox.popleft())
             if self._stopping.is_set() and not self._ready.is_set():
                 return
-            if self.ring is not None and self._ready.is_set() and HANG < self.ring.silence < float("inf"):
-                self.trouble = f"silent for {self.ring.silence:.0f} s"
+            silence = self.ring.silence if self.ring is not None and self._ready.is_set() else 0.0
+            # the last sign of life may be of the trainer before, which hung
+            if HANG < silence < float("inf") and time.monotonic() - ready > HANG:
+                self.trouble = f"silent for {silence:.0f} s"
                 return
+
+    def _acquaint(self) -> None:
+        """Have the trainer told first what a new one must know, then what waits already."""
+        waiting = [self._outbox.popleft() for _ in range(len(self._outbox))]
+        first = self._introduce()
+        # rings that waited are those of the introduction, or given up: they are closed once the trainer has the newest
+        waiting = [message for message in waiting if not message.descriptors]
+        self._outbox.extendleft(reversed([*first, *waiting]))
+        self._ready.set()
+        self._posted.set()
+
+    def _write(self, channel: Channel, over: threading.Event) -> None:
+        """Carry messages to the trainer, in a thread of its own: while one is under way, the trainer may be sending, too,
+        and neither would read."""
+        try:
+            while not over.is_set():
+                self._posted.wait()
+                self._posted.clear()
+                while self._outbox and self._ready.is_set():
+                    channel.send(self._outbox.popleft())
+        except ConnectionError:
+            pass  # `_end` says why
+        except Exception as error:
+            self._tell(error)
+        finally:
+            channel.hang_up()  # a trainer that is told nothing more is of no use: who hears it shall notice
 
     def _listen(self, message: Message) -> None:
         """Hear a message; one that cannot be used must not end this thread."""
