@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from live_support import children, urdf_file, wait_until
+from live_support import Robotics, children, urdf_file, wait_until
 
+from bdnn_interfaces.srv import Diagnose
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
@@ -115,3 +118,44 @@ def test_a_lane_that_has_stopped_holds_no_guard_condition(node):
     assert node.trigger_configure() == node.trigger_cleanup()
     with pytest.raises(InvalidHandle):
         node._lane._wake.trigger()
+
+
+def test_who_waits_for_a_diagnosis_is_refused_when_the_node_is_cleaned_up(node, monkeypatch):
+    """The answer came to a service that was gone, and that ended the node."""
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+    from rclpy.executors import SingleThreadedExecutor
+
+    node.trigger_configure()
+    session = node._session
+    monkeypatch.setattr(session, "diagnose", lambda window: session._requests.new()[1])  # never ready
+    answers, executor = [], SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def change(ros, transition):
+        request = {"transition": Transition(id=transition)}
+        return ros.call(ChangeState, "/identification_node/change_state", **request).success
+
+    def ask(ros):
+        answers.append(ros.call(Diagnose, "/identification_node/diagnose", 10.0))
+
+    with Robotics(DOMAIN) as ros:
+        client = threading.Thread(target=ask, args=(ros,), daemon=True)
+
+        def converse():
+            client.start()
+            wait_until(lambda: session._requests._waiting)
+            assert change(ros, Transition.TRANSITION_CLEANUP)
+            client.join(11.0)
+            assert change(ros, Transition.TRANSITION_CONFIGURE)
+            answers.append("configured")
+
+        other = threading.Thread(target=converse, daemon=True)
+        other.start()
+        end = time.monotonic() + 40.0
+        while other.is_alive() and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.1)
+    assert len(answers) == 2 and answers[1] == "configured"
+    assert not answers[0].success and "cleaned up" in answers[0].message
+    assert len([service for service in node.services if "diagnose" in service.srv_name]) == 1
+    executor.shutdown()

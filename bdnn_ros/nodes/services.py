@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+import types
+from collections.abc import Callable, Generator
 from concurrent.futures import Future as Later
 from typing import Any, TypeVar
 
@@ -22,6 +23,7 @@ from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session
 
 Result = TypeVar("Result")
+CLEANED_UP = UsageError("The node is being cleaned up.", "Ask again when it is configured.")
 BEYOND = UsageError("The answer is not finite.", "Ask for values that a robot can have.")
 
 
@@ -55,24 +57,42 @@ class Services:
         self._kept = kept
         self._training_set = training_set
         self._forgotten = forgotten
-        # these wait for the disk or the trainer; others go on meanwhile
-        beside = ReentrantCallbackGroup()
+        self._asked: set[Future] = set()
         self._services = [
             self._at_once(InverseDynamics, "~/inverse_dynamics", self._inverse_dynamics),
             self._at_once(ForwardDynamics, "~/forward_dynamics", self._forward_dynamics),
             node.create_service(Trigger, "~/reset", self._reset),
             node.create_service(SetBool, "~/set_training", self._set_training),
+        ]
+        # these wait for the disk or the trainer; others go on meanwhile
+        beside = ReentrantCallbackGroup()
+        self._patient = [
             node.create_service(Diagnose, "~/diagnose", self._diagnose, callback_group=beside),
             node.create_service(SaveModel, "~/save_model", self._save, callback_group=beside),
             node.create_service(LoadModel, "~/load_model", self._load, callback_group=beside),
         ]
 
     def close(self) -> None:
-        """Take the services away."""
+        """Take the services away; who still waits for an answer is refused."""
         for service in self._services:
             self._lane.forget(service)
             self._node.destroy_service(service)
+        asked, executor = list(self._asked), self._node.executor
+        for future in asked:
+            if not future.done():
+                future.set_exception(CLEANED_UP)
+        if asked and executor is not None:
+            executor.create_task(
+                _after_others(self._withdraw)
+            )  # the refusals are sent by tasks of the executor
+        else:
+            self._withdraw()
         self._services.clear()
+
+    def _withdraw(self) -> None:
+        for service in self._patient:
+            self._node.destroy_service(service)
+        self._patient.clear()
 
     def _at_once(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Any:
         """A service that waits for no executor."""
@@ -188,12 +208,15 @@ class Services:
             note = PAUSED
         return _done(response, f"A {model.kind} model serves; {note}.")
 
-    def _until(self, later: Later[Result]) -> Awaitable[Result]:
+    async def _until(self, later: Later[Result]) -> Result:
         """Wait for a thread's result without holding up the executor."""
         executor = self._node.executor
         future: Future = Future(executor=executor)
+        self._asked.add(future)
 
         def settle(done: Later[Result]) -> None:
+            if future.done():  # refused meanwhile
+                return
             error = None if done.cancelled() else done.exception()
             if done.cancelled():
                 future.set_exception(UsageError("The node is shutting down."))
@@ -205,8 +228,22 @@ class Services:
                 executor.wake()
 
         later.add_done_callback(settle)
-        awaitable: Awaitable[Result] = future
-        return awaitable
+        try:
+            result: Result = await future
+        finally:
+            self._asked.discard(future)
+        return result
+
+
+async def _after_others(callback: Callable[[], None]) -> None:
+    """Call back when the executor's other tasks, whatever their order, have had their turn."""
+    await _turn()
+    callback()
+
+
+@types.coroutine
+def _turn() -> Generator[None, None, None]:
+    yield
 
 
 def _done(response: Any, message: str = "") -> Any:
