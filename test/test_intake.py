@@ -87,6 +87,19 @@ def test_what_cannot_be_used_is_counted_by_reason(intake, fields, reason):
     assert intake.rejected == {reason: 1} and intake.ring.written == 2
 
 
+@pytest.mark.parametrize(
+    ("fields", "culprit"),
+    [
+        ({"effort": (1.0, float("nan"))}, "effort of b"),
+        ({"velocity": (float("nan"), float("nan")), "effort": (float("inf"), 1.0)}, "effort of a"),
+        ({"names": ("b", "other", "a"), "position": (1.0, 0.0, 1e13), "effort": ()}, "position of a"),
+    ],
+)
+def test_whose_number_cannot_be_used_is_known(intake, fields, culprit):
+    assert not send(intake, 0, **fields)
+    assert intake.culprit == culprit
+
+
 def test_large_but_finite_numbers_are_taken(intake):
     assert send(intake, 0, position=(1e12, -1e12), velocity=(1e12, 1e12), effort=(1e12, 1e12))
 

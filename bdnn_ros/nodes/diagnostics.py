@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.nodes.error_now import ErrorNow
+from bdnn_ros.nodes.unusable import Unusable
 from bdnn_ros.online.intake import CommandIntake
 from bdnn_ros.online.session import Session
 from bdnn_ros.physical.model import PhysicalModel
@@ -79,6 +80,7 @@ class Reporter:
         self._without_stamp = 0
         self._warnings = Warnings(log)
         self._refusals = Refusals()
+        self._unusable = Unusable()
         self._received = 0
         self._progress = time.monotonic()
         self._looked = time.monotonic()
@@ -106,8 +108,10 @@ class Reporter:
             rejected |= {f"command_{reason}": count for reason, count in dict(commands.rejected).items()}
         refused, more = self._refusals.look(commands)
         unstamped = self._look_for_stamps()
+        unusable = self._unusable.look(intake, session.learning)
         self._warnings.say("quality of service", unheard)
         self._warnings.say("stamps", unstamped)
+        self._warnings.say("use", unusable)
         self._warnings.say("joints", session.watch.complaint)
         self._warnings.say("absent", session.watch.absent)
         self._warnings.say("commands", f"effort_commands: {refused}" if more else "", again=True)
@@ -141,7 +145,8 @@ class Reporter:
             "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
         }
-        level, message = self._verdict(active, trouble, now, refused, unheard, unstamped)
+        stream = " ".join(filter(None, (refused, unheard, unstamped, unusable)))
+        level, message = self._verdict(active, trouble, now, stream, unheard)
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
 
@@ -152,7 +157,7 @@ class Reporter:
         return UNSTAMPED if self._without_stamp > before else ""
 
     def _verdict(
-        self, active: bool, trouble: str, now: float, refused: str, unheard: str, unstamped: str
+        self, active: bool, trouble: str, now: float, stream: str, unheard: str
     ) -> tuple[bytes, str]:
         session = self._session
         if trouble:
@@ -172,7 +177,7 @@ class Reporter:
             silent = f"no joint state for {now - self._progress:.0f} s"
             return DiagnosticStatus.WARN, ". ".join(filter(None, (silent, unheard)))
         watch = session.watch
-        told = (session.counts.unlike, refused, unheard, unstamped, watch.complaint, watch.absent)
+        told = (session.counts.unlike, stream, watch.complaint, watch.absent)
         if any(told):
             return DiagnosticStatus.WARN, " ".join(filter(None, told))
         if session.counts.updates_rejected and session.counts.reason:

@@ -33,6 +33,7 @@ LENGTH = "wrong_length"
 NOT_FINITE = "not_finite"
 OUT_OF_RANGE = "out_of_range"
 NO_EFFORT = "effort_missing"
+FIELDS = ("position", "velocity", "effort")
 
 
 class Clock:
@@ -107,6 +108,7 @@ class Intake:
         kinds: of the messages that came, and how many of each.
         received: samples, and messages with any of the joints that did not become one.
         rejected: messages left out, by reason.
+        culprit: whose number made the last of these unusable, as "effort of joint2"; empty before the first.
         unstamped: messages whose stamp is zero, and no time; when they were sent stands for it.
     """
 
@@ -118,6 +120,7 @@ class Intake:
         self.received = 0
         self.rejected: Counter[str] = Counter()
         self.needs_effort = needs_effort
+        self.culprit = ""
         self.unstamped = 0
         self._assembly = Assembly(len(self.joints))
         self._kind = self.kinds.of(())
@@ -180,9 +183,18 @@ class Intake:
         row[2] = np.asarray(effort)[index] if len(effort) else math.nan
         if credible(row).all():
             return ""
-        if not _acceptable(row):
-            return NOT_FINITE
-        return OUT_OF_RANGE if (np.abs(row) > MOST).any() else ""
+        unusable = ~np.isfinite(row)
+        unusable[1:] &= ~np.isnan(row[1:]).all(
+            axis=1, keepdims=True
+        )  # drivers may fill what is not measured with NaN
+        reason = NOT_FINITE
+        if not unusable.any():
+            reason, unusable = OUT_OF_RANGE, np.abs(row) > MOST
+            if not unusable.any():
+                return ""
+        field, joint = np.argwhere(unusable)[0]
+        self.culprit = f"{FIELDS[field]} of {self.joints[kind.joints[joint]]}"
+        return reason
 
     def _commit(self, row: np.ndarray, stamp: int, sent: int) -> bool:
         stream_time = self.clock.advance(stamp)
@@ -207,13 +219,6 @@ class Intake:
             self.rejected[JOINTS] += 1
             if not group.paired:  # else one that should have come with it is missing
                 self.clock.refuse(stamp)
-
-
-def _acceptable(row: np.ndarray) -> bool:
-    """Finite where measured; drivers without velocity or effort may fill them with NaN throughout."""
-    if not np.isfinite(row[0]).all():
-        return False
-    return all(bool(np.isfinite(part).all() or np.isnan(part).all()) for part in row[1:])
 
 
 class CommandIntake:

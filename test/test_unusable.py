@@ -1,0 +1,95 @@
+"""Most joint states are of no use: /diagnostics says why, whose fault it is, and what to do."""
+
+from __future__ import annotations
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from bdnn_ros.nodes.diagnostics import Reporter
+from bdnn_ros.nodes.error_now import ErrorNow
+from bdnn_ros.online.serving import Settings
+from bdnn_ros.online.session import Session
+from bdnn_ros.robot import Robot
+
+ARM = Robot.bundled("arm2")
+MS = 1_000_000
+NAN = float("nan")
+
+
+class Alive:
+    """Stands in for the supervisor."""
+
+    alive, restarts, trouble = True, 0, ""
+
+    def send(self, message):
+        pass
+
+    def stop(self, patience):
+        pass
+
+
+class Stream:
+    """A session that hears, and its reporter."""
+
+    def __init__(self, **settings):
+        self.session = Session(Settings(), **settings)
+        self.session.supervisor = Alive()
+        self.session.set_robot(ARM)
+        self.session.begin(ARM.joints)
+        self.logged: list[str] = []
+        self.reporter = Reporter(self.session, self.logged.append, "/n")
+        self._count = 0
+
+    def status(self, messages=100, bad=100, effort=(1.0, 2.0), position=(0.1, 0.2), step=MS):
+        """After so many messages, the last `bad` of them with these numbers."""
+        for k in range(messages):
+            self._count += 1
+            stamp = 10**18 + self._count * MS
+            if k < messages - bad:
+                self.session.intake.take(list(ARM.joints), (0.1, 0.2), (), (1.0, 2.0), stamp, stamp)
+            else:
+                stamp = stamp if step else 10**18
+                self.session.intake.take(list(ARM.joints), position, (), effort, stamp, stamp)
+        told = self.reporter.status(ErrorNow(), True, "", 0)
+        return told.level, told.message
+
+
+@pytest.fixture
+def stream():
+    made = Stream()
+    yield made
+    made.session.stop()
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"effort": (1.0, NAN)}, f"The effort of {ARM.joints[1]} is not finite in most joint states"),
+        ({"position": (NAN, 0.2)}, f"The position of {ARM.joints[0]} is not finite"),
+        ({"effort": (1e13, 1.0)}, f"The effort of {ARM.joints[0]} is beyond 1e+12"),
+        ({"effort": (1.0, 2.0, 3.0)}, "their lists are not as long as their names"),
+        ({"step": 0}, "their stamps repeat or go back"),
+        ({"effort": ()}, "Most joint states carry no effort"),
+        ({"effort": (NAN, NAN)}, "Most joint states carry no effort"),
+    ],
+)
+def test_why_most_joint_states_are_of_no_use_is_told_and_logged_once(stream, fields, said):
+    assert stream.status(bad=0) == (DiagnosticStatus.OK, "training")
+    for _ in range(3):
+        level, message = stream.status(bad=60, **fields)
+        assert level == DiagnosticStatus.WARN and said in message and message.count(". ") == 1
+    assert len(stream.logged) == 1 and said in stream.logged[0]
+    assert stream.status(bad=40, **fields) == (DiagnosticStatus.OK, "training")
+
+
+def test_a_parameter_of_joints_without_the_culprit_helps(stream):
+    assert "set the parameter joints" in stream.status(effort=(1.0, NAN))[1]
+    stream.session.begin(ARM.joints[:1])
+    assert stream.status(effort=(1.0, NAN)) == (DiagnosticStatus.OK, "training")
+
+
+def test_who_does_not_learn_misses_no_effort():
+    stream = Stream(training=False)
+    assert stream.status(effort=())[0] == DiagnosticStatus.OK
+    assert stream.status(effort=(1.0, NAN))[0] == DiagnosticStatus.WARN
+    stream.session.stop()
