@@ -17,6 +17,7 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.scores import score_model
 from bdnn_ros.signals import prepare
+from bdnn_ros.signals.preparing import usual_cutoff
 
 
 def wrong(robot, share=0.2, seed=0):
@@ -92,6 +93,23 @@ def test_a_gap_is_not_bridged(real):
         later = replace(joined, time=np.where(joined.time < 9.0, joined.time, joined.time + pause))
         model = Identifier(Robot.bundled("arm6")).fit([later])
         np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.1)
+
+
+def test_recordings_of_other_rates_have_cutoffs_of_their_own(real):
+    """That of the first was kept as if asked for, and slower ones were refused."""
+    parts = [motion(real, 8.0, rate, seed=k) for k, rate in enumerate((200.0, 15.0, 100.0))]
+    identifier = Identifier(Robot.bundled("arm6"))
+    cutoffs = []
+    for k, part in enumerate(parts):
+        identifier.feed(part.time + 100.0 * k, part.position, part.effort)
+        cutoffs.append(identifier.cutoff)
+        identifier.finish()
+    np.testing.assert_allclose(cutoffs, [usual_cutoff(rate) for rate in (200.0, 15.0, 100.0)])
+    assert identifier.left_out == 0
+    model = Identifier(Robot.bundled("arm6")).fit(parts)
+    np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.1)
+    with pytest.raises(UsageError, match="20 Hz does not fit"):
+        Identifier(Robot.bundled("arm6"), cutoff=20.0).fit(parts)
 
 
 def test_the_mass_matrix_is_positive_definite_after_one_second(real):

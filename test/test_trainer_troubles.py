@@ -110,5 +110,14 @@ def test_a_stream_that_slows_down_is_left_out_until_it_is_fast_again():
     assert 300 < learning.identifier.left_out < 500
 
 
+def test_a_stream_that_is_slower_after_a_pause_is_learned_from():
+    """Nobody asked for the cut-off that suited it before."""
+    learning = Learning(ARM)
+    list(learning.take(*_columns(motion(REAL, 6.0, 250.0))))
+    time, position, effort = _columns(motion(REAL, 12.0, 15.0, seed=1))
+    assert list(learning.take(100.0 + time, position, effort))
+    assert learning.identifier.left_out == 0
+
+
 def _columns(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return recording.time, recording.position, recording.require_effort()

@@ -26,15 +26,17 @@ class Chunks:
 
     Args:
         joints: the columns of the samples.
-        cutoff: of the low-pass [Hz], None for what suits the rate of the first second.
+        cutoff: of the low-pass [Hz], None for what suits the rate of the first second of each stretch.
 
     Attributes:
+        asked: the cut-off that was asked for [Hz], None where none was.
+        cutoff: of the low-pass [Hz] in this stretch, None before it is known.
         left_out: samples in chunks too short, or too slow, for the low-pass.
     """
 
     def __init__(self, joints: tuple[str, ...], cutoff: float | None = None) -> None:
         self.joints = joints
-        self.cutoff = cutoff
+        self.cutoff = self.asked = cutoff
         self.left_out = 0
         self._pending: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._length: float | None = None
@@ -53,7 +55,7 @@ class Chunks:
             position, effort: [rad], [N·m], (N, n).
 
         Raises:
-            UsageError: the rate of the first second does not allow the cut-off.
+            UsageError: the rate of the first second does not allow the cut-off that was asked for.
         """
         if len(time) == 0:
             return
@@ -78,7 +80,9 @@ class Chunks:
             return False
         early = max(int(np.searchsorted(time, time[0] + CHUNK_SECONDS)), CHUNK_SAMPLES)
         rate = 1.0 / float(np.median(np.diff(time[:early])))
-        self.cutoff = suitable_cutoff(rate, self.cutoff)
+        # chosen anew after a pause: what is summed so far holds under any low-pass that efforts and motion share, and
+        # rows are as many as their cut-off lets be independent; only how loud they are may differ
+        self.cutoff = suitable_cutoff(rate, self.asked)
         self._length = max(CHUNK_SECONDS, CHUNK_SAMPLES / rate)
         self._margin = 2.0 * KERNEL_WIDTHS * gaussian_std(self.cutoff) + 2.0 / rate
         self._start = float(time[0])

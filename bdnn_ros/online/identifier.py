@@ -98,7 +98,7 @@ class Identifier:
 
     @property
     def cutoff(self) -> float | None:
-        """-3 dB frequency of the low-pass [Hz], None before it is known."""
+        """-3 dB frequency of the low-pass just now [Hz], None before it is known."""
         return self._stream.cutoff
 
     @property
@@ -175,7 +175,7 @@ class Identifier:
         found = []
         for recording in recordings:
             try:
-                found.append(lateness(prepare(recording, self._stream.cutoff), self.robot))
+                found.append(lateness(prepare(recording, self._stream.asked), self.robot))
             except RecordingError:
                 continue
         return sorted(found, key=lambda late: late.total)[len(found) // 2] if found else Lateness()
