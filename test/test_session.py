@@ -19,6 +19,7 @@ from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm2")
+OTHER = Robot.from_urdf(ARM.urdf.replace("<robot", "<!-- new --><robot", 1))
 MS = 1_000_000
 
 
@@ -64,8 +65,23 @@ def test_training_comes_back_after_a_model_it_cannot_go_on_from(session, models,
     elif remedy == "reset":
         session.reset()
     else:
-        session.set_robot(Robot.from_urdf(ARM.urdf.replace("<robot", "<!-- new --><robot", 1)))
+        session.set_robot(OTHER)
     assert session.learning and introduced(session)["training"]
+
+
+@pytest.mark.parametrize("begun", [True, False])
+def test_a_model_of_another_description_is_not_gone_on_from(models, begun):
+    """The description that serves is believed, not how sure a model was of the one before."""
+    session = Session(Settings(capacity=4000))
+    session.set_robot(ARM)
+    if begun:
+        session.begin(ARM.joints)
+    session.load_now(models["physical"])
+    session.set_robot(OTHER)
+    if not begun:
+        session.begin(ARM.joints)
+    assert "resume" not in introduced(session)
+    session.stop()
 
 
 def test_training_that_was_switched_off_stays_off(session, models):

@@ -89,12 +89,12 @@ class Session:
         if self.intake is not None:
             robot = Robot.from_urdf(robot.urdf, self.intake.joints)
         with self._turn:
-            self.robot = robot
+            self.robot, self._course.resumed = robot, None
             self.served = Served(nominal(robot), 0, time.monotonic())
             if self._feed is not None:
                 self._feed.convention = self.settings.convention(robot)
                 self._forget()
-                self._begin_again(self._course.start, self._course.resumed, self._course.kept)
+                self._begin_again(self._course.start, kept=self._course.kept)
 
     def begin(self, joints: Sequence[str]) -> None:
         """Lay out the rings for a stream of these joints and set the trainer to it; an earlier stream ends.
