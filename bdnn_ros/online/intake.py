@@ -26,6 +26,8 @@ BACKWARDS_LIMIT = 20
 """So many samples in a row that go back by less than a `PAUSE` are a new clock too."""
 SINCE_ZERO = 100_000_000 * PAUSE
 """A clock that shows less than this [ns], three years, began at zero, as a simulation's does; it may show zero again."""
+NONE = -1
+"""No stream time: the sample is refused."""
 
 BACKWARDS = "stamp_backwards"
 JOINTS = "joints_missing"
@@ -51,6 +53,7 @@ class Clock:
         self._stamp = self._latest = 0
         self._time = 0
         self._backwards = 0
+        self._jumped = NONE
 
     @property
     def lost(self) -> int:
@@ -68,7 +71,7 @@ class Clock:
         return 0 < self._stamp < SINCE_ZERO
 
     def advance(self, stamp: int) -> int:
-        """Stream time of a sample with this stamp [ns], or -1 where the stamp repeats or goes back a bit."""
+        """Stream time of a sample with this stamp [ns], or `NONE` where the stamp repeats or goes back, unless the clock did."""
         step = stamp - self._stamp
         if self._time == 0:
             self._gaps.pause()
@@ -83,12 +86,15 @@ class Clock:
             step = min(max(stamp - self._latest, 2 * PAUSE), LONGEST)
         else:
             self._backwards += 1
-            if step > -PAUSE and self._backwards < BACKWARDS_LIMIT:
-                return -1
+            jumped, self._jumped = self._jumped, stamp if step <= -PAUSE else NONE
+            # one alone may be a message that was held up: the next of a new clock goes on from it
+            anew = NONE < jumped < self._jumped
+            if not anew and self._backwards < BACKWARDS_LIMIT:
+                return NONE
             self.restarts += 1
             self._gaps.pause()
             step = 2 * PAUSE  # what follows a new clock is never joined to what was before
-        self._backwards = 0
+        self._backwards, self._jumped = 0, NONE
         self._stamp, self._latest = stamp, max(stamp, self._latest)
         self._time += step
         return self._time
