@@ -215,6 +215,18 @@ def test_after_a_change_terms_are_chosen_as_soon_as_at_first(monkeypatch):
     assert settled == [4, 8, 16, 24, 28, 36]
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("share", [0.0, 1.0], ids=["off", "held"])
+def test_a_simulated_robot_that_stands_still_without_any_noise_leaves_no_error_and_learning_goes_on(share):
+    """What is left is nothing, but no joint is known better than its sensors and rounding let it be."""
+    robot = Robot.bundled("arm6")
+    recording = motion(robot, 12.0)
+    position = np.full_like(recording.position, 0.3)
+    effort = np.tile(share * robot.gravity(position[0]), (len(position), 1))
+    model = Identifier(robot).fit([replace(recording, position=position, effort=effort)])
+    assert np.isfinite(model.parameters.vector()).all()
+
+
 def test_no_motion_no_effort_other_joints_are_refused(real):
     identifier = Identifier(Robot.bundled("arm6"))
     with pytest.raises(RecordingError, match="No motion"):

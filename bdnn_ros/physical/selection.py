@@ -12,7 +12,7 @@ from bdnn_ros.physical.couplings import Coupling
 from bdnn_ros.physical.dictionary import FEATURES, GROUPS, largest_waves
 from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
-from bdnn_ros.physical.recursive import Recursion, inverse, solve
+from bdnn_ros.physical.recursive import SMALLEST_NOISE, Recursion, inverse, solve
 from bdnn_ros.physical.statistics import Statistics, summed
 from bdnn_ros.physical.structure import (
     LEAD,
@@ -159,11 +159,12 @@ class _Joint:
         self.moment = np.array([fold.moment[joint] for fold in folds])
         self.energy = np.array([fold.energy[joint] for fold in folds])
         self.count = float(sum(fold.count[joint] for fold in folds))
+        self._least = (SMALLEST_NOISE * float(recursion.belief.effort_scale[joint])) ** 2
         self.weigh(float(recursion.noise[joint]) ** 2)
 
     def weigh(self, variance: float) -> None:
         """Eliminate the bodies, with rows of this variance [N²·m²]."""
-        weight = 1.0 / (variance * self.correlation)
+        weight = 1.0 / (max(variance, self._least) * self.correlation)
         n = self.bodies
         total, said = self.gram.sum(axis=0), self.moment.sum(axis=0)
         system, right, quadratic, linear, constant = [], [], [], [], []
@@ -194,7 +195,8 @@ class _Joint:
         x = np.linalg.solve(self._system[:, index[:, None], index], self._right[:, index, None])[..., 0]
         fitted = np.einsum("fk,fkl,fl->f", x, self._quadratic[:, index[:, None], index], x)
         errors = self._constant - 2.0 * np.einsum("fk,fk->f", x, self._linear[:, index]) + fitted
-        return float(np.maximum(errors, 0.0).sum()) + NEGLIGIBLE * float(self.energy.sum())
+        least = NEGLIGIBLE * float(self.energy.sum()) + np.finfo(float).tiny  # without any effort
+        return float(np.maximum(errors, 0.0).sum() + least)
 
     def believe_waves(self, terms: Terms, couplings: Sequence[Coupling]) -> None:
         """Believe of each harmonic of the position as much as the motion shows of it, beside these terms.
