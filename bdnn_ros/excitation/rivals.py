@@ -13,7 +13,7 @@ import numpy as np
 from bdnn_ros.diagnosis.result import FORMAT
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.registry import variants
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.entries import reading
 
@@ -115,35 +115,61 @@ def _question(one: Mapping[str, Any], robot: Robot) -> Question:
 
 def _suspect(one: Mapping[str, Any], robot: Robot) -> Suspect:
     parameters = one.get("parameters")
-    joint, link = one.get("joint"), one.get("link")
-    where = "link" if link is not None else "joint" if joint is not None else "other"
-    choices = [
-        e
-        for e in variants(str(one["effect"]))
-        if e.variant == one.get("variant", e.variant) and _fits(e, where, parameters)
-    ]
-    if not choices:
-        raise KeyError(str(one["effect"]))
-    target = -1
-    if link is not None:
-        target = robot.body_of(str(link))[0]
-    elif joint is not None:
-        if joint not in robot.joints:
-            raise UsageError(f"The robot has no joint {joint!r}.", "Give the URDF or model of the diagnosis.")
-        target = robot.joints.index(str(joint))
+    target, link = _place(one, robot)
+    effect = _effect(one, robot, target, link)
     values = None
     if parameters is not None:
         found = {str(name): float(quantity["value"]) for name, quantity in parameters.items()}
-        values = choices[0].with_defaults(found)
-    return Suspect(choices[0], target, None if link is None else str(link), values, float(one["probability"]))
+        values = effect.with_defaults(found)
+        effect.coefficients(values)  # raises where one is missing, which is then told by name
+    return Suspect(effect, target, link, values, float(one["probability"]))
 
 
-def _fits(effect: Effect, where: str, parameters: Mapping[str, Any] | None) -> bool:
-    """Whether a variant can sit there and has these parameters, units included."""
+def _place(one: Mapping[str, Any], robot: Robot) -> tuple[int, str | None]:
+    joint, link = one.get("joint"), one.get("link")
+    if link is not None:
+        return robot.body_of(str(link))[0], str(link)
+    if joint is not None and joint not in robot.joints:
+        raise UsageError(f"The robot has no joint {joint!r}.", "Give the URDF or model of the diagnosis.")
+    return -1 if joint is None else robot.joints.index(str(joint)), None
+
+
+def _effect(one: Mapping[str, Any], robot: Robot, target: int, link: str | None) -> Effect:
+    """The effect that a diagnosis names, in the variant that can sit there and has its parameters, units included.
+
+    Raises:
+        UsageError: there is none.
+    """
+    name, variant = str(one["effect"]), one.get("variant")
+    known = [effect for effect in variants(name) if variant is None or effect.variant == variant]
+    if not known:
+        raise UsageError(f"No {name} is known of the variant {variant!r}.", "Diagnose again.")
+    place = link or one.get("joint") or "the base"
+    where = "link" if link is not None else "joint" if target >= 0 else "other"
+    sits = [effect.at(robot, target, link) for effect in known if _sits(effect, where)]
+    if not sits:
+        raise UsageError(f"No {name} is known that could be at {place}.", "Diagnose again.")
+    odd = [_odd(effect, one.get("parameters")) for effect in sits]
+    if all(odd):
+        raise UsageError(
+            f"The {name} at {place} has {listed(odd[0])}.",
+            "Give the URDF or model of the diagnosis, or diagnose again.",
+        )
+    return sits[odd.index([])]
+
+
+def _sits(effect: Effect, where: str) -> bool:
     places = {effect.on, *effect.also_on}
-    if not ({where} & places or (where == "other" and places & {"base", "all"})):
-        return False
-    units = {parameter.name: parameter.unit for parameter in effect.parameters}
-    return parameters is None or all(
-        units.get(name) == quantity.get("unit") for name, quantity in parameters.items()
-    )
+    return bool({where} & places) or (where == "other" and bool(places & {"base", "all"}))
+
+
+def _odd(effect: Effect, parameters: Mapping[str, Any] | None) -> list[str]:
+    """What is odd about a finding's parameters, where it should be those of an effect."""
+    units = {parameter.name: parameter.unit_at(effect.slides) for parameter in effect.parameters}
+    found = []
+    for name, quantity in (parameters or {}).items():
+        if name not in units:
+            found.append(f"{name}, which is none of its parameters")
+        elif quantity.get("unit") != units[name]:
+            found.append(f"{name} in {quantity.get('unit')}, which is in {units[name]} on this robot")
+    return found

@@ -1,0 +1,61 @@
+"""What is read from a diagnosis: effects at their places, in their units, and rivals that are still open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cli_cases import sliding_arm
+from excitation_cases import finding, place, write_diagnosis
+
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.errors import UsageError
+from bdnn_ros.excitation.rivals import Case, read_case
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.simulate import simulate
+
+JOINTS = ("arm2_joint1", "arm2_joint2")
+
+
+def case_of(robot: Robot, tmp_path: Path, *findings: dict) -> Case:
+    """What is read of some findings."""
+    return read_case(write_diagnosis(tmp_path / "diagnosis.json", robot.joints, *findings), robot)
+
+
+def test_a_diagnosis_of_a_joint_that_slides_is_read_again(tmp_path: Path) -> None:
+    robot = sliding_arm()
+    hidden = parse_spec("viscous_friction@arm2_joint2:viscous=30", robot)
+    diagnosis = diagnose([simulate(robot, [hidden], seed=3, duration=15.0).recording], robot)
+    diagnosis.save(tmp_path / "diagnosis.json")
+    (question,) = read_case(tmp_path / "diagnosis.json", robot).questions
+    assert question.finding.target == 1
+    assert question.finding.values == {"viscous": pytest.approx(30.0, rel=0.1)}
+
+
+def test_units_are_those_of_the_place(tmp_path: Path) -> None:
+    drift = {**place("drift", JOINTS[1]), "rivals": [], "parameters": {}}
+    for name in ("start_value", "end_value"):
+        drift["parameters"][name] = {"value": 2.0, "std": 0.1, "unit": "N*s/m"}
+    (question,) = case_of(sliding_arm(), tmp_path, drift).questions
+    assert question.finding.effect.variant == "viscous"
+    with pytest.raises(UsageError, match=r"at arm2_joint2 has start_value in N\*s/m, which is in"):
+        case_of(Robot.bundled("arm2"), tmp_path, drift)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"effect": "gremlins"}, "^No effect 'gremlins'"),
+        ({"variant": "haunted"}, "^No coulomb_friction is known of the variant 'haunted'"),
+        ({"joint": None}, "^No coulomb_friction is known that could be at the base"),
+        ({"joint": None, "link": "arm2_link2"}, "^No coulomb_friction is known that could be at arm2_link2"),
+        ({"parameters": {"spin": {"value": 1.0, "unit": "-"}}}, "has spin, which is none of its parameters"),
+        ({"parameters": {}}, "lacks coulomb[.]"),
+    ],
+)
+def test_what_is_not_known_is_refused_by_what_it_is(tmp_path: Path, change: dict, says: str) -> None:
+    friction = {**finding(place("coulomb_friction", JOINTS[0]), {"coulomb": 0.3}), **change}
+    with pytest.raises(UsageError, match=says) as refused:
+        case_of(Robot.bundled("arm2"), tmp_path, friction)
+    assert ("incomplete" in str(refused.value)) == ("lacks" in says)
