@@ -99,6 +99,25 @@ def test_a_model_or_a_robot_without_a_diagnosis(tmp_path: Path, capsys) -> None:
 
 
 @pytest.mark.parametrize(
+    ("findings", "says"),
+    [
+        ([], "the diagnosis names no cause"),
+        ([place("viscous_friction", JOINTS[0], p=1e-40)], "no rival is open, since none is 10 % probable"),
+        ([place("drift", JOINTS[0])], "what is open, no other motion settles"),
+    ],
+)
+def test_where_no_rival_is_open_it_is_said_and_there_is_a_motion(
+    findings: list[dict], says: str, tmp_path: Path, capsys
+) -> None:
+    own = [finding(place("coulomb_friction", JOINTS[0]), {"coulomb": 0.3}, *findings)] if findings else []
+    path = write_diagnosis(tmp_path / "diagnosis.json", JOINTS, *own, urdf="arm2")
+    assert main(["excite", "--for", str(path), "--duration", "8", "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert f"; {says}: it shows all parameters." in said and "viscous" not in said
+    assert (tmp_path / "out" / "trajectory.csv").exists()
+
+
+@pytest.mark.parametrize(
     ("words", "says"),
     [
         ([], "no robot"),

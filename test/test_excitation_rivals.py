@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import UsageError
 from bdnn_ros.excitation.rivals import Case, read_case
+from bdnn_ros.excitation.separation import left_out
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.simulate import simulate
 
@@ -59,3 +60,22 @@ def test_what_is_not_known_is_refused_by_what_it_is(tmp_path: Path, change: dict
     with pytest.raises(UsageError, match=says) as refused:
         case_of(Robot.bundled("arm2"), tmp_path, friction)
     assert ("incomplete" in str(refused.value)) == ("lacks" in says)
+
+
+def test_only_rivals_that_are_open_are_asked(tmp_path: Path) -> None:
+    rivals = [
+        place(name, JOINTS[0], p=p)
+        for name, p in (("viscous_friction", 0.1), ("armature", 0.09), ("hysteresis", 1e-40))
+    ]
+    friction = finding(place("coulomb_friction", JOINTS[0]), {"coulomb": 0.3}, *rivals)
+    excluded = finding(place("quadratic_drag", JOINTS[1]), {}, place("drift", JOINTS[1], p=1e-9))
+    excluded["parameters"] = {"drag": {"value": 0.3, "unit": "N*m*s^2/rad^2"}}
+    robot = Robot.bundled("arm2")
+    case = case_of(robot, tmp_path, friction, excluded)
+    assert case.open
+    assert [[r.words(robot) for r in q.rivals] for q in case.questions] == [
+        ["viscous_friction@arm2_joint1"],
+        [],
+    ]
+    assert not left_out(case, robot)
+    assert not case_of(robot, tmp_path, excluded).open

@@ -13,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from bdnn_ros.cli import options, outputs
+from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.excitation.choice import DECISIVE, Excitation, Progress, excite
 from bdnn_ros.excitation.motions import Bounds
@@ -194,8 +195,7 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
 def _summary(found: Excitation, robot: Robot, case: Case | None) -> list[str]:
     seconds = found.trajectory.time[-1]
     if not found.separations:
-        what = "no rivals are left: it shows all parameters" if case else "it shows all parameters"
-        return [f"A motion of {seconds:.1f} s; {what}.", *found.notes]
+        return [f"A motion of {seconds:.1f} s; {_unasked(case)}it shows all parameters.", *found.notes]
     lines = [f"A motion of {seconds:.1f} s; expected evidence ({DECISIVE:g} settles a question):"]
     for one in found.separations:
         pair = f"{one.finding.words(robot)} or {one.rival.words(robot)}"
@@ -203,6 +203,17 @@ def _summary(found: Excitation, robot: Robot, case: Case | None) -> list[str]:
         evidence = f"{one.evidence:.3g}" if one.evidence < MOST_SAID else f"over {MOST_SAID:g}"
         lines.append(f"  {pair}: {evidence}{doubt}")
     return [*lines, *found.notes]
+
+
+def _unasked(case: Case | None) -> str:
+    """Why a motion tells no rivals apart, where it was to."""
+    if case is None:
+        return ""
+    if not case.questions:
+        return "the diagnosis names no cause: "
+    if case.open:
+        return "what is open, no other motion settles: "
+    return f"no rival is open, since none is {100 * TIE:.0f} % probable: "
 
 
 @contextmanager

@@ -1,4 +1,7 @@
-"""The suspects of a diagnosis.json: each finding with the rivals it could not be told from."""
+"""The suspects of a diagnosis.json: each finding with the rivals it could not be told from.
+
+Rivals that are less probable than a tie takes (`TIE`) are settled: no motion is spent on them.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import FORMAT
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.registry import variants
@@ -42,7 +46,7 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Question:
-    """A finding, and what else it could be."""
+    """A finding, and what else it could still be."""
 
     finding: Suspect
     rivals: tuple[Suspect, ...]
@@ -53,7 +57,7 @@ class Case:
     """What a diagnosis leaves open.
 
     Attributes:
-        questions: every finding, also those without rivals.
+        questions: every finding, also those without rivals that are open.
         noise: noise of each joint's effort, (n,) [N·m].
         joints: the recording's joints.
     """
@@ -61,6 +65,11 @@ class Case:
     questions: tuple[Question, ...]
     noise: np.ndarray
     joints: tuple[str, ...]
+
+    @property
+    def open(self) -> bool:
+        """Whether a finding has a rival."""
+        return any(question.rivals for question in self.questions)
 
 
 def read_case(path: Path, robot: Robot) -> Case:
@@ -110,7 +119,8 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _question(one: Mapping[str, Any], robot: Robot) -> Question:
-    return Question(_suspect(one, robot), tuple(_suspect(rival, robot) for rival in one["rivals"]))
+    rivals = [_suspect(rival, robot) for rival in one["rivals"]]
+    return Question(_suspect(one, robot), tuple(rival for rival in rivals if rival.probability >= TIE))
 
 
 def _suspect(one: Mapping[str, Any], robot: Robot) -> Suspect:

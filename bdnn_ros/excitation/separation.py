@@ -44,8 +44,6 @@ PLENTY = 100.0
 """Evidence beyond which more is of little use [nats]."""
 BALANCE = 0.3
 """How much all parameters count beside the questions: a diagnosis of the motion needs them as well."""
-LEAST_WEIGHT = 0.05
-"""Weight of a rival that is hardly probable."""
 
 
 @dataclass(frozen=True)
@@ -144,9 +142,10 @@ class Design:
                     own, size, beside = slot, self._own[k], self._slots[k]
                 others = np.unique(np.concatenate([beside, *rest])).astype(int)
                 precision = np.concatenate([known, np.zeros(len(others))])
-                weight = max(rival.probability, LEAST_WEIGHT)
                 others = np.append(base, others)
-                self.pairs.append(Pair(question.finding, rival, own, size, others, precision, weight))
+                self.pairs.append(
+                    Pair(question.finding, rival, own, size, others, precision, rival.probability)
+                )
 
     def evidence(self, gram: np.ndarray) -> np.ndarray:
         """Expected evidence of each pair, (..., pairs) [nats], of Gram matrices (..., P, P)."""
