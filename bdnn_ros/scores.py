@@ -10,6 +10,7 @@ import numpy as np
 
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.robot import Robot
 from bdnn_ros.rollout import integrated
 from bdnn_ros.signals import Signals
 
@@ -30,10 +31,10 @@ class Scores:
 
     Attributes:
         joints: n joint names.
-        rmse: root mean square error, (n,) [N·m].
+        rmse: root mean square error, (n,) [N·m]; NaN where no effort was measured.
         nrmse: the same over the standard deviation of the measured effort, (n,); NaN where that is constant.
         nmse: the square of that, (n,).
-        nrmse_mean: mean over the joints.
+        nrmse_mean: mean over the joints where it is known.
     """
 
     joints: tuple[str, ...]
@@ -41,6 +42,11 @@ class Scores:
     nrmse: np.ndarray
     nmse: np.ndarray
     nrmse_mean: float
+
+    @property
+    def in_mean(self) -> int:
+        """Number of joints that the means are of."""
+        return int(np.count_nonzero(np.isfinite(self.nrmse)))
 
     @property
     def nmse_mean(self) -> float:
@@ -64,9 +70,9 @@ class RolloutError:
 
     Attributes:
         horizon: length of each rollout [s].
-        windows: number of rollouts.
+        windows: number of rollouts; none where a joint's effort is not measured, which moves the others as well.
         position: root mean square error of the position at the end of the horizon, (n,) [rad]; infinite
-            where a rollout diverged.
+            where a rollout diverged, NaN without any.
     """
 
     horizon: float
@@ -74,7 +80,7 @@ class RolloutError:
     position: np.ndarray
 
     def as_json(self) -> dict[str, Any]:
-        """For `evaluate --json`; infinite becomes null."""
+        """For `evaluate --json`; what is not finite becomes null."""
         return {"horizon": self.horizon, "windows": self.windows, "position": numbers(self.position)}
 
 
@@ -85,16 +91,18 @@ def score(
 
     Args:
         measured, predicted: effort, (N, n) each [N·m], low-passed alike.
-        seen: samples that count, (N, n) bool; of a joint without any, and by default, all do.
+        seen: samples that count, (N, n) bool; by default all do. A joint without any has no score.
 
     Raises:
         RecordingError: there is no sample to score.
     """
     if not len(measured):
         raise RecordingError("No sample is left to score.", "Use a longer recording, or a smaller hold-out.")
-    seen = np.ones(measured.shape, bool) if seen is None else seen | ~seen.any(axis=0)
-    rmse = np.sqrt(np.mean((predicted - measured) ** 2, axis=0, where=seen))
-    spread = np.std(measured, axis=0, where=seen)
+    seen = np.ones(measured.shape, bool) if seen is None else seen
+    known = seen.any(axis=0)
+    count = seen | ~known
+    rmse = np.where(known, np.sqrt(np.mean((predicted - measured) ** 2, axis=0, where=count)), np.nan)
+    spread = np.std(measured, axis=0, where=count)
     nrmse = np.where(spread > STILL, rmse / np.maximum(spread, STILL), np.nan)
     return Scores(tuple(joints), rmse, nrmse, nrmse**2, _mean(nrmse))
 
@@ -122,6 +130,32 @@ def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
     return score(np.concatenate(measured), np.concatenate(predicted), parts[0].joints, np.concatenate(seen))
 
 
+class _Described:
+    """What a robot's description alone predicts."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    def predict(self, signals: Signals) -> np.ndarray:
+        """Effort, (N, n) [N·m]."""
+        return self._robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+
+
+def score_description(robot: Robot, parts: Sequence[Signals]) -> Scores:
+    """Errors of what a robot's description alone predicts, on the same samples as those of a model.
+
+    Raises:
+        RecordingError: as `score_model`.
+    """
+    return score_model(_Described(robot), parts)
+
+
+def without_effort(signals: Signals) -> list[str]:
+    """Joints whose effort is nowhere measured."""
+    seen = np.any(signals.seen, axis=0)
+    return [joint for joint, some in zip(signals.joints, seen.tolist(), strict=True) if not some]
+
+
 def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutError:
     """Error of the motion that a model integrates from the measured effort, started anew every `horizon`.
 
@@ -138,6 +172,8 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
         raise UsageError(f"A horizon of {horizon:g} s is no time.", "Give seconds above zero.")
     longest = max(rows.stop - rows.start for rows in signals.segments) - 1
     steps = max(round(min(horizon * signals.rate, longest)), 1)
+    if without_effort(signals):
+        return RolloutError(steps / signals.rate, 0, np.full(signals.width, np.nan))
     starts = np.array([k for s in signals.segments for k in range(s.start, s.stop - steps, steps)])
     end = integrated(model, signals, signals.effort, starts, steps)
     error = np.sqrt(np.mean((end - signals.position[starts + steps]) ** 2, axis=0))

@@ -28,7 +28,7 @@ from bdnn_ros.signals import prepare
 MODULES = sorted(
     p.stem
     for p in Path(cli.__file__).parent.glob("*.py")
-    if p.stem not in ("__init__", "main", "describing", "fitness", "loading", "options", "outputs")
+    if p.stem not in ("__init__", "main", "describing", "fitness", "loading", "options", "outputs", "tables")
 )
 
 
@@ -235,7 +235,8 @@ def test_evaluate_prints_and_counts(
     path = bag_of(tmp_path / "bag", recording)
     assert main(["evaluate", "model", str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert set(told) == {"held_out", "simulation", "rollout", "cutoff"}
+    assert set(told) == {"held_out", "joints_in_mean", "simulation", "rollout", "cutoff"}
+    assert told["joints_in_mean"] == 1
     assert set(told["held_out"]) == {"joints", "rmse", "nrmse", "nmse", "nrmse_mean"}
     assert told["held_out"]["joints"] == ["pivot"]
     assert told["held_out"]["nrmse"][0] < 2e-3

@@ -13,7 +13,14 @@ from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.rollout import Step, _rosenbrock, _runge_kutta
-from bdnn_ros.scores import Scores, rollout_error, score, score_model
+from bdnn_ros.scores import (
+    Scores,
+    rollout_error,
+    score,
+    score_description,
+    score_model,
+    without_effort,
+)
 from bdnn_ros.signals import Signals, prepare
 
 
@@ -161,3 +168,24 @@ def test_a_constant_effort_has_a_mean_that_is_not_known() -> None:
     measured[::2, 1] = 0.0
     scores = score(measured, measured + 0.1, ("a", "b"))
     assert scores.nmse_mean == scores.nmse[1]
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_joint_without_a_measured_effort_has_no_score_and_leaves_none_to_roll_out() -> None:
+    robot = Model.from_urdf(Robot.bundled("arm2").urdf)
+    time = np.arange(0.0, 10.0, 0.005)
+    q = np.sin(np.outer(time, [1.7, 2.3]))
+    v, a = np.cos(np.outer(time, [1.7, 2.3])) * [1.7, 2.3], -q * np.square([1.7, 2.3])
+    whole = Recording(time, robot.joints, q, v, robot.inverse_dynamics(q, v, a))
+    none = replace(whole, effort=whole.require_effort() * [1.0, 0.0])
+    known, unknown = (prepare(recording, 10.0) for recording in (whole, none))
+    assert (without_effort(known), without_effort(unknown)) == ([], ["arm2_joint2"])
+    found, expected = score_model(robot, [unknown]), score_model(robot, [known])
+    assert found.rmse[0] == expected.rmse[0]
+    assert np.isnan([found.rmse[1], found.nrmse[1], found.nmse[1]]).all()
+    assert (found.in_mean, expected.in_mean) == (1, 2)
+    assert found.nrmse_mean == found.nrmse[0] and found.as_json()["rmse"][1] is None
+    assert score_description(robot, [unknown]).as_json() == found.as_json()
+    rollout = rollout_error(robot, unknown, 0.25)
+    assert rollout.as_json() == {"horizon": rollout.horizon, "windows": 0, "position": [None, None]}
+    assert rollout_error(robot, known, 0.25).windows > 0

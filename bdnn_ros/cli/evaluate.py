@@ -9,9 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from bdnn_ros.cli import fitness, loading, options
+from bdnn_ros.cli.tables import cell, mean_of
+from bdnn_ros.errors import listed
 from bdnn_ros.online.models import load_model
-from bdnn_ros.robot import Robot
-from bdnn_ros.scores import RolloutError, Scores, rollout_error, score, score_model
+from bdnn_ros.scores import (
+    RolloutError,
+    Scores,
+    rollout_error,
+    score_description,
+    score_model,
+    without_effort,
+)
 from bdnn_ros.signals import Signals, prepare
 
 HELP = "score a model on a recording"
@@ -52,10 +60,15 @@ def run(args: argparse.Namespace) -> int:
         last = recording.split(args.holdout)[1]
         signals = fitness.prepared_last(last, recording, args.cutoff, args.holdout)
     held_out = score_model(model, [signals])
-    simulation = None if robot is None else _simulation(robot, signals)
+    simulation = None if robot is None else score_description(robot, [signals])
     rollout = rollout_error(model, signals, args.horizon)
     if args.json:
-        report = {"held_out": held_out.as_json(), "rollout": rollout.as_json(), "cutoff": signals.cutoff}
+        report = {
+            "held_out": held_out.as_json(),
+            "joints_in_mean": held_out.in_mean,
+            "rollout": rollout.as_json(),
+            "cutoff": signals.cutoff,
+        }
         if simulation is not None:
             report["simulation"] = simulation.as_json()
         print(json.dumps(report, indent=1, allow_nan=False))
@@ -63,33 +76,35 @@ def run(args: argparse.Namespace) -> int:
         _print(held_out, simulation, rollout, signals.cutoff)
         for sentence in options.of_sliding(robot):
             print(sentence)
-    if not np.isfinite(rollout.position).all():
+    _say_rollout(rollout, signals)
+    return 0
+
+
+def _say_rollout(rollout: RolloutError, signals: Signals) -> None:
+    """Says why a motion could not be integrated, or not for so long."""
+    if not rollout.windows:
+        options.say(
+            f"No motion is integrated: the effort of {listed(without_effort(signals))} was not measured, and what a "
+            "joint does, the others feel."
+        )
+    elif not np.isfinite(rollout.position).all():
         options.say(
             f"Integrated over {rollout.horizon:.3g} s without a controller, the motion runs away (inf); "
             "--horizon chooses a shorter time."
         )
-    return 0
-
-
-def _simulation(robot: Robot, signals: Signals) -> Scores:
-    """What the URDF alone achieves."""
-    assert signals.effort is not None
-    nominal = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
-    inside = signals.interior
-    return score(signals.smooth(signals.effort)[inside], signals.smooth(nominal)[inside], signals.joints)
 
 
 def _print(held_out: Scores, simulation: Scores | None, rollout: RolloutError, cutoff: float) -> None:
-    width = max(len("joint"), *(len(joint) for joint in held_out.joints))
+    mean = mean_of(held_out)
+    width = max(len("joint"), len(mean), *(len(joint) for joint in held_out.joints))
     last = "" if simulation is None else "   URDF's NRMSE"
     ahead = f"after {rollout.horizon:.3g} s [rad]"
     print(f"{'joint':{width}}   RMSE [N·m]   NRMSE    nMSE   {ahead}{last}")
     for k, joint in enumerate(held_out.joints):
-        row = (
-            f"{joint:{width}}   {held_out.rmse[k]:10.4g}   {held_out.nrmse[k]:5.3f}   {held_out.nmse[k]:5.3f}"
-        )
-        row += f"   {rollout.position[k]:{len(ahead)}.4g}"
-        print(row + ("" if simulation is None else f"   {simulation.nrmse[k]:12.3f}"))
-    mean = f"{'mean':{width}}   {'':10}   {held_out.nrmse_mean:5.3f}   {held_out.nmse_mean:5.3f}"
-    print(f"{mean}   {'':{len(ahead)}}" + ("" if simulation is None else f"   {simulation.nrmse_mean:12.3f}"))
+        row = f"{joint:{width}}   {cell(held_out.rmse[k], 10, '.4g')}   {cell(held_out.nrmse[k], 5, '.3f')}"
+        row += f"   {cell(held_out.nmse[k], 5, '.3f')}   {cell(rollout.position[k], len(ahead), '.4g')}"
+        print(row + ("" if simulation is None else f"   {cell(simulation.nrmse[k], 12, '.3f')}"))
+    row = f"{mean:{width}}   {'':10}   {cell(held_out.nrmse_mean, 5, '.3f')}"
+    row += f"   {cell(held_out.nmse_mean, 5, '.3f')}   {'':{len(ahead)}}"
+    print(row + ("" if simulation is None else f"   {cell(simulation.nrmse_mean, 12, '.3f')}"))
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")

@@ -10,15 +10,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from bdnn_ros.bdnn.modelfile import model_place
 from bdnn_ros.cli import fitness, loading, options, outputs
+from bdnn_ros.cli.tables import cell, mean_of
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.scores import Scores, score, score_model
+from bdnn_ros.scores import Scores, score_description, score_model
 from bdnn_ros.signals import Signals
 
 if TYPE_CHECKING:
@@ -128,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
         model = _from_prior(robot, training, args.cutoff, spread)
     metrics = {"held_out": score_model(model, tested), "training": score_model(model, seen)}
     if robot is not None:
-        metrics["simulation"] = _simulation(robot, tested)
+        metrics["simulation"] = score_description(robot, tested)
     path, told = model_place(args.out), None
     with outputs.written_together(path.parent) as place:
         save_model(place / path.name, model)
@@ -186,17 +185,6 @@ def _from_nothing(training: Sequence[Recording], args: argparse.Namespace) -> Mo
     )
     model: Model = identify(first, last, budget=args.budget, seed=args.seed, progress=_progress)
     return model
-
-
-def _simulation(robot: Robot, parts: Sequence[Signals]) -> Scores:
-    """What the URDF alone achieves."""
-    measured, nominal = [], []
-    for signals in parts:
-        assert signals.effort is not None
-        effort = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
-        measured.append(signals.smooth(signals.effort)[signals.interior])
-        nominal.append(signals.smooth(effort)[signals.interior])
-    return score(np.concatenate(measured), np.concatenate(nominal), robot.joints)
 
 
 def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) -> None:
@@ -273,13 +261,14 @@ def _write(path: Path, content: dict[str, Any]) -> None:
 
 def _print(metrics: dict[str, Scores], cutoff: float, path: Path, robot: Robot | None) -> None:
     held_out, simulation = metrics["held_out"], metrics.get("simulation")
-    width = max(len("held out"), *(len(joint) for joint in held_out.joints))
+    mean = mean_of(held_out)
+    width = max(len("held out"), len(mean), *(len(joint) for joint in held_out.joints))
     print(f"{'held out':{width}}   RMSE [N·m]   NRMSE" + ("   URDF's NRMSE" if simulation else ""))
     for k, joint in enumerate(held_out.joints):
-        row = f"{joint:{width}}   {held_out.rmse[k]:10.4g}   {held_out.nrmse[k]:5.3f}"
-        print(row + (f"   {simulation.nrmse[k]:12.3f}" if simulation else ""))
-    row = f"{'mean':{width}}   {'':10}   {held_out.nrmse_mean:5.3f}"
-    print(row + (f"   {simulation.nrmse_mean:12.3f}" if simulation else ""))
+        row = f"{joint:{width}}   {cell(held_out.rmse[k], 10, '.4g')}   {cell(held_out.nrmse[k], 5, '.3f')}"
+        print(row + (f"   {cell(simulation.nrmse[k], 12, '.3f')}" if simulation else ""))
+    row = f"{mean:{width}}   {'':10}   {cell(held_out.nrmse_mean, 5, '.3f')}"
+    print(row + (f"   {cell(simulation.nrmse_mean, 12, '.3f')}" if simulation else ""))
     for sentence in options.of_sliding(robot):
         print(sentence)
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")

@@ -1,0 +1,89 @@
+"""`bdnn evaluate` of joints whose effort was not measured."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_cases import JOINT_STATE, bag_of, joint_state, states, write_bag
+
+from bdnn_ros.cli.main import main
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.online.models import save_model
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.simulate import simulate
+
+ARM2 = Robot.bundled("arm2")
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """A motion of the two-axis arm."""
+    return simulate(ARM2, [], seed=2, duration=8.0, rate=200.0).recording
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> str:
+    """The description as a model."""
+    return str(save_model(tmp_path / "model", ExtendedModel(ARM2, (), np.zeros(2))))
+
+
+def without_second(recording: Recording, path: Path) -> str:
+    """A bag in which the second joint's effort is NaN."""
+    made = []
+    for (topic, _, stamp, _), q, v, u in zip(
+        states(recording),
+        recording.position,
+        recording.velocity,
+        recording.require_effort(),
+        strict=True,
+    ):
+        message = joint_state(recording.joints, q, v, [u[0], np.nan], stamp)
+        made.append((topic, JOINT_STATE, stamp, message))
+    return str(write_bag(path, made))
+
+
+def test_what_was_not_measured_is_not_scored(
+    recording: Recording, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = without_second(recording, tmp_path / "bag")
+    words = ["evaluate", model, bag, "--robot", "arm2"]
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    first, second, mean = (line.split() for line in printed.out.splitlines()[1:4])
+    assert second == ["arm2_joint2", *5 * "-"]
+    assert "-" in first[4] and first[1] != "-"
+    assert " ".join(mean[:6]) == "mean of 1 of 2 joints" and mean[6] == first[2]
+    assert "No motion is integrated: the effort of arm2_joint2 was not measured" in printed.err
+    assert "nan" not in printed.out and "runs away" not in printed.err
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["joints_in_mean"] == 1
+    for scores in (told["held_out"], told["simulation"]):
+        assert [scores[key][1] for key in ("rmse", "nrmse", "nmse")] == [None] * 3
+        assert scores["nrmse_mean"] == scores["nrmse"][0]
+    assert (told["rollout"]["windows"], told["rollout"]["position"]) == (0, [None, None])
+
+
+def test_identify_has_no_score_of_it_either(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = without_second(recording, tmp_path / "bag")
+    assert main(["identify", bag, "--robot", "arm2", "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert "nan" not in printed and "mean of 1 of 2 joints" in printed
+    assert json.loads((tmp_path / "out" / "metrics.json").read_text())["simulation"]["rmse"][1] is None
+
+
+def test_where_all_is_measured_the_mean_is_of_all(
+    recording: Recording, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = str(bag_of(tmp_path / "bag", replace(recording, urdf=ARM2.urdf)))
+    assert main(["evaluate", model, bag]) == 0
+    printed = capsys.readouterr()
+    assert "mean of" not in printed.out and printed.out.splitlines()[3].startswith("mean  ")
+    assert "No motion" not in printed.err
