@@ -169,7 +169,8 @@ def test_info_tells_what_is_there(
     assert main(["info", str(path)]) == 0
     printed = capsys.readouterr().out
     assert "Fit for identification." in printed
-    assert "1 gaps, longest 0.505 s" in printed
+    assert "1 gap, longest 0.505 s" in printed
+    assert " samples of 1 joint in " in printed and "  1 message\n" in printed
     assert told["recorded"] == pytest.approx(19.99)
     assert "in 19.99 s without gaps" in printed
 

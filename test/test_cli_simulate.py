@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from bag_cases import PENDULUM
 
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
@@ -41,6 +42,13 @@ def test_it_writes_a_bag_with_the_description_and_the_truth_beside_it(tmp_path, 
     assert "arm2_joint1 has Coulomb friction" in printed
     assert "10 ms" in printed
     assert sorted(path.name for path in out.iterdir()) == ["bag", "truth.yaml"]
+
+
+def test_one_joint_is_no_joints(tmp_path, capsys):
+    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    words = ["--urdf", str(tmp_path / "pendulum.urdf"), *SHORT, "--out", str(tmp_path / "out")]
+    assert main(["simulate", *words]) == 0
+    assert capsys.readouterr().out.endswith(": 200 samples of 1 joint.\n")
 
 
 def test_the_output_directory_reads_like_the_bag_in_it(tmp_path):

@@ -62,3 +62,18 @@ def test_a_diagnosis_is_refused_where_they_move(recording, tmp_path, capsys):
     assert f"{ARM.joints[4]} moves and is left out" in told and not (tmp_path / "out").exists()
     assert main(["identify", *asked]) == 0
     assert f"{ARM.joints[4]} moves and is left out" in capsys.readouterr().err
+
+
+def test_several_that_move_are_told_as_several(recording, tmp_path, capsys):
+    both = np.isin(np.arange(6), [3, 4]) * np.sin(5.0 * recording.time)[:, None]
+    bags.write(replace(recording, position=recording.position + both), tmp_path / "bag")
+    asked = [str(tmp_path / "bag"), "--joints", ",".join(CHOSEN), "--out", str(tmp_path / "out")]
+    assert main(["diagnose", *asked]) == 2
+    told = capsys.readouterr().err
+    assert f"{ARM.joints[3]}, {ARM.joints[4]} move and are left out: what the others feel of them" in told
+    assert "Take them in (--joints), or record the others while they stand still." in told
+    assert main(["identify", *asked]) == 0
+    assert "move and are left out; the model takes them to stand still." in capsys.readouterr().err
+    model = str(tmp_path / "out")
+    assert main(["evaluate", model, str(tmp_path / "bag"), "--joints", CHOSEN[0]]) == 2
+    assert f"The model needs joints {CHOSEN[1]}, {CHOSEN[2]}, which" in capsys.readouterr().err

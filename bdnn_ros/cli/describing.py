@@ -79,14 +79,22 @@ def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording],
         say(f"No message that is used holds {listed(unknown)} of the URDF; held at zero.")
     for recording in whole if held else ():
         felt = disturbing(recording, complete, looked_at)
-        if felt and undisturbed:
-            raise UsageError(
-                f"{recording.name}: {listed(felt)} moves and is left out: what the others feel of it would pass for causes.",
-                "Take it in (--joints), or record the others while it stands still.",
-            )
         if felt:
-            say(f"{recording.name}: {listed(felt)} moves and is left out; the model takes it to stand still.")
+            _disturbed(recording.name, felt, undisturbed)
     return looked_at
+
+
+def _disturbed(name: str, felt: Sequence[str], undisturbed: bool) -> None:
+    """Says which joints move although they are left out, or refuses them."""
+    one = len(felt) == 1
+    it, does = ("it", "moves and is") if one else ("them", "move and are")
+    problem = f"{name}: {listed(felt)} {does} left out"
+    if undisturbed:
+        raise UsageError(
+            f"{problem}: what the others feel of {it} would pass for causes.",
+            f"Take {it} in (--joints), or record the others while {'it stands' if one else 'they stand'} still.",
+        )
+    say(f"{problem}; the model takes {it} to stand still.")
 
 
 def _say_left_out(left_out: Sequence[tuple[str, RobotError]], taken: str) -> None:

@@ -17,6 +17,7 @@ from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.describing import unusable
 from bdnn_ros.cli.identify import HOLDOUT
+from bdnn_ros.cli.options import counted
 from bdnn_ros.diagnosis import lateness, softness
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
@@ -210,15 +211,19 @@ def _reversals(velocity: np.ndarray) -> int:
 
 
 def _text(report: dict[str, Any], robot: Robot | None) -> str:
-    lines = [report["bag"], *(f"  {t['name']}  {t['type']}  {t['count']} messages" for t in report["topics"])]
+    lines = [
+        report["bag"],
+        *(f"  {t['name']}  {t['type']}  {counted(t['count'], 'message')}" for t in report["topics"]),
+    ]
     if "samples" in report:
         gaps = report["gaps"]
         lines += [
-            f"{report['samples']} samples of {len(report['joints'])} joints in {report['recorded']:.2f} s"
+            f"{counted(report['samples'], 'sample')} of {counted(len(report['joints']), 'joint')} "
+            f"in {report['recorded']:.2f} s"
             f"{' without gaps' if gaps['count'] else ''}: "
             f"{report['rate']:.4g} Hz, jitter {1e3 * report['jitter']:.3g} ms "
             f"(longest step {1e3 * report['longest_step']:.3g} ms)",
-            f"{gaps['count']} gaps, longest {gaps['longest']:.3g} s, {gaps['total']:.3g} s in all",
+            f"{counted(gaps['count'], 'gap')}, longest {gaps['longest']:.3g} s, {gaps['total']:.3g} s in all",
             f"not in the bag: {', '.join(report['missing']) or 'nothing'}",
         ]
     if "excitation" in report:

@@ -99,7 +99,7 @@ def _require_models_joints(args: argparse.Namespace, joints: Sequence[str]) -> N
     missing = [joint for joint in joints if joint not in args.joints]
     if args.joints and missing:
         raise UsageError(
-            f"The model needs joint {listed(missing)}, which --joints leaves out.",
+            f"The model needs joint{'s' * (len(missing) > 1)} {listed(missing)}, which --joints leaves out.",
             "Name all of the model's joints, or leave the option out.",
         )
 

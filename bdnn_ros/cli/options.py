@@ -115,6 +115,11 @@ def of_sliding(robot: Robot | None) -> list[str]:
     return [f"Of what slides ({listed(sliding)}): m in place of rad, N in place of N·m."]
 
 
+def counted(count: int, what: str) -> str:
+    """So many of something, as `1 joint` and `2 joints`."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def shortened(sentences: Sequence[str], most: int, where: Path) -> list[str]:
     """The first of some sentences, and how many more there are elsewhere."""
     more = len(sentences) - most

@@ -12,6 +12,7 @@ import numpy as np
 
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import fitness, loading, options, outputs
+from bdnn_ros.cli.options import counted
 from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
@@ -120,8 +121,8 @@ def _print(learning: Learning, errors: list[Error], recording: Recording, took: 
     speed = recording.recorded / max(took, 1e-9)
     served = learning.served
     print(
-        f"{len(recording)} samples in {took:.1f} s ({speed:.0f} times as fast as they came), "
-        f"{served.number if served else 0} versions, {len(learning.rejected)} updates refused"
+        f"{counted(len(recording), 'sample')} in {took:.1f} s ({speed:.0f} times as fast as they came), "
+        f"{counted(served.number if served else 0, 'version')}, {counted(len(learning.rejected), 'update')} refused"
     )
 
 

@@ -10,6 +10,7 @@ import yaml
 from bdnn_ros import bags
 from bdnn_ros.checks.description import require_mass
 from bdnn_ros.cli import options, outputs
+from bdnn_ros.cli.options import counted
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.effects_file import read_effects
@@ -124,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
         print(one.sentence(robot))
     if args.hide:
         print(f"{args.hide} hidden: see {truth}, after a guess.")
-    print(f"{bag}: {len(simulated.recording)} samples of {robot.width} joints.")
+    print(f"{bag}: {counted(len(simulated.recording), 'sample')} of {counted(robot.width, 'joint')}.")
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from bdnn_ros.cli.options import counted
 from bdnn_ros.scores import Scores
 
 
@@ -17,4 +18,4 @@ def mean_of(scores: Scores) -> str:
     count = len(scores.joints)
     if scores.in_mean == count:
         return "mean"
-    return f"mean of {scores.in_mean} of {count} joint{'' if count == 1 else 's'}"
+    return f"mean of {scores.in_mean} of {counted(count, 'joint')}"
