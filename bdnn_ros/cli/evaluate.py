@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from bdnn_ros.cli import fitness, loading, options
-from bdnn_ros.cli.tables import cell, mean_of
+from bdnn_ros.cli.tables import cell, headed, labels, mean_of
 from bdnn_ros.errors import listed
 from bdnn_ros.online.models import load_model
+from bdnn_ros.robot import Robot
 from bdnn_ros.scores import (
     RolloutError,
     Scores,
@@ -73,9 +74,7 @@ def run(args: argparse.Namespace) -> int:
             report["simulation"] = simulation.as_json()
         print(json.dumps(report, indent=1, allow_nan=False))
     else:
-        _print(held_out, simulation, rollout, signals.cutoff)
-        for sentence in options.of_sliding(robot):
-            print(sentence)
+        _print(held_out, simulation, rollout, signals.cutoff, robot)
     _say_rollout(rollout, signals)
     return 0
 
@@ -94,13 +93,15 @@ def _say_rollout(rollout: RolloutError, signals: Signals) -> None:
         )
 
 
-def _print(held_out: Scores, simulation: Scores | None, rollout: RolloutError, cutoff: float) -> None:
-    mean = mean_of(held_out)
-    width = max(len("joint"), len(mean), *(len(joint) for joint in held_out.joints))
+def _print(
+    held_out: Scores, simulation: Scores | None, rollout: RolloutError, cutoff: float, robot: Robot | None
+) -> None:
+    mean, joints = mean_of(held_out), labels(robot, held_out.joints, "N*m", "rad")
+    width = max(len("joint"), len(mean), *map(len, joints))
     last = "" if simulation is None else "   URDF's NRMSE"
-    ahead = f"after {rollout.horizon:.3g} s [rad]"
-    print(f"{'joint':{width}}   RMSE [N·m]   NRMSE    nMSE   {ahead}{last}")
-    for k, joint in enumerate(held_out.joints):
+    error, ahead = headed(robot, "RMSE", "N*m"), headed(robot, f"after {rollout.horizon:.3g} s", "rad")
+    print(f"{'joint':{width}}   {error:>10}   NRMSE    nMSE   {ahead}{last}")
+    for k, joint in enumerate(joints):
         row = f"{joint:{width}}   {cell(held_out.rmse[k], 10, '.4g')}   {cell(held_out.nrmse[k], 5, '.3f')}"
         row += f"   {cell(held_out.nmse[k], 5, '.3f')}   {cell(rollout.position[k], len(ahead), '.4g')}"
         print(row + ("" if simulation is None else f"   {cell(simulation.nrmse[k], 12, '.3f')}"))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bdnn_ros.bdnn.modelfile import model_place
 from bdnn_ros.cli import fitness, loading, options, outputs
-from bdnn_ros.cli.tables import cell, mean_of
+from bdnn_ros.cli.tables import cell, headed, labels, mean_of
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.recording import Recording
@@ -261,16 +261,15 @@ def _write(path: Path, content: dict[str, Any]) -> None:
 
 def _print(metrics: dict[str, Scores], cutoff: float, path: Path, robot: Robot | None) -> None:
     held_out, simulation = metrics["held_out"], metrics.get("simulation")
-    mean = mean_of(held_out)
-    width = max(len("held out"), len(mean), *(len(joint) for joint in held_out.joints))
-    print(f"{'held out':{width}}   RMSE [N·m]   NRMSE" + ("   URDF's NRMSE" if simulation else ""))
-    for k, joint in enumerate(held_out.joints):
+    mean, joints = mean_of(held_out), labels(robot, held_out.joints, "N*m")
+    width = max(len("held out"), len(mean), *map(len, joints))
+    error = headed(robot, "RMSE", "N*m")
+    print(f"{'held out':{width}}   {error:>10}   NRMSE" + ("   URDF's NRMSE" if simulation else ""))
+    for k, joint in enumerate(joints):
         row = f"{joint:{width}}   {cell(held_out.rmse[k], 10, '.4g')}   {cell(held_out.nrmse[k], 5, '.3f')}"
         print(row + (f"   {cell(simulation.nrmse[k], 12, '.3f')}" if simulation else ""))
     row = f"{mean:{width}}   {'':10}   {cell(held_out.nrmse_mean, 5, '.3f')}"
     print(row + (f"   {cell(simulation.nrmse_mean, 12, '.3f')}" if simulation else ""))
-    for sentence in options.of_sliding(robot):
-        print(sentence)
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")
     print(f"model: {path}\npicture: {path.with_name('effort.png')}")
 

@@ -18,6 +18,7 @@ from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.describing import unusable
 from bdnn_ros.cli.identify import HOLDOUT
 from bdnn_ros.cli.options import counted
+from bdnn_ros.cli.tables import headed, labels, some_slide
 from bdnn_ros.diagnosis import lateness, softness
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
@@ -227,7 +228,7 @@ def _text(report: dict[str, Any], robot: Robot | None) -> str:
             f"not in the bag: {', '.join(report['missing']) or 'nothing'}",
         ]
     if "excitation" in report:
-        lines += ["", *_table(report["excitation"]), *options.of_sliding(robot)]
+        lines += ["", *_table(report["excitation"], robot)]
         lines += [f"- {text}" for text in report.get("concerns", ())]
     if report["usable"]:
         lines.append(
@@ -238,14 +239,16 @@ def _text(report: dict[str, Any], robot: Robot | None) -> str:
     return "\n".join(lines)
 
 
-def _table(rows: list[dict[str, Any]]) -> list[str]:
-    width = max(len(row["joint"]) for row in rows)
+def _table(rows: list[dict[str, Any]], robot: Robot | None) -> list[str]:
+    names = labels(robot, [row["joint"] for row in rows], "rad", "N*m")
+    width, position = max(map(len, names)), headed(robot, "position", "rad")
+    speed, faster, force = ("per s", "per s²", "") if some_slide(robot) else ("rad/s", "rad/s²", "[N·m]")
     lines = [
-        f"{'':{width}}    position [rad]   velocity  acceleration  effort's std             at rest  clipped",
-        f"{'':{width}}    from       to    [rad/s]      [rad/s²]         [N·m]  reversals     [%]      [%]",
+        f"{'':{width}}    {position:14}   velocity  acceleration  effort's std             at rest  clipped",
+        f"{'':{width}}    from       to  {f'[{speed}]':>9}  {f'[{faster}]':>12}  {force:>12}  reversals     [%]      [%]",
     ]
-    for row in rows:
-        joint, still = f"{row['joint']:{width}}", "" if row["moves"] else "  does not move"
+    for name, row in zip(names, rows, strict=True):
+        joint, still = f"{name:{width}}", "" if row["moves"] else "  does not move"
         effort = "-" if row["effort"] is None else f"{row['effort']:.3g}"
         clipped = "-" if row["saturated"] is None else f"{100 * row['saturated']:.3g}"
         turns, rest = row["reversals"], 100 * row["standstill"]

@@ -12,7 +12,7 @@ from typing import Literal
 from tqdm import tqdm
 
 from bdnn_ros.bags import Progress
-from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.robot.mimics import held_mimics, standing_still
 
@@ -105,14 +105,6 @@ def say_mimics(robot: Robot) -> None:
     """Tells which joints a motion leaves alone because they mimic another."""
     if mimics := held_mimics(robot):
         say(f"{standing_still(mimics)}, not moved on its own.")
-
-
-def of_sliding(robot: Robot | None) -> list[str]:
-    """What to say under a table in rad and N·m: which joints slide, nothing where none is known to."""
-    if robot is None or not robot.slides.any():
-        return []
-    sliding = [joint for joint, slides in zip(robot.joints, robot.slides, strict=True) if slides]
-    return [f"Of what slides ({listed(sliding)}): m in place of rad, N in place of N·m."]
 
 
 def counted(count: int, what: str) -> str:
