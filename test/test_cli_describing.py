@@ -67,6 +67,37 @@ def test_info_says_that_a_joint_is_not_described(tmp_path: Path, capsys: pytest.
     assert "- " + str(path) + ": The URDF has no movable joint wheel" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        (
+            ("arm7_joint1", "arm7_joint7"),
+            "arm7_joint2, arm7_joint3 of the URDF are in no message that is used",
+        ),
+        (
+            ("arm7_joint1", "arm7_joint2", "arm7_joint7"),
+            "arm7_joint3 of the URDF is in no message that is used",
+        ),
+    ],
+)
+def test_info_names_the_joints_that_the_bag_lacks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], joints: tuple[str, ...], said: str
+) -> None:
+    held = (*joints, "arm7_joint4", "arm7_joint5", "arm7_joint6")
+    path = str(bag_of(tmp_path / "bag", motion(samples=1500, joints=held, urdf=Robot.bundled("arm7").urdf)))
+    absent = [f"joint arm7_joint{k}" for k in (2, 3) if f"arm7_joint{k}" not in held]
+    assert main(["info", path, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["missing"] == absent
+    assert [text for text in told["concerns"] if text.startswith(f"{said}: the other joints feel")]
+    assert main(["info", path]) == 0
+    printed = capsys.readouterr().out
+    assert f"not in the bag: {', '.join(absent)}\n" in printed and f"- {said}" in printed
+    assert main(["info", path, "--joints", joints[0]]) == 0
+    printed = capsys.readouterr().out
+    assert "not in the bag: nothing" in printed and "no message" not in printed
+
+
 @pytest.mark.parametrize("verb", ["identify", "diagnose", "replay"])
 def test_what_needs_a_description_names_the_bag_and_the_remedy(
     bag: str, tmp_path: Path, verb: str, capsys: pytest.CaptureFixture[str]

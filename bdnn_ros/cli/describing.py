@@ -57,6 +57,12 @@ def unusable(recordings: Sequence[Recording]) -> str | None:
     return None
 
 
+def unheld(robot: Robot | None, recording: Recording) -> list[str]:
+    """Joints that a robot's description has move by themselves, and that a recording lacks."""
+    joints = () if robot is None else Robot.from_urdf(robot.urdf).joints
+    return [joint for joint in joints if joint not in recording.joints]
+
+
 def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool) -> Robot:
     """The robot with the chosen joints, others where the whole recordings have them stand; what is left out is said.
 
