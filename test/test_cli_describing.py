@@ -149,3 +149,19 @@ def test_a_diagnosis_names_the_description_that_was_used(tmp_path: Path) -> None
         for name in ("own", "bundled")
     ]
     assert used == ["/robot_description of the bag", "arm2"]
+
+
+def test_a_diagnosis_keeps_that_a_joint_of_the_description_is_in_no_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", "--robot", "arm2", "--duration", "12", "--out", str(tmp_path)]) == 0
+    whole = bags.read(tmp_path / "bag")
+    bag = bag_of(tmp_path / "part", replace(whole.select(["arm2_joint1"]), urdf=whole.urdf))
+    for words, told in (([], True), (["--joints", "arm2_joint1"], False)):
+        out = tmp_path / f"told_{told}"
+        assert main(["diagnose", str(bag), *words, "--out", str(out)]) == 0
+        sentence = "arm2_joint2 of the URDF is in no message that is used"
+        notes = json.loads((out / "diagnosis.json").read_text())["notes"]
+        assert any(sentence in note for note in notes) == told
+        assert (sentence in (out / "report.html").read_text()) == told
+        assert (f"Data check: {sentence}" in capsys.readouterr().out) == told

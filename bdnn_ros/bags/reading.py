@@ -206,7 +206,7 @@ def _wanted(
         missing = [joint for joint in joints if joint not in every]
         if missing:
             raise UsageError(
-                f"{name}: joint {listed(missing)} is not in the recording, which has {listed(every, 20)}.",
+                f"{name}: {_joints(missing)} not in the recording, which has {listed(every, 20)}.",
                 "Name the joints with --joints, or map the names with --rename old=new.",
             )
         if len(set(joints)) != len(joints):
@@ -239,10 +239,15 @@ def _samples(
     return samples, [*_notes(name, states, sum(map(len, found)), unused), *notes, *more]
 
 
+def _joints(names: Sequence[str]) -> str:
+    """Joints as the subject of a sentence, with its verb."""
+    return f"joint {names[0]} is" if len(names) == 1 else f"joints {listed(names)} are"
+
+
 def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> list[str]:
     notes = []
     if unused:
-        notes.append(f"{name}: joints {listed(unused)} of the bag are left out.")
+        notes.append(f"{name}: {_joints(unused)} in the bag, and left out.")
     if held < states.usable:
         notes.append(
             f"{name}: {states.usable - held} of {states.count} joint states hold other joints or come from another "
@@ -293,7 +298,7 @@ def _recording(
         absent = np.isnan(effort).all(axis=0)
         if absent.any() and not absent.all():
             which = listed(np.array(samples.joints)[absent])
-            also.append(f"{name}: no effort is reported for {which} (NaN throughout); it counts as zero.")
+            also.append(f"{name}: no effort is reported for {which} (NaN throughout): not measured there.")
             samples = replace(samples, effort=np.where(absent, 0.0, effort))
         effort, silent = reported_effort(name, samples)
         also += silent

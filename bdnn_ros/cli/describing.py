@@ -63,6 +63,17 @@ def unheld(robot: Robot | None, recording: Recording) -> list[str]:
     return [joint for joint in joints if joint not in recording.joints]
 
 
+def of_the_unheld(joints: Sequence[str]) -> list[str]:
+    """What it means that no message that is used holds some joints."""
+    if not joints:
+        return []
+    are, their, it = ("is", "its", "it stands") if len(joints) == 1 else ("are", "their", "they stand")
+    return [
+        f"{listed(joints)} of the URDF {are} in no message that is used: the other joints feel {their} motion, "
+        f"which cannot be known, and {it} at zero for the model."
+    ]
+
+
 def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool) -> Robot:
     """The robot with the chosen joints, others where the whole recordings have them stand; what is left out is said.
 

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from bdnn_ros.checks.data import check_data
 from bdnn_ros.cli import fitness, loading, options, outputs
+from bdnn_ros.cli.describing import of_the_unheld, unheld
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
@@ -86,7 +87,11 @@ def run(args: argparse.Namespace) -> int:
         fitness.require_measured(recording)
     with _progress() as say:
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
-        remarks = [str(remark) for remark in check_data(recordings, robot, args.cutoff)]
+        absent = [] if args.joints or earlier is not None else unheld(robot, recordings[0])
+        remarks = [
+            *of_the_unheld(absent),
+            *(str(remark) for remark in check_data(recordings, robot, args.cutoff)),
+        ]
         lines = verdict_lines(examination, [note for recording in recordings for note in recording.notes])
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")

@@ -15,12 +15,12 @@ from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.data import unread
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import fitness, loading, options
-from bdnn_ros.cli.describing import unheld, unusable
+from bdnn_ros.cli.describing import of_the_unheld, unheld, unusable
 from bdnn_ros.cli.identify import HOLDOUT
 from bdnn_ros.cli.options import counted
 from bdnn_ros.cli.tables import headed, labels, some_slide
 from bdnn_ros.diagnosis import lateness, softness
-from bdnn_ros.errors import BdnnError, listed
+from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.urdf import Limits
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         report["excitation"] = [joint.as_json() for joint in joints]
         fitness.require_length([recording])
         report["concerns"] = [
-            *_of_the_absent(absent),
+            *of_the_unheld(absent),
             *concerns(recording, joints),
             *_of_the_description(recording, signals, robot),
             *_of_the_efforts(recording, signals, robot),
@@ -109,17 +109,6 @@ def run(args: argparse.Namespace) -> int:
     if problem is not None:
         raise problem
     return 0
-
-
-def _of_the_absent(joints: Sequence[str]) -> list[str]:
-    """What it means that no message that is used holds some joints."""
-    if not joints:
-        return []
-    are, their = ("is", "its") if len(joints) == 1 else ("are", "their")
-    return [
-        f"{listed(joints)} of the URDF {are} in no message that is used: the other joints feel {their} motion, "
-        "which cannot be known."
-    ]
 
 
 def _of_the_description(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:

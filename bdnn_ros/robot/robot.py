@@ -41,8 +41,7 @@ class Robot(ReadOnlyArrays):
         joints: n joint names, the order of every array.
         inertials: inertial parameters of the n moving bodies, (n, PER_LINK); a body is a link with everything
             fixed to it; body i moves with joint i.
-        armature, viscous, coulomb: per joint, (n,) [kg·m²], [N·m·s/rad], [N·m]; damping and friction tags
-            of the URDF fill the last two.
+        armature, viscous, coulomb: per joint, (n,) [kg·m²], [N·m·s/rad], [N·m]; a URDF's tags are the last two.
         zeros: what each joint reports where it is at its zero, (n,) [rad] ([m]).
         gravity_vector: acceleration of gravity in the base frame, (3,) [m/s²].
         held: other joints of the URDF, and where they stand [rad] ([m]); the rest is at zero, or at the nearest limit.
