@@ -33,3 +33,20 @@ def sliding_arm() -> Robot:
     plain = Robot.bundled("arm2").urdf
     name = plain.index('name="arm2_joint2"')
     return Robot.from_urdf(plain[:name] + plain[name:].replace('"revolute"', '"prismatic"', 1))
+
+
+def two_armed() -> Robot:
+    """Two arms on a torso that turns about the vertical: a tree, not a chain."""
+    plain = Robot.bundled("arm2").urdf
+    arm = plain[plain.index("<link ") : plain.index("</robot>")]
+    sides = [arm.replace("arm2_", f"{side}_") for side in ("left", "right")]
+    mounts = [
+        f"""<joint name="{side}_mount" type="fixed"><parent link="torso"/><child link="{side}_link0"/>
+        <origin xyz="0.1 {y} 0.3" rpy="{2 * y} 0.2 0"/></joint>"""
+        for side, y in (("left", 0.25), ("right", -0.25))
+    ]
+    torso = """<link name="base"/><link name="torso"><inertial><mass value="12"/>
+    <inertia ixx="0.3" iyy="0.3" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="turn" type="revolute"><parent link="base"/><child link="torso"/><axis xyz="0 0 1"/>
+    <limit lower="-2" upper="2" velocity="3" effort="100"/></joint>"""
+    return Robot.from_urdf("".join(['<robot name="two">', torso, *mounts, *sides, "</robot>"]))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cli_cases import two_armed
 
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.online.identifier import Identifier
@@ -276,6 +277,14 @@ def test_zeros_that_are_off_are_found_beside_wrong_bodies(seed, tmp_path):
     assert ((left**2).mean(axis=0) / measured.var(axis=0)).mean() < 1e-3
     loaded = load_model(save_model(tmp_path, model))
     assert loaded.zeros == model.zeros and (loaded.robot.zeros == model.robot.zeros).all()
+
+
+def test_two_arms_on_a_torso_are_one_robot():
+    described = two_armed()
+    worn = wrong(described, seed=2).with_joint_parameters(*np.outer([0.02, 0.5, 0.3], np.ones(5)))
+    model = Identifier(described).fit([motion(worn, duration=15.0, noise=0.01)])
+    assert not model.leans and not model.zeros and feasible(model.robot.inertials)
+    assert score_model(model, [prepare(motion(worn, seed=5))]).nmse_mean < 1e-3
 
 
 def test_what_one_joint_alone_bears_is_no_setup(real):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from cli_cases import sliding_arm
+from cli_cases import sliding_arm, two_armed
 
 from bdnn_ros.errors import RobotError, UsageError
 from bdnn_ros.robot import BUNDLED, PER_LINK, Robot
@@ -268,6 +268,27 @@ def test_a_joint_that_reports_too_much_stands_further_back(name: str) -> None:
     np.testing.assert_allclose(off.link_jacobian(q, link), arm.link_jacobian(q - zeros, link), atol=1e-9)
     again = arm.set_up_as(off.tilted(0.1, 0.2))
     np.testing.assert_allclose(again.gravity(q), arm.tilted(0.1, 0.2).gravity(q - zeros), atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4), (3, 0, 4, 2, 1)])
+def test_a_tree_of_joints_in_any_order_is_pinocchios(order: tuple[int, ...]) -> None:
+    whole = two_armed()
+    robot = Robot.from_urdf(whole.urdf, [whole.joints[k] for k in order])
+    model = pin.buildModelFromXML(whole.urdf)
+    data, at = model.createData(), [model.idx_vs[model.getJointId(name)] for name in robot.joints]
+    generator = np.random.default_rng(0)
+    zeros = generator.uniform(-0.2, 0.2, 5)
+    off = replace(robot, zeros=zeros)
+    for q, v, a in generator.normal(size=(5, 3, 5)):
+        own = np.empty((3, 5))
+        own[:, at] = q - zeros, v, a
+        wanted = pin.rnea(model, data, *own)[at]
+        np.testing.assert_allclose(off.rigid_effort(q, v, a), wanted, atol=1e-9)
+        regressor = off.regressor(q[None], v[None], a[None])[0]
+        np.testing.assert_allclose(regressor @ off.inertials.ravel(), wanted, atol=1e-9)
+        mass = pin.crba(model, data, own[0])
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        np.testing.assert_allclose(off.mass_matrix(q), mass[np.ix_(at, at)], atol=1e-9)
 
 
 def place(robot: Robot, q: np.ndarray, link: str, point: np.ndarray | None = None) -> np.ndarray:
