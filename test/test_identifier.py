@@ -279,6 +279,22 @@ def test_zeros_that_are_off_are_found_beside_wrong_bodies(seed, tmp_path):
     assert loaded.zeros == model.zeros and (loaded.robot.zeros == model.robot.zeros).all()
 
 
+def test_what_is_known_of_the_setup_is_kept_and_found_anew_as_motion_goes_on():
+    """Whatever else a few seconds seem to show: a live model's zeros are those of all its motion."""
+    urdf, zeros = Robot.bundled("arm7"), 0.07 * np.eye(7)[3]
+    rubbing = wrong(urdf, seed=1).with_joint_parameters(*np.outer([0.1, 2.0, 1.0], np.ones(7)))
+    recording = motion(replace(rubbing, zeros=zeros), duration=24.0, seed=4, noise=0.01)
+    identifier, told = Identifier(urdf, settle_at=16), []
+    for rows in np.array_split(np.arange(len(recording)), 24):
+        if identifier.feed(recording.time[rows], recording.position[rows], recording.effort[rows]):
+            told.append((identifier.chunks, identifier.model()))
+    late = [model for chunks, model in told if chunks >= 8]
+    assert len(late) > 10
+    for model in late:
+        assert [joint for joint, *_ in model.zeros] == [3]
+        np.testing.assert_allclose(model.robot.zeros, zeros, atol=5e-3)
+
+
 def test_two_arms_on_a_torso_are_one_robot():
     described = two_armed()
     worn = wrong(described, seed=2).with_joint_parameters(*np.outer([0.02, 0.5, 0.3], np.ones(5)))

@@ -18,8 +18,8 @@ from bdnn_ros.physical.parameters import Prior, Spread, prior
 from bdnn_ros.physical.possible import Possible
 from bdnn_ros.physical.presliding import Directions
 from bdnn_ros.physical.recursive import Posterior
-from bdnn_ros.physical.selection import choose, set_up
-from bdnn_ros.physical.structure import TILT, Layout, Structure, layout, straightened, typical_friction
+from bdnn_ros.physical.selection import choose, set_up, sure
+from bdnn_ros.physical.structure import Layout, Structure, layout, straightened, typical_friction
 from bdnn_ros.physical.sums import Motion, Sums
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -31,8 +31,6 @@ LEAST_FRICTION = 0.01
 """Of a joint, in units of its effort scale: what it lacks may still be learned."""
 LEARNED = 0.5
 """Share of the residual that is left where what is learned lowers it so far that doubtful rows must be weighed anew."""
-KNOWN = 5.0
-"""A base is tilted, and a zero is off, where it is so many times its standard deviation."""
 LONG_PAUSE = 10.0
 """No chunk is looked for in a pause longer than this [s]."""
 NEVER = 1 << 62
@@ -203,10 +201,8 @@ class Identifier:
         # the choice depends on the motion alone, not on when it was made before
         for each in (sums.recursion, evidence):
             each.doubt()
-        if whole and (sums.usual != evidence.noise).any():
-            self.robot = self._described
-            sums.take_for(self.robot)
-            sums.again(self._kept, evidence.noise)
+        if whole:
+            self._begin_as_described()
         plain, posterior = self._as_set_up(whole)
         usual = typical_friction(posterior.mean, posterior.layout, evidence.total)
         friction = np.clip(usual, LEAST_FRICTION * belief.effort_scale, belief.effort_scale)
@@ -230,11 +226,20 @@ class Identifier:
         if self.sums.evidence.total is None:
             return
         self.sums.evidence.doubt()
+        self._begin_as_described()
         plain, posterior = self._as_set_up(whole=True)
-        if plain.setup:
+        if plain.setup or self.structure.setup:
             with suppress(UpdateRejected):  # so little motion may not make a robot yet
-                self._take_for(posterior, plain)
                 self.structure = plain
+                self._take_for(posterior, plain)
+
+    def _begin_as_described(self) -> None:
+        """Sum all motion anew about the robot as described: nothing that was taken of its setup may hold on to itself."""
+        noise = self.sums.evidence.noise
+        if self.robot is not self._described or (self.sums.usual != noise).any():
+            self.robot = self._described
+            self.sums.take_for(self.robot)
+            self.sums.again(self._kept, noise)
 
     def _take_for(self, posterior: Posterior, structure: Structure) -> None:
         """Sum all motion anew about the robot that is known by now."""
@@ -252,7 +257,7 @@ class Identifier:
         while setup != plain.setup:
             plain = replace(plain, setup=setup)
             posterior = evidence.solve(layout(plain, self.belief), ITERATIONS)
-            setup = _sure(posterior, setup) if whole else setup
+            setup = sure(posterior, setup) if whole else setup
         return plain, posterior
 
     def _choose(self, plain: Structure, without: Layout, bodies: np.ndarray | None) -> None:
@@ -300,16 +305,6 @@ class Identifier:
         if self._state is None or not self._state[0][0] <= time <= self._state[0][-1]:
             return None
         return self._state[1].at(int(np.searchsorted(self._state[0], time, side="right")) - 1)
-
-
-def _sure(posterior: Posterior, setup: tuple[int, ...]) -> tuple[int, ...]:
-    """What of the setup is known not to be as described; one angle of the base says so of both."""
-    at = posterior.layout.setup
-    sizes = np.abs(posterior.mean[at]) / posterior.std[at]
-    sure = {k for k, size in zip(setup, sizes, strict=True) if size > KNOWN}
-    if sure & {*TILT}:
-        sure |= {*TILT}
-    return tuple(k for k in setup if k in sure)
 
 
 def _stretches(recording: Recording, seconds: float) -> list[slice]:

@@ -12,7 +12,7 @@ from bdnn_ros.physical.couplings import Coupling
 from bdnn_ros.physical.dictionary import FEATURES, GROUPS, largest_waves
 from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
-from bdnn_ros.physical.recursive import SMALLEST_NOISE, Recursion, inverse, solve
+from bdnn_ros.physical.recursive import SMALLEST_NOISE, Posterior, Recursion, inverse, solve
 from bdnn_ros.physical.statistics import Statistics, summed
 from bdnn_ros.physical.structure import (
     LEAD,
@@ -37,6 +37,8 @@ COUPLING_GAIN = 0.2
 """Share of the squared error on what was left out that a coupling must remove from each of its joints."""
 SETUP_GAIN, SETUP_COST = 0.1, 0.1
 """The same, of a tilted base or a zero from each of two joints; and what others may lose, as a share of all that is gained."""
+KNOWN = 5.0
+"""A base is tilted, and a zero is off, where it is so many times its standard deviation."""
 NEGLIGIBLE = 1e-4
 """Share of the squared effort that needs no explanation."""
 BELIEVED = 100.0
@@ -89,7 +91,7 @@ def set_up(recursion: Recursion, plain: Structure) -> Structure:
     It has to show on two joints at least: what it does to one alone could as well be a spring or a weight of its own.
 
     Args:
-        plain: nothing switched on; by its layout the noise was estimated.
+        plain: nothing switched on but what of the setup is known; by its layout the noise was estimated.
     """
     folds = _folds(recursion)
     if not folds:
@@ -111,6 +113,16 @@ def set_up(recursion: Recursion, plain: Structure) -> Structure:
             return replace(chosen, setup=tuple(sorted(chosen.setup)))
         best = max(shown)[1]
         chosen, before = further[best], before - gains[best]
+
+
+def sure(posterior: Posterior, setup: tuple[int, ...]) -> tuple[int, ...]:
+    """What of the setup is surely not as described; one angle of the base says so of both."""
+    at = posterior.layout.setup
+    sizes = np.abs(posterior.mean[at]) / posterior.std[at]
+    sure = {k for k, size in zip(setup, sizes, strict=True) if size > KNOWN}
+    if sure & {*TILT}:
+        sure |= {*TILT}
+    return tuple(k for k in setup if k in sure)
 
 
 def _shows(gain: np.ndarray) -> bool:
