@@ -15,6 +15,8 @@ from bdnn_ros.dynamics import Dynamics
 
 POSES = 500
 PATH_STEPS = 20
+STEP = 1e-5
+"""Of central differences by position [rad]."""
 """Steps of the line integral of gravity that gives the potential energy."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(PATH_STEPS)
 
@@ -198,13 +200,13 @@ def consistency(
     )
 
 
-def _gravity_slope(model: Dynamics, position: np.ndarray, step: float = 1e-5) -> np.ndarray:
+def _gravity_slope(model: Dynamics, position: np.ndarray) -> np.ndarray:
     """∂g/∂q by central differences, (B, n, n)."""
     columns = []
     for k in range(position.shape[1]):
         change = np.zeros(position.shape[1])
-        change[k] = step
-        columns.append((model.gravity(position + change) - model.gravity(position - change)) / (2.0 * step))
+        change[k] = STEP
+        columns.append((model.gravity(position + change) - model.gravity(position - change)) / (2.0 * STEP))
     return np.stack(columns, axis=-1)
 
 

@@ -50,15 +50,12 @@ class NetworkTraining:
         train: Sequence[Signals],
         validation: Sequence[Signals],
         rng: np.random.Generator,
-        forward_weight: float = FORWARD_WEIGHT,
-        hidden: int | None = None,
     ) -> None:
         self._joints, self._rng = train[0].joints, rng
-        self._forward_weight = forward_weight
         samples, judge = samples_of(train), samples_of(validation)
         scales = scales_of(samples)
         n = samples.width
-        field = Field.random(scales, hidden or hidden_units(n), rng)
+        field = Field.random(scales, hidden_units(n), rng)
         self._samples, self._judge = samples, judge
         self._weights = field.vector().astype(np.float32)
         self._field = field.astype(np.float32).with_vector(self._weights)
@@ -104,7 +101,7 @@ class NetworkTraining:
         """One step of Adam (Kingma and Ba, ICLR 2015)."""
         rows = self._rng.integers(len(self._samples), size=BATCH)
         _, gradient = effort_loss(self._field, [values[rows] for values in self._columns])
-        if self._forward_weight and self._steps % FORWARD_EVERY == 0:
+        if self._steps % FORWARD_EVERY == 0:
             self._add_forward(gradient)
         self._steps += 1
         first, second = self._moments
@@ -120,9 +117,7 @@ class NetworkTraining:
             _, forward = discrete_gradient(self._field, self._rollouts.draw(WINDOWS, self._rng))
             size = float(np.linalg.norm(forward))
         if 0.0 < size < np.inf:
-            gradient += (
-                min(self._forward_weight * FORWARD_EVERY, float(np.linalg.norm(gradient)) / size) * forward
-            )
+            gradient += min(FORWARD_WEIGHT * FORWARD_EVERY, float(np.linalg.norm(gradient)) / size) * forward
 
     def _look(self) -> None:
         """Keep the weights if they are the best so far on what was held out."""

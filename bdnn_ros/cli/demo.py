@@ -13,7 +13,6 @@ import yaml
 from bdnn_ros.cli import diagnose, identify, simulate
 from bdnn_ros.errors import UsageError
 
-HELP = "simulate a worn robot with a hidden effect, identify it, diagnose it, and reveal the truth"
 WORN = ("coulomb_friction", "viscous_friction", "armature")
 
 

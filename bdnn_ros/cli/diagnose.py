@@ -29,7 +29,6 @@ from bdnn_ros.report.words import certainty, of_velocity
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 
-HELP = "name what the simulation gets wrong, with the gain of mending it"
 REPORT = "report.html"
 SLIGHT_GAIN = 0.1
 """A gain above this without a cause is the links' alone, and is said to be."""

@@ -23,8 +23,6 @@ from bdnn_ros.scores import (
 )
 from bdnn_ros.signals import Signals, prepare
 
-HELP = "score a model on a recording"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn evaluate`."""

@@ -22,7 +22,6 @@ from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.simulation.excitation import OPEN_VELOCITY, Trajectory
 
-HELP = "make the motion that tells the rivals of a diagnosis apart"
 MOST_SAID = 1000.0
 """Larger expected evidence says no more than that it is large [nats]."""
 CSV, YAML = "trajectory.csv", "trajectory.yaml"

@@ -24,7 +24,6 @@ from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters_report import tilt_entry, zeros_entry
 from bdnn_ros.robot import Robot
 
-HELP = "write a model as URDF, MuJoCo model, YAML and ONNX"
 FORMATS = ("urdf", "mjcf", "yaml", "onnx")
 STEM, PARAMETERS, GRAPH = "model", "parameters.yaml", "inverse_dynamics.onnx"
 

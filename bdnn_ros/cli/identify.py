@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from bdnn_ros.physical.parameters import Spread
     from bdnn_ros.physical.remark import Remark
 
-HELP = "identify a model from recordings"
 PARAMETERS = "parameters.json"
 MOST_REMARKS = 8
 """Sentences about the data that are printed; parameters.json has all."""

@@ -28,7 +28,6 @@ from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, mended, prepare
 from bdnn_ros.signals.unmeasured import AT_LIMIT, at_limit
 
-HELP = "say what a bag holds and whether it is fit for identification"
 CLIPPED = 0.01
 """A share of samples at a limit that is worth a word."""
 UNEVEN = 0.2

@@ -25,7 +25,7 @@ VERBS = {
     "excite": "make the motion that tells the rivals of a diagnosis apart",
     "replay": "run the online identifier over a bag and show its error against time",
 }
-"""What `bdnn --help` says of each verb, as `HELP` of its module, which is imported only when called."""
+"""What `bdnn --help` says of each verb, whose module is imported only when it is called."""
 USAGE_STATUS = 2
 BROKE_DOWN = (
     "The computation broke down on these numbers: check the recording with bdnn info, and the description"

@@ -27,7 +27,6 @@ from bdnn_ros.signals import (
 )
 from bdnn_ros.signals.kernels import KERNEL_WIDTHS, gaussian_std
 
-HELP = "predict the effort along a recording, as CSV"
 ROWS_AT_ONCE = 4096
 PARABOLA_WIDTHS = 8.0
 """Length of the parabola at an end, in standard deviations of the low-pass: as long as its kernel."""

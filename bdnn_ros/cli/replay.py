@@ -18,7 +18,6 @@ from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
 from bdnn_ros.recording import Recording
 
-HELP = "run the online identifier over a bag and show its error against time"
 BATCH_SECONDS = 0.1
 """Samples are handed over in pieces of this length, as they would come."""
 MOST_ROWS = 40

@@ -19,7 +19,6 @@ from bdnn_ros.simulation.possible import never_acting
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.trajectory_file import read_trajectory
 
-HELP = "record a simulated robot with chosen or hidden effects"
 BAG, TRUTH = "bag", "truth.yaml"
 
 

@@ -110,20 +110,18 @@ def blocks(
     rows: np.ndarray,
     residual: np.ndarray,
     noise: np.ndarray,
-    pushes: bool = True,
     certain: np.ndarray | None = None,
 ) -> list[Block]:
     """Statistics of residuals (R, n) [N·m] at the chosen samples, in blocks of time.
 
     Args:
         noise: standard deviation of one row, widened for the rows' correlation, (n,) [N·m].
-        pushes: whether wrenches will be asked about.
         certain: what each row counts for each joint, from 0 to 1, (R, n); None for all alike.
     """
     certain = np.ones(residual.shape) if certain is None else certain
     scale = np.sqrt(certain) / noise
     columns = scene.columns(signals, rows)
-    pull = scene.pulls(signals, rows) if pushes else np.zeros((len(rows), scene.width, scene.width, 6))
+    pull = scene.pulls(signals, rows)
     time = signals.time[rows]
     number = np.floor((time - time[0]) / BLOCK_SECONDS + 1e-9).astype(int)
     result = []
