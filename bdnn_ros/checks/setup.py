@@ -26,9 +26,9 @@ def tilted(model: PhysicalModel) -> Iterator[Remark]:
 def zeros_off(model: PhysicalModel) -> Iterator[Remark]:
     """Joints that are not at zero where they report it."""
     for joint, value, std in model.zeros:
-        unit = along("rad", bool(model.robot.slides[joint]))
+        name, unit = model.joints[joint], along("rad", bool(model.robot.slides[joint]))
         yield Remark(
-            model.joints[joint],
-            f"It reports its position {value:+.4f} {unit} (± {std:.4f}) off the true one.",
+            name,
+            f"{name} reports its position {value:+.4f} {unit} (± {std:.4f}) off the true one.",
             "Set its encoder's zero, or move the joint's origin in the robot description; the model allows for it.",
         )
