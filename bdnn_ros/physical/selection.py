@@ -91,7 +91,7 @@ def set_up(recursion: Recursion, plain: Structure) -> Structure:
     It has to show on two joints at least: what it does to one alone could as well be a spring or a weight of its own.
 
     Args:
-        plain: nothing switched on but what of the setup is known; by its layout the noise was estimated.
+        plain: nothing switched on; by its layout the noise was estimated.
     """
     folds = _folds(recursion)
     if not folds:
