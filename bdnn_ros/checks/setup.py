@@ -8,7 +8,6 @@ import numpy as np
 
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.remark import Remark
-from bdnn_ros.robot.units import along
 
 
 def tilted(model: PhysicalModel) -> Iterator[Remark]:
@@ -26,7 +25,7 @@ def tilted(model: PhysicalModel) -> Iterator[Remark]:
 def zeros_off(model: PhysicalModel) -> Iterator[Remark]:
     """Joints that are not at zero where they report it."""
     for joint, value, std in model.zeros:
-        name, unit = model.joints[joint], along("rad", bool(model.robot.slides[joint]))
+        name, unit = model.joints[joint], model.position_unit(joint)
         yield Remark(
             name,
             f"{name} reports its position {value:+.4f} {unit} (± {std:.4f}) off the true one.",

@@ -12,7 +12,6 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.physical.combinations import Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import PER_LINK
-from bdnn_ros.robot.units import along
 
 CHANCE = 0.01
 """Probability that chance alone makes any of all parameters seem to differ."""
@@ -82,13 +81,11 @@ def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
 
 def _zeros(models: Sequence[PhysicalModel], level: float) -> Iterator[Agreement]:
     """What models say that joints report at their zeros, of joints of which two or more say that it is off."""
-    robot = models[0].robot
-    for joint, name in enumerate(robot.joints):
+    for joint, name in enumerate(models[0].joints):
         told = [(value, std) for model in models for k, value, std in model.zeros if k == joint]
         if len(told) > 1:
-            unit = along("rad", bool(robot.slides[joint]))
             values, stds = np.array(told).T
-            yield _compared(f"zero of {name}", unit, values, stds, level)
+            yield _compared(f"zero of {name}", models[0].position_unit(joint), values, stds, level)
 
 
 def _compared(

@@ -39,9 +39,8 @@ def smooth_columns(robot: Robot, signals: Signals, tilts: tuple[Robot, Robot]) -
     assert signals.effort is not None
     rate = signals.derivative(signals.effort)[:, :, None]  # what a sensor that is a second ahead would add
     tilt = np.stack([each.gravity(q) for each in tilts], axis=-1)
-    zeros = -robot.effort_derivatives(q, v, a)[
-        0
-    ]  # a joint that reports too much stands that much further back
+    # a joint that reports too much stands that much further back
+    zeros = -robot.effort_derivatives(q, v, a)[0]
     return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors), rate, tilt, zeros], axis=-1)
 
 

@@ -17,6 +17,7 @@ from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
 from bdnn_ros.robot.entries import reading
 from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.state import robot_from_state, robot_state
+from bdnn_ros.robot.units import along
 from bdnn_ros.signals import Signals
 
 LOAD_ITERATIONS = 50
@@ -88,6 +89,10 @@ class PhysicalModel(ReadOnlyArrays):
     def zeros(self) -> list[tuple[int, float, float]]:
         """Joints whose zeros motion showed to be off: which, what it reports there and its standard deviation [rad] ([m])."""
         return [(k, float(self.robot.zeros[k]), std) for k, std in enumerate(self.zeros_std) if std]
+
+    def position_unit(self, joint: int) -> str:
+        """Unit of what a joint reports, rad or m."""
+        return along("rad", bool(self.robot.slides[joint]))
 
     @cached_property
     def std(self) -> Parameters:

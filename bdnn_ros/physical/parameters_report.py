@@ -11,7 +11,6 @@ from bdnn_ros.physical.combinations import combinations, unit_of
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL
 from bdnn_ros.physical.remark import Remark
-from bdnn_ros.robot.units import along
 
 FORMAT, VERSION = "bdnn_ros/parameters", 1
 
@@ -74,9 +73,8 @@ def tilt_entry(model: PhysicalModel) -> dict[str, Any]:
 
 def zeros_entry(model: PhysicalModel) -> dict[str, Any]:
     """What joints report at their zeros, of those that are off; plain values."""
-    slides = model.robot.slides
     return {
-        model.joints[joint]: {"value": value, "std": std, "unit": along("rad", bool(slides[joint]))}
+        model.joints[joint]: {"value": value, "std": std, "unit": model.position_unit(joint)}
         for joint, value, std in model.zeros
     }
 

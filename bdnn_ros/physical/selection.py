@@ -119,10 +119,10 @@ def sure(posterior: Posterior, setup: tuple[int, ...]) -> tuple[int, ...]:
     """What of the setup is surely not as described; one angle of the base says so of both."""
     at = posterior.layout.setup
     sizes = np.abs(posterior.mean[at]) / posterior.std[at]
-    sure = {k for k, size in zip(setup, sizes, strict=True) if size > KNOWN}
-    if sure & {*TILT}:
-        sure |= {*TILT}
-    return tuple(k for k in setup if k in sure)
+    off = {k for k, size in zip(setup, sizes, strict=True) if size > KNOWN}
+    if off & {*TILT}:
+        off |= {*TILT}
+    return tuple(k for k in setup if k in off)
 
 
 def _shows(gain: np.ndarray) -> bool:
