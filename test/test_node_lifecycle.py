@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+import types
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from live_support import Robotics, children, urdf_file, wait_until
 
 from bdnn_interfaces.srv import Diagnose
 from bdnn_ros.errors import UsageError
+from bdnn_ros.nodes import services
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
@@ -120,12 +122,21 @@ def test_a_lane_that_has_stopped_holds_no_guard_condition(node):
         node._lane._wake.trigger()
 
 
-def test_who_waits_for_a_diagnosis_is_refused_when_the_node_is_cleaned_up(node, monkeypatch):
-    """The answer came to a service that was gone, and that ended the node."""
+@pytest.mark.parametrize("turns", [1, 1000])
+def test_who_waits_for_a_diagnosis_is_refused_when_the_node_is_cleaned_up(node, monkeypatch, turns):
+    """The answer came to a service that was gone, and that ended the node.
+
+    With an executor that comes late to the withdrawal the next set-up offered a second one.
+    """
     from lifecycle_msgs.msg import Transition
     from lifecycle_msgs.srv import ChangeState
     from rclpy.executors import SingleThreadedExecutor
 
+    @types.coroutine
+    def turn():
+        yield from [None] * turns
+
+    monkeypatch.setattr(services, "_turn", turn)
     node.trigger_configure()
     session = node._session
     monkeypatch.setattr(session, "diagnose", lambda window: session._requests.new()[1])  # never ready

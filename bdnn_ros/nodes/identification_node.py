@@ -57,6 +57,7 @@ class IdentificationNode(LifecycleNode):
             self, parameters.IDENTIFICATION, lambda: self._session is not None, self._setting_changed
         )
         self._set_up = ExitStack()  # what ends all that configuring began, the latest first
+        self._offered: Services | None = None
         self._streams: Streams | None = None
         self._trouble = ""
         self._message_lost = 0
@@ -106,7 +107,9 @@ class IdentificationNode(LifecycleNode):
         self._set_up.callback(self._publishing.close)
         self._lane = Lane(self.context)
         self._set_up.callback(self._end_lane)
-        services = Services(
+        if self._offered is not None:
+            self._offered.withdraw()  # the last clean-up left some until refusals were sent
+        self._offered = Services(
             self,
             self._lane,
             session,
@@ -115,7 +118,7 @@ class IdentificationNode(LifecycleNode):
             self._training_was_set,
             self._publishing.forget,
         )
-        self._set_up.callback(services.close)
+        self._set_up.callback(self._offered.close)
         self._set_up.callback(self.destroy_timer, self._every(HOUSEKEEPING, self._keep_house))
         if not settings["urdf_file"]:
             description = self.create_subscription(
@@ -221,11 +224,8 @@ class IdentificationNode(LifecycleNode):
         self._opening = None
         gc.collect()
         gc.freeze()
-        best_effort = self.settings["reliability"] == "best_effort"
-        profile = QoSProfile(
-            depth=self.settings["queue_depth"],
-            reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
-        )
+        reliability = ReliabilityPolicy[self.settings["reliability"].upper()]
+        profile = QoSProfile(depth=self.settings["queue_depth"], reliability=reliability)
         commands = self.settings["effort_source"] == serving.COMMANDED
         self._streams = Streams(self, self._lane, session, self._choose_joints, profile, commands)
 
@@ -311,8 +311,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _start(node: IdentificationNode) -> bool:
-    success = TransitionCallbackReturn.SUCCESS
-    return bool(node.trigger_configure() == success and node.trigger_activate() == success)
+    steps = (node.trigger_configure, node.trigger_activate)
+    return all(step() == TransitionCallbackReturn.SUCCESS for step in steps)
 
 
 if __name__ == "__main__":

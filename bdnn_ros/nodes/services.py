@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
@@ -77,22 +78,29 @@ class Services:
         for service in self._services:
             self._lane.forget(service)
             self._node.destroy_service(service)
+        self._services.clear()
         asked, executor = list(self._asked), self._node.executor
         for future in asked:
             if not future.done():
                 future.set_exception(CLEANED_UP)
-        if asked and executor is not None:
-            executor.create_task(
-                _after_others(self._withdraw)
-            )  # the refusals are sent by tasks of the executor
-        else:
-            self._withdraw()
-        self._services.clear()
+        if executor is None:
+            self._asked.clear()  # nobody would send the refusals
+        elif asked:  # the refusals are sent by tasks of the executor
+            executor.create_task(self._withdraw_after(executor))
+        self.withdraw()
 
-    def _withdraw(self) -> None:
-        for service in self._patient:
-            self._node.destroy_service(service)
-        self._patient.clear()
+    async def _withdraw_after(self, executor: Executor) -> None:
+        while self._asked:
+            executor.wake()  # else it would wait for an event before the next turn
+            await _turn()
+        self.withdraw()
+
+    def withdraw(self) -> None:
+        """After `close`: take away the services that had refusals to send, if these are sent."""
+        if not self._asked:
+            for service in self._patient:
+                self._node.destroy_service(service)
+            self._patient.clear()
 
     def _at_once(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Any:
         """A service that waits for no executor."""
@@ -235,14 +243,9 @@ class Services:
         return result
 
 
-async def _after_others(callback: Callable[[], None]) -> None:
-    """Call back when the executor's other tasks, whatever their order, have had their turn."""
-    await _turn()
-    callback()
-
-
 @types.coroutine
 def _turn() -> Generator[None, None, None]:
+    """Let the executor's other tasks have their turn."""
     yield
 
 
