@@ -124,8 +124,7 @@ class Recording:
         missing = [joint for joint in joints if joint not in self.joints]
         if missing:
             raise UsageError(
-                f"{self.name}: joint {listed(missing)} is not in the recording, "
-                f"which has {listed(self.joints, 20)}.",
+                f"{self.name}: the recording lacks {listed(missing, 20)}; it has {listed(self.joints, 20)}.",
                 "Name the joints with --joints, or map the names with --rename old=new.",
             )
         if len(set(joints)) != len(joints):

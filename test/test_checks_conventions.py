@@ -74,6 +74,26 @@ def test_what_is_recorded_otherwise_is_told(name, spoil, sentence):
         diagnose([spoil(recording, robot)], robot)
 
 
+@pytest.mark.parametrize("joint", range(6))
+def test_one_joint_in_degrees_is_told(joint):
+    robot, recording = Robot.bundled("arm6"), worn("arm6", seed=4)
+    position = recording.position.copy()
+    position[:, joint] = np.rad2deg(position[:, joint])
+    (problem,) = problems(replace(recording, position=position, velocity=None), robot)
+    assert (
+        problem.startswith(f"arm6_joint{joint + 1} covers") and "its positions seem to be in deg" in problem
+    )
+
+
+def test_a_joint_whose_limits_are_too_narrow_is_not_in_degrees():
+    """Wrists turn twice as far as many a description allows."""
+    robot, recording = Robot.bundled("arm6"), worn("arm6", seed=4)
+    upper, covered = robot.limits.upper.copy(), np.ptp(recording.position, axis=0)
+    upper[5] = robot.limits.lower[5] + covered[5] / 2.0
+    limits = replace(robot.limits, upper=upper)
+    assert not [p for p in problems(recording, replace(robot, limits=limits)) if "degrees" in p]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_robot_that_is_far_from_its_description_breaks_no_convention(seed):
     name = ARMS[seed % 3]

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from bdnn_ros.cli.diagnose import verdict_lines
+from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.identifiability import Judgement, advice
+from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.notes import loads, mostly_links
+from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.diagnosis.telling import _unexplained_sentence
 from bdnn_ros.diagnosis.term import Term
@@ -59,15 +61,33 @@ def test_a_load_that_is_taken_up_is_told_so():
     assert "from 9.0 s on" in note and "0.61 kg" in note
 
 
-def advised(term: Term, *rivals: Term, robot: Robot = ARM) -> list[str]:
+def advised(term: Term, *rivals: Term, robot: Robot = ARM, **values: float) -> list[str]:
+    coefficients = np.zeros(0)
+    if values:
+        coefficients, _ = term.effect.coefficients(term.effect.with_defaults(values))
+    nothing = np.zeros((len(coefficients), len(coefficients)))
+    found = Estimate(term, coefficients, nothing, nothing, nothing)
     judgement = Judgement(0.4, 0.0, tuple((rival, 0.3) for rival in rivals))
-    return advice([term], [judgement], robot, lambda one: one.link or robot.joints[one.target])
+    return advice([found], [judgement], robot, lambda one: one.link or robot.joints[one.target])
 
 
 def test_which_link_was_touched_is_no_matter_of_motion():
     wrench = get("external_wrench", "link")
     (said,) = advised(Term(wrench, 5, "arm6_link6"), Term(wrench, 4, "arm6_link5"))
     assert said == "Whether arm6_link6 or arm6_link5 was pushed, no motion shows: look where it was touched."
+
+
+def carried(link: int) -> Term:
+    return Term(get("payload"), link - 1, f"arm6_link{link}")
+
+
+def test_what_hangs_at_the_centre_of_a_wrist_has_to_be_looked_for():
+    """Three joints turn about that point, the elbow does not; and a point beside it is told by motion."""
+    said = advised(carried(6), carried(5), carried(3), carried(2), mass=1.5)
+    assert said[0].startswith("Whether arm6_link6 or arm6_link5 or arm6_link3 carries the payload, no motion")
+    assert said[1].startswith("To tell a payload at arm6_link6 from a payload at arm6_link2")
+    (said,) = advised(carried(6), carried(5), carried(4), mass=1.5, com_x=0.05)
+    assert "arm6_link5 or a payload at arm6_link4" in said and "bdnn excite" in said
 
 
 def test_a_link_that_never_turns_has_to_be_weighed():

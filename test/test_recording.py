@@ -74,7 +74,7 @@ def test_select_reorders_every_column() -> None:
 
 
 def test_select_names_what_is_missing() -> None:
-    with pytest.raises(UsageError, match="joint x, y is not in the recording, which has a, b, c"):
+    with pytest.raises(UsageError, match="the recording lacks x, y; it has a, b, c"):
         recording().select(["a", "x", "y"])
     with pytest.raises(UsageError, match="named twice"):
         recording().select(["a", "a"])

@@ -40,7 +40,9 @@ whatever else seems to be too large."""
 TOLD = 0.7
 """A joint has the wrong sign where bodies and friction explain such a share of its effort: springs and pushes have any."""
 BEYOND = 1.5
-"""Joints that cover so many times their whole range are not told in radians."""
+"""Joints, most of them, that cover so many times their whole range are not told in radians."""
+FAR_BEYOND = 4.0
+"""Nor is a single one that does so, whose limits alone may be too narrow: a turn of 7 % of its range in degrees."""
 
 
 class Fit(NamedTuple):
@@ -190,12 +192,16 @@ def _another_unit(factor: float | None) -> Iterator[Remark]:
 def _in_degrees(signals: Signals, robot: Robot) -> Iterator[Remark]:
     whole = robot.limits.upper - robot.limits.lower
     limited = np.isfinite(whole) & (whole > 0.0)
-    beyond = limited & (np.ptp(signals.position, axis=0) > BEYOND * whole)
-    if beyond.sum() > 0.5 * limited.sum():
+    covered = np.divide(np.ptp(signals.position, axis=0), whole, out=np.zeros_like(whole), where=limited)
+    most = np.count_nonzero(covered > BEYOND) > 0.5 * limited.sum()
+    beyond = covered > (BEYOND if most else FAR_BEYOND)
+    if beyond.any():
         joints = listed(joint for joint, far in zip(signals.joints, beyond, strict=True) if far)
+        cover, its, more = ("covers", "its", "") if beyond.sum() == 1 else ("cover", "their", ", and more")
         yield Remark(
             joints,
-            f"{joints} cover {BEYOND:g} times their whole range, and more: their positions seem to be in degrees.",
+            f"{joints} {cover} {covered[beyond].min():.2g} times {its} whole range{more}: "
+            f"{its} positions seem to be in degrees.",
             "Let the driver report radians (metres), and check that this is the robot's description.",
         )
 

@@ -1,8 +1,8 @@
-"""What the data cannot tell apart: rivals of each finding, their probabilities, and the motion that would settle it."""
+"""What the data cannot tell apart: the rivals of each finding and their probabilities."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,6 @@ from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped, toss
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.robot import Robot
 
 TEMPERATURE = 2.0
 """Evidence differences are divided by this: the noise model is never quite right."""
@@ -200,7 +199,7 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     rivals_found = [(fair.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
-    listed = [(rival, p) for rival, p in rivals_found if p >= LISTED or _same_physics(term, rival)]
+    listed = [(rival, p) for rival, p in rivals_found if p >= LISTED or same_physics(term, rival)]
     listed.sort(key=lambda pair: -pair[1])
     return Judgement(float(weights[0]), float(weights[1]), tuple(listed[:6]))
 
@@ -246,47 +245,6 @@ def _settles_into(term: Term, rival: Term) -> bool:
     return term.effect.settles_into == rival.effect.name and term.target == rival.target
 
 
-def _same_physics(term: Term, rival: Term) -> bool:
+def same_physics(term: Term, rival: Term) -> bool:
     """Whether a rival says in other words what a term does."""
     return SAME_PHYSICS.get(term.effect.name) == rival.effect.name and term.target == rival.target
-
-
-def advice(
-    terms: Sequence[Term], judgements: Sequence[Judgement], robot: Robot, places: Callable[[Term], str]
-) -> list[str]:
-    """One sentence for each tie: what would settle it.
-
-    Args:
-        places: the name of a term's joint or link.
-    """
-    sentences = []
-    for term, judgement in zip(terms, judgements, strict=True):
-        place = places(term)
-        close = [rival for rival, p in judgement.rivals if p >= TIE and not _same_physics(term, rival)]
-        touched = [rival for rival in close if term.effect.timed and rival.effect.timed]
-        if touched:
-            others = " or ".join(dict.fromkeys(map(places, touched)))
-            sentences.append(
-                f"Whether {place} or {others} was pushed, no motion shows: look where it was touched."
-            )
-        close = [rival for rival in close if rival not in touched]
-        if not close:
-            continue
-        names = " or ".join(
-            dict.fromkeys(_called(r) + f" at {places(r)}" * (places(r) != place) for r in close)
-        )
-        told = f"{_called(term)} at {place} from {names}"
-        if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
-            sentences.append(
-                f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
-            )
-        else:
-            sentences.append(
-                f"To tell {told}, record {term.effect.shown_by}; "
-                f"`bdnn excite --for diagnosis.json` makes such a motion."
-            )
-    return sentences
-
-
-def _called(term: Term) -> str:
-    return f"a drift of {term.effect.title}" if term.effect.name == "drift" else term.effect.title

@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import gain_of, removed, rms, share_of
-from bdnn_ros.diagnosis.identifiability import Judgement, advice
+from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
@@ -96,7 +97,7 @@ def told(
         ),
         advice=tuple(
             advice(
-                [found[one].term for one in weighty],
+                [found[one] for one in weighty],
                 [attempt.judgements[one] for one in weighty],
                 robot,
                 lambda term: _name(robot, term),

@@ -1,0 +1,79 @@
+"""What would settle the ties: a motion, a look at the robot, or a known load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from bdnn_ros.diagnosis.identifiability import TIE, Judgement, same_physics
+from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.robot import Robot
+from bdnn_ros.robot.axes import distances_from_axes
+
+ON_AXIS = 0.01
+"""A weight nearer than this to a joint's axis is hardly moved by that joint [m]."""
+
+
+def advice(
+    found: Sequence[Estimate], judgements: Sequence[Judgement], robot: Robot, places: Callable[[Term], str]
+) -> list[str]:
+    """A sentence or two for each tie: what would settle it.
+
+    Args:
+        places: the name of a term's joint or link.
+    """
+    sentences = []
+    for one, judgement in zip(found, judgements, strict=True):
+        term, place = one.term, places(one.term)
+        close = [rival for rival, p in judgement.rivals if p >= TIE and not same_physics(term, rival)]
+        touched = [rival for rival in close if term.effect.timed and rival.effect.timed]
+        hung = [rival for rival in close if _hangs_alike(one, rival, robot)]
+        if touched:
+            others = _in_words(places(rival) for rival in touched)
+            sentences.append(
+                f"Whether {place} or {others} was pushed, no motion shows: look where it was touched."
+            )
+        if hung:
+            others = _in_words(places(rival) for rival in hung)
+            sentences.append(
+                f"Whether {place} or {others} carries the payload, no motion shows, for its centre lies on the axes "
+                "of the joints between them: look where it hangs."
+            )
+        close = [rival for rival in close if rival not in touched and rival not in hung]
+        if close:
+            sentences.append(_to_tell(term, close, robot, places))
+    return sentences
+
+
+def _to_tell(term: Term, close: Sequence[Term], robot: Robot, places: Callable[[Term], str]) -> str:
+    """What tells a term from its rivals: as a rule a motion."""
+    place = places(term)
+    names = _in_words(_called(r) + f" at {places(r)}" * (places(r) != place) for r in close)
+    told = f"{_called(term)} at {place} from {names}"
+    if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
+        return f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
+    return (
+        f"To tell {told}, record {term.effect.shown_by}; "
+        f"`bdnn excite --for diagnosis.json` makes such a motion."
+    )
+
+
+def _hangs_alike(found: Estimate, rival: Term, robot: Robot) -> bool:
+    """Whether a payload would do the same on a rival's link: the joints between the two turn about its centre."""
+    term = found.term
+    if not term.effect.name == rival.effect.name == "payload":
+        return False
+    assert term.link is not None
+    centre = np.array([found.values[name] for name in ("com_x", "com_y", "com_z")])
+    between = robot.carries[:, term.target] != robot.carries[:, rival.target]
+    return bool((distances_from_axes(robot, term.link, centre)[between] < ON_AXIS).all())
+
+
+def _in_words(names: Iterable[str]) -> str:
+    return " or ".join(dict.fromkeys(names))
+
+
+def _called(term: Term) -> str:
+    return f"a drift of {term.effect.title}" if term.effect.name == "drift" else term.effect.title

@@ -1,0 +1,26 @@
+"""Where a point of a link lies beside the joints' axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from bdnn_ros.robot.robot import Robot
+
+
+def distances_from_axes(robot: Robot, link: str, point: np.ndarray) -> np.ndarray:
+    """How far a point is from the axis of each joint where all joints are at zero, (n,) [m]; infinite from a slide's.
+
+    Args:
+        point: in the link's frame, (3,) [m].
+
+    Raises:
+        UsageError: there is no such link, or it is fixed to the base.
+    """
+    body, rotation, translation = robot.body_of(link)
+    model, order = robot.pinocchio_model()
+    data = model.createData()
+    jacobian = pin.computeJointJacobians(model, data, pin.neutral(model))
+    at = data.oMi[int(order[body]) + 1].act(rotation @ point + translation)
+    speed = np.linalg.norm(jacobian[:3] + np.cross(jacobian[3:], at, axis=0), axis=0)
+    return np.where(robot.slides, np.inf, speed[order])
