@@ -82,10 +82,10 @@ def carried(link: int) -> Term:
 
 
 def test_what_hangs_at_the_centre_of_a_wrist_has_to_be_looked_for():
-    """Three joints turn about that point, the elbow does not; and a point beside it is told by motion."""
-    said = advised(carried(6), carried(5), carried(3), carried(2), mass=1.5)
-    assert said[0].startswith("Whether arm6_link6 or arm6_link5 or arm6_link3 carries the payload, no motion")
-    assert said[1].startswith("To tell a payload at arm6_link6 from a payload at arm6_link2")
+    """Two joints turn about that point, the one before them does not; and a point beside it is told by motion."""
+    said = advised(carried(6), carried(5), carried(4), carried(3), mass=1.5)
+    assert said[0].startswith("Whether arm6_link6 or arm6_link5 or arm6_link4 carries the payload, no motion")
+    assert said[1].startswith("To tell a payload at arm6_link6 from a payload at arm6_link3")
     (said,) = advised(carried(6), carried(5), carried(4), mass=1.5, com_x=0.05)
     assert "arm6_link5 or a payload at arm6_link4" in said and "bdnn excite" in said
 
