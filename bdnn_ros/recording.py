@@ -159,9 +159,13 @@ class Recording:
         last = clock >= (1.0 - holdout) * self.recorded
         return self.part(~last), self.part(last)
 
-    def excerpt(self, share: float, piece: float) -> Recording:
-        """A share of the time recorded, as pieces of so many seconds that are spread evenly; between them are pauses."""
-        return self.part(self._clock % (piece / share) < piece)
+    def excerpt(self, share: float, piece: float, before: float = 0.0) -> Recording:
+        """A share of the time recorded, as pieces of so many seconds that are spread evenly; between them are pauses.
+
+        Args:
+            before: time recorded before this recording, which the pieces are spread over as well [s].
+        """
+        return self.part((before + self._clock) % (piece / share) < piece)
 
     def segments(self) -> list[slice]:
         """Runs of samples without a gap, longest pause `GAP_FACTOR` periods, as slices of rows."""

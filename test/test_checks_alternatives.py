@@ -126,3 +126,28 @@ def test_a_last_link_that_hardly_turns_its_joint_is_no_reason_to_doubt_its_zero(
     )
     assert told(exact, described) == ""
     assert "90 deg" in told(further(exact, 1, 90.0), described)
+
+
+SLIDING = """<robot name="r"><link name="b"/>
+<link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="6"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="cart"><inertial><origin xyz="0.1 0 0"/><mass value="4"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="turn" type="revolute"><parent link="b"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="200" velocity="3"/></joint>
+<joint name="slide" type="prismatic"><parent link="arm"/><child link="cart"/><origin xyz="-0.5 0 0"/>
+<axis xyz="1 0 0"/><limit lower="-0.2" upper="0.6" effort="100" velocity="1"/></joint></robot>"""
+
+
+def test_a_slide_is_not_tried_by_degrees():
+    """Its carriage is 1.2 m further out: that is near to 90 degrees' 1.57."""
+    robot = Robot.from_urdf(SLIDING)
+    time = np.arange(3000) / 100.0
+    position = np.stack(
+        [1.2 * np.sin(1.3 * time) + 0.3 * np.sin(2.9 * time), 0.2 + 0.25 * np.sin(1.9 * time + 1)], axis=1
+    )
+    velocity = np.gradient(position, time, axis=0)
+    true = replace(robot, zeros=np.array([0.0, -1.2]))
+    effort = true.rigid_effort(position, velocity, np.gradient(velocity, time, axis=0))
+    said = told(Recording(time, robot.joints, position, None, effort), robot)
+    assert said and "slide 90 deg" not in said and "slide 180 deg" not in said

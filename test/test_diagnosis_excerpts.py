@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,15 @@ def test_several_are_shortened_alike():
     kept = excerpts([still(600.0), still(200.0)])
     assert sum(one.recorded for one in kept) == pytest.approx(MOST_SECONDS, abs=2 * PIECE)
     assert kept[0].recorded > 2.0 * kept[1].recorded
+
+
+def test_of_many_short_ones_some_are_left_out_and_named():
+    recordings = [replace(still(12.0), name=f"bag{k}") for k in range(60)]
+    kept = excerpts(recordings)
+    assert 0.6 * MOST_SECONDS < sum(one.recorded for one in kept) < 1.1 * MOST_SECONDS
+    assert all(one.recorded > 4.0 for one in kept) and kept[-1].name > "bag50"
+    said = kept[0].notes[-1]
+    assert "Of 719 s of motion" in said and f"({60 - len(kept)} in all)" in said
 
 
 def test_what_drifts_all_the_while_is_named_as_it_was(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -106,3 +107,16 @@ def test_bursts_that_the_steps_of_an_encoder_make_are_noise(equations):
     usual = np.sqrt(np.mean(residual[equations.usable[:, 1], 1] ** 2))
     assert still.floor[1] == pytest.approx(usual, rel=0.05)
     assert describe(equations, residual, stepping=np.array([10.0 * STD, STD])).bursts == (J2,)
+
+
+def test_names_of_joints_may_hold_dots(equations):
+    """As namespaces make them: `arm.joint1` is a neighbour of `arm.joint2`, and none of `arm`."""
+    noise, _ = white(equations, STD, 0)
+    noise[:, 1] += rows(equations, 0.1 * equations.motion.load[:, 0])
+    plain = describe(equations, noise)
+    signals = replace(equations.motion.signals, joints=("arm.joint1", "arm.joint2"))
+    other = copy(equations)
+    other.motion = replace(equations.motion, signals=signals)
+    dotted = describe(other, noise)
+    assert plain.depends_on[0] == f"{J1}.load"
+    assert dotted.depends_on == tuple(key.replace("arm2_", "arm.") for key in plain.depends_on)

@@ -443,3 +443,16 @@ def test_joints_that_are_left_out_stand_where_they_are_held() -> None:
 def test_a_description_without_a_joint_that_moves_is_refused_in_one_clean_sentence():
     with pytest.raises(RobotError, match=r"^The URDF has no movable joint\."):
         Robot.from_urdf('<robot name="box"><link name="box"/></robot>')
+
+
+def test_what_ros2_control_says_of_a_joint_is_not_the_joint_itself():
+    urdf = two_link('<dynamics damping="0.5" friction="0.7"/>')
+    control = '<ros2_control name="s" type="system"><joint name="one"/></ros2_control>'
+    robot = Robot.from_urdf(urdf.replace("</robot>", control + "</robot>"))
+    assert robot.viscous[0] == 0.5 and robot.coulomb[0] == 0.7
+
+
+def test_zeros_are_taken_over_by_the_joint_s_name():
+    robot = Robot.from_urdf(two_link())
+    other = replace(Robot.from_urdf(two_link(), ("two", "one")), zeros=np.array([0.2, 0.1]))
+    assert robot.set_up_as(other).zeros.tolist() == [0.1, 0.2]

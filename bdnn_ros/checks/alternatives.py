@@ -59,6 +59,7 @@ class Reading:
         order: which recorded column each joint is, (n,).
         direction: 1 or -1, (n,).
         zero: what is added to the position, (n,) [deg].
+        turns: whether a joint turns, (n,) bool; others are tried with no other zero.
         base: roll and pitch of the base [deg].
         gravity: whether the efforts hold it.
     """
@@ -66,13 +67,14 @@ class Reading:
     order: np.ndarray
     direction: np.ndarray
     zero: np.ndarray
+    turns: np.ndarray
     base: tuple[float, float] = (0.0, 0.0)
     gravity: bool = True
 
     @classmethod
-    def as_recorded(cls, width: int) -> Reading:
-        """That of n joints as the description has them."""
-        return cls(np.arange(width), np.ones(width), np.zeros(width))
+    def as_recorded(cls, robot: Robot) -> Reading:
+        """That of a robot's joints as the description has them."""
+        return cls(np.arange(robot.width), np.ones(robot.width), np.zeros(robot.width), ~robot.slides)
 
     def others(self) -> Iterator[Reading]:
         """Readings with one thing more read otherwise."""
@@ -98,7 +100,7 @@ class Reading:
         """Readings with this joint turning the other way, or with another zero."""
         chosen = np.arange(len(self.order)) == joint
         yield replace(self, direction=np.where(chosen, -self.direction, self.direction))
-        for angle in ZEROS:
+        for angle in ZEROS if self.turns[joint] else ():
             yield replace(self, zero=self.zero + angle * chosen)
 
     def words(self, joints: tuple[str, ...]) -> list[str]:
@@ -177,7 +179,7 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
     motion = Motion(signals, robot)
     if len(motion.effort) < MOST_ROWS // 10 or not motion.loud.any():
         return
-    recorded = Reading.as_recorded(robot.width)
+    recorded = Reading.as_recorded(robot)
     before = motion.explained(recorded)
     loaded = before if before > POOR else max(before, motion.explained_by_a_load())
     if loaded > POOR:

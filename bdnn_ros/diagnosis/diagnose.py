@@ -139,7 +139,8 @@ def examine(
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
     equations.count(pool.sure)
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff))
-    diagnosis = told(recordings, robot, equations, attempt, found, remainder, since=model is not None)
+    since = model is not None
+    diagnosis = told(recordings, robot, equations, attempt, found, remainder, since, cutoff)
     return Examination(
         diagnosis,
         tuple(recordings),

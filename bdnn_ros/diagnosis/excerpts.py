@@ -5,12 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 
 MOST_SECONDS = 180.0
 """A search through more motion than this [s] takes minutes and gigabytes, and shows hardly more."""
 PIECE = 15.0
 """Pieces last so long [s]: a push or a gap is seen whole."""
+LEAST = 5.0
+"""Less of a recording [s] is no piece of its own: it is left out."""
+EXCERPT = (
+    "{name}: of {all:.0f} s of motion {kept:.0f} s are examined, in pieces of {piece:.0f} s all over it; "
+    "what acts between them only is not seen. Cut out what matters, to see it all."
+)
+UNSEEN = (
+    "Of {all:.0f} s of motion in all recordings {most:.0f} s are examined at most; not looked at: {names}. "
+    "Name fewer, to see them."
+)
 
 
 def excerpts(recordings: Sequence[Recording]) -> list[Recording]:
@@ -18,13 +29,20 @@ def excerpts(recordings: Sequence[Recording]) -> list[Recording]:
     together = sum(recording.recorded for recording in recordings)
     if together <= MOST_SECONDS:
         return list(recordings)
-    return [_excerpt(recording, MOST_SECONDS / together) for recording in recordings]
+    result, unseen, before = list[Recording](), list[str](), 0.0
+    for recording in recordings:
+        kept = recording.excerpt(MOST_SECONDS / together, PIECE, before)
+        before += recording.recorded
+        if kept.recorded < min(LEAST, recording.recorded):
+            unseen.append(recording.name)
+        else:
+            result.append(recording if kept.recorded == recording.recorded else _told(recording, kept))
+    if unseen:
+        note = UNSEEN.format(names=listed(unseen), all=together, most=MOST_SECONDS)
+        result[0] = replace(result[0], notes=(*result[0].notes, note))
+    return result
 
 
-def _excerpt(recording: Recording, share: float) -> Recording:
-    kept = recording.excerpt(share, PIECE)
-    note = (
-        f"{recording.name}: of {recording.recorded:.0f} s of motion {kept.recorded:.0f} s are examined, in pieces of "
-        f"{PIECE:.0f} s all over it; what acts between them only is not seen. Cut out what matters, to see it all."
-    )
+def _told(recording: Recording, kept: Recording) -> Recording:
+    note = EXCERPT.format(name=recording.name, all=recording.recorded, kept=kept.recorded, piece=PIECE)
     return replace(kept, notes=(*recording.notes, note))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +34,7 @@ def concatenated(parts: list[Signals]) -> Signals:
                 "Use bags of one rate, or give a --cutoff that suits the slowest.",
             )
     rows = np.cumsum([0, *map(len, parts[:-1])]).tolist()
-    shifts = np.cumsum([0.0, *(part.time[-1] - part.time[0] + 1.0 for part in parts[:-1])])
+    shifts = starts([part.time for part in parts])
 
     def joined(key: str) -> Any:
         values = [getattr(part, key) for part in parts]
@@ -47,5 +48,16 @@ def concatenated(parts: list[Signals]) -> Signals:
             slice(s.start + k, s.stop + k) for p, k in zip(parts, rows, strict=True) for s in p.segments
         ),
         position_noise=np.max([p.position_noise for p in parts], axis=0),
+        effort_noise=_largest([p.effort_noise for p in parts]),
         **{key: joined(key) for key in keys},
     )
+
+
+def starts(times: Sequence[np.ndarray]) -> list[float]:
+    """When each of some recordings begins on the clock of all, from their stamps [s]: a second after the one before it."""
+    return np.cumsum([0.0, *(time[-1] - time[0] + 1.0 for time in times[:-1])]).tolist()
+
+
+def _largest(values: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    given = [value for value in values if value is not None]
+    return np.max(given, axis=0) if len(given) == len(values) else None

@@ -20,11 +20,15 @@ HALF_SAMPLE = 1.0 / np.sqrt(12.0)
 BLOCKS = 12
 
 
-def reported_velocity(recordings: Sequence[Recording]) -> list[Finding]:
-    """A finding for each joint whose reported velocity lags behind its motion like a first-order low-pass."""
+def reported_velocity(recordings: Sequence[Recording], cutoff: float | None = None) -> list[Finding]:
+    """A finding for each joint whose reported velocity lags behind its motion like a first-order low-pass.
+
+    Args:
+        cutoff: low-pass [Hz], None chooses.
+    """
     if any(recording.velocity is None for recording in recordings):
         return []
-    signals = concatenated([prepare(recording) for recording in recordings])
+    signals = concatenated([prepare(recording, cutoff) for recording in recordings])
     moving = np.flatnonzero(further(signals.position, signals.position_noise))
     return [finding for j in moving.tolist() if (finding := _filtered(signals, j)) is not None]
 

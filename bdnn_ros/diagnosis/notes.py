@@ -9,14 +9,17 @@ import numpy as np
 
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.joining import starts
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
 from bdnn_ros.effects.environment import FORCE, ExternalWrench
+from bdnn_ros.errors import listed
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
 MOSTLY_LINKS = (
-    "Beside the named causes, small errors of all links' masses and inertias make up {share:.0%} of the {reference}'s squared "
+    "Beside the named causes, errors of all links' masses and inertias make up {share:.0%} of the {reference}'s squared "
     "error: none of them is sure by itself, and wrong units or what has no name may be among them."
 )
 MOST = 0.5
@@ -30,6 +33,7 @@ BRIEFLY = (
     "time, a push or a drift, cannot be told from what differs from place to place, as cogging, so none of them is named. Record "
     "more motion."
 )
+ONE_CLOCK = "Times are told on one clock, on which the recordings follow one another: {begin}."
 AT_AN_END = (
     f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
     "it is not named. Record on until the robot rests."
@@ -61,9 +65,18 @@ def of_recording(robot: Robot, equations: Equations) -> list[str]:
     return notes
 
 
+def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> list[str]:
+    """A note on when each of several recordings begins, where a finding tells a time."""
+    if len(recordings) < 2 or not any(set(EDGES) <= set(finding.parameters) for finding in findings):
+        return []
+    begin = starts([recording.time for recording in recordings])
+    told = [f"{one.name} begins at {start:.1f} s" for one, start in zip(recordings, begin, strict=True)]
+    return [ONE_CLOCK.format(begin=listed(told, 20))]
+
+
 def mostly_links(share: float, since: bool) -> list[str]:
     """A note where the links' corrections remove most of the squared error, this share of it."""
-    return [MOSTLY_LINKS.format(share=share, reference=reference(since))] * (share > MOST)
+    return [MOSTLY_LINKS.format(share=min(share, 1.0), reference=reference(since))] * (share > MOST)
 
 
 def loads(robot: Robot, findings: Sequence[Finding], time: np.ndarray) -> list[str]:

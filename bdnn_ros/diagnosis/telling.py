@@ -24,6 +24,7 @@ from bdnn_ros.diagnosis.notes import (
     loads,
     mostly_links,
     of_recording,
+    one_clock,
 )
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, at_an_end, leftover, throughout, together
@@ -55,6 +56,7 @@ def told(
     found: Sequence[Estimate],
     remainder: Remainder,
     since: bool = False,
+    cutoff: float | None = None,
 ) -> Diagnosis:
     """The diagnosis, its errors and its gain on rows that the search has not seen.
 
@@ -62,6 +64,7 @@ def told(
         found: the chosen terms' estimates from all rows, in the order of the attempt's.
         remainder: what all of them leave.
         since: whether an earlier model takes the simulation's place.
+        cutoff: low-pass that was asked for [Hz].
     """
     extended, held = attempt.extended, equations.usable & attempt.test[:, None]
     simulation, after = rms(equations.target, held), rms(extended, held)
@@ -72,7 +75,7 @@ def told(
     at_ends = {one for one in every if at_an_end(attempt.fitted, every, one)}
     always = {one for one in every if throughout(attempt.fitted, every, one)}
     findings, doubtful, weighty = _findings(robot, equations, attempt, found, unfit, at_ends | always)
-    findings += reported_velocity(recordings)
+    findings += reported_velocity(recordings, cutoff)
     findings.sort(key=lambda finding: -finding.share)
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
@@ -106,6 +109,7 @@ def told(
         notes=(
             *(note for recording in recordings for note in recording.notes),
             *of_recording(robot, equations),
+            *one_clock(recordings, findings),
             *[AT_AN_END] * bool(at_ends),
             *[THROUGHOUT] * bool(always),
             *loads(robot, findings, equations.motion.time[equations.rows]),

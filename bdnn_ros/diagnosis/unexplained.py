@@ -59,8 +59,10 @@ def describe(equations: Equations, residual: np.ndarray, stepping: np.ndarray | 
     dependent: list[str] = []
     for j in range(equations.width):
         rows = equations.usable[:, j]
-        own = [key for key in groups if key.startswith(f"{names[j]}.") or key == "time"]
-        near = [key for key in groups if key.split(".")[0] in names[max(j - 1, 0) : j + 2] and key not in own]
+        own = [key for key in groups if key.rpartition(".")[0] in (names[j], "")]
+        near = [
+            key for key in groups if key.rpartition(".")[0] in names[max(j - 1, 0) : j + 2] and key not in own
+        ]
         whole = np.concatenate([groups[key] for key in own + near], axis=1)
         predicted[:, j] = _cross_predicted(whole, residual[:, j], rows, equations.block)
         before = float(np.mean(residual[rows, j] ** 2)) if rows.any() else 0.0

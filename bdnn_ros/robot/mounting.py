@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +22,11 @@ def tilt_of(gravity_vector: np.ndarray) -> tuple[float, float]:
     """Roll and pitch [rad] of a base turned by Ry(pitch)·Rx(roll) that sees this gravity, (3,)."""
     x, y, z = -np.asarray(gravity_vector) / np.linalg.norm(gravity_vector)
     return math.atan2(y, z) + 0.0, -math.asin(max(-1.0, min(1.0, x))) + 0.0
+
+
+def zeros_of(joints: Sequence[str], zeros: Mapping[str, float]) -> np.ndarray:
+    """Joints' zeros by name, (n,) [rad] ([m]); nothing where none is given."""
+    return np.array([zeros.get(joint, 0.0) for joint in joints])
 
 
 def turned_back(model: pin.Model, joint: int, zero: float) -> pin.SE3:

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
-from bdnn_ros.robot.mounting import STANDARD_GRAVITY, gravity_of, turned_back
+from bdnn_ros.robot.mounting import STANDARD_GRAVITY, gravity_of, turned_back, zeros_of
 from bdnn_ros.robot.urdf import (
     NONE_HELD,
     Held,
@@ -302,16 +302,16 @@ class Robot(ReadOnlyArrays):
     ) -> Robot:
         """The same robot with other per-joint parameters, (n,) each; None keeps."""
         given = {"armature": armature, "viscous": viscous, "coulomb": coulomb}
-        kept = {name: np.asarray(v, float).copy() for name, v in given.items() if v is not None}
-        return replace(self, **kept)
+        return replace(self, **{k: np.asarray(v, float).copy() for k, v in given.items() if v is not None})
 
     def tilted(self, roll: float, pitch: float) -> Robot:
         """The same robot on a base turned by Ry(pitch)·Rx(roll) from level [rad]."""
         return replace(self, gravity_vector=gravity_of(roll, pitch))
 
     def set_up_as(self, other: Robot) -> Robot:
-        """The same robot with another's zeros, on another's base."""
-        return replace(self, zeros=other.zeros, gravity_vector=other.gravity_vector)
+        """The same robot with another's zeros, by name, on another's base."""
+        zeros = zeros_of(self.joints, dict(zip(other.joints, other.zeros, strict=True)))
+        return replace(self, zeros=zeros, gravity_vector=other.gravity_vector)
 
     def _rows(self, *values: np.ndarray) -> tuple[list[np.ndarray], tuple[int, ...]]:
         """Values (..., n) as contiguous rows in Pinocchio's order, (N, n) each, and their common shape."""

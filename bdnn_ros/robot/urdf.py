@@ -185,7 +185,7 @@ def _read(urdf: str) -> ElementTree.Element:
 
 def joint_tags(urdf: str, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Damping [N·m·s/rad] and friction [N·m] of some joints by their <dynamics> tags, (n,) each; zero without one."""
-    tags = {str(joint.get("name")): joint.find("dynamics") for joint in _read(urdf).iter("joint")}
+    tags = {str(joint.get("name")): joint.find("dynamics") for joint in _read(urdf).findall("joint")}
 
     def number(joint: str, key: str) -> float:
         dynamics = tags.get(joint)
