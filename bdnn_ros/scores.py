@@ -172,9 +172,9 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
         raise UsageError(f"A horizon of {horizon:g} s is no time.", "Give seconds above zero.")
     longest = max(rows.stop - rows.start for rows in signals.segments) - 1
     steps = max(round(min(horizon * signals.rate, longest)), 1)
-    if without_effort(signals):
+    starts = np.array([k for s in signals.segments for k in range(s.start, s.stop - steps, steps)], dtype=int)
+    if without_effort(signals) or not len(starts):
         return RolloutError(steps / signals.rate, 0, np.full(signals.width, np.nan))
-    starts = np.array([k for s in signals.segments for k in range(s.start, s.stop - steps, steps)])
     end = integrated(model, signals, signals.effort, starts, steps)
     error = np.sqrt(np.mean((end - signals.position[starts + steps]) ** 2, axis=0))
     return RolloutError(steps / signals.rate, len(starts), error)

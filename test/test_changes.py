@@ -80,6 +80,17 @@ def test_a_payload_that_is_gripped(mass):
     assert "gripped" in finding["sentence"]
 
 
+def test_a_payload_that_is_gripped_by_a_robot_found_to_hang_askew():
+    """Its description is level: weighed by gravity from above the payload was a push."""
+    tilted = REAL.tilted(0.5, -0.4)
+    without, loaded = (
+        motion(robot, 15.5, 250.0, noise=0.003).require_effort()
+        for robot in (tilted, carrying(tilted, 2.0, np.array([0.01, -0.02, 0.09])))
+    )
+    (change,) = told(np.where((RECORDING.time < MOMENT)[:, None], without, loaded), before=tilted)
+    assert change.finding["effect"] == "payload" and value(change, "mass") == pytest.approx(2.0, rel=0.05)
+
+
 def test_a_payload_that_is_released():
     loaded = carrying(REAL, 1.0, np.array([0.0, 0.0, 0.08]))
     effort = motion(loaded, 15.5, 250.0, noise=0.003).effort

@@ -90,6 +90,14 @@ def test_the_prior_says_thirty_per_cent_of_a_links_mass():
     np.testing.assert_array_equal(belief.mean, of_robot(robot).vector())
 
 
+def test_a_load_is_believed_whatever_is_believed_of_the_links():
+    robot = Robot.bundled("arm6")
+    for inertial in (1e-9, 1e-6):
+        belief = prior(robot, Spread(inertial=inertial, load=0.1))
+        deviation = np.sqrt(np.diagonal(belief.covariance))[: robot.width * PER_LINK : PER_LINK]
+        np.testing.assert_allclose(deviation, 0.1 * robot.inertials[:, 0].mean(), rtol=1e-4)
+
+
 def test_parameters_go_through_a_vector():
     vector = np.arange(2 * 14, dtype=float)
     np.testing.assert_array_equal(Parameters.from_vector(vector).vector(), vector)

@@ -103,6 +103,8 @@ def test_blocks_are_joined_and_nothing_is_lost():
             (first,) = sums.blocks
     assert np.shares_memory(first.gram, next(iter(sums.blocks)).gram)  # a stream of days takes no more
     assert MOST_BLOCKS / 2 <= len(sums.blocks) <= MOST_BLOCKS + 1
+    *whole, last = [block.count.max() for block in sums.blocks]
+    assert len({*whole}) == 1 and last <= whole[0]  # folds of held-out blocks are as long as each other
     kept = summed(list(sums.blocks))
     expected = Statistics.of(columns, effort)
     np.testing.assert_allclose(kept.gram, expected.gram, rtol=1e-9)

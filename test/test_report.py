@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -238,6 +239,16 @@ def test_figures_are_png_files(hostile: Examination, tmp_path: Path) -> None:
     for name in ("effort.png", "identified.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG\r\n")
     assert sorted(os.listdir(tmp_path)) == ["effort.png", "identified.png"]
+
+
+def test_the_effort_of_a_slide_is_drawn_in_newtons(monkeypatch, tmp_path: Path) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr("bdnn_ros.report.plots._write", lambda *given: drawn.append(given))
+    values = np.zeros((3, 2))
+    identification_png(
+        tmp_path / "a.png", ["a", "b"], np.arange(3.0), values, values, slides=np.array([1, 0]) > 0
+    )
+    assert list(drawn[0][2]) == ["N", "N·m"]
 
 
 # -- in a browser -------------------------------------------------------------------------------------------

@@ -189,3 +189,10 @@ def test_a_joint_without_a_measured_effort_has_no_score_and_leaves_none_to_roll_
     rollout = rollout_error(robot, unknown, 0.25)
     assert rollout.as_json() == {"horizon": rollout.horizon, "windows": 0, "position": [None, None]}
     assert rollout_error(robot, known, 0.25).windows > 0
+
+
+def test_a_motion_of_one_sample_has_no_rollout(pendulum):
+    time = np.arange(500) / 100.0
+    whole = prepare(Recording(time, pendulum.joints, np.sin(time)[:, None], None, np.sin(time)[:, None]))
+    short = rollout_error(pendulum, whole.rows(np.arange(len(whole)) == 50), 0.1)
+    assert short.windows == 0 and np.isnan(short.position).all()

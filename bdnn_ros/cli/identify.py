@@ -203,6 +203,7 @@ def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) ->
         signals.smooth(signals.effort)[inside],
         signals.smooth(model.predict(signals))[inside],
         nominal,
+        None if robot is None else robot.slides,
     )
 
 

@@ -175,11 +175,13 @@ class _Search:
             self.grams.append(self.design.gram(piece))
 
     def _focus(self) -> np.ndarray:
-        """How much each joint matters, (n,): those of the questions most, their neighbours some."""
+        """How much each joint matters, (n,): those of the questions most, those that carry a link in question some."""
         focus = np.full(self.robot.width, 0.05)
         for suspect in self.design.suspects if self.design.asked else ():
-            if suspect.target < 0 or suspect.link is not None:
-                focus[: suspect.target + 1 if suspect.link else None] += 0.5
+            if suspect.target < 0:
+                focus += 0.5
+            elif suspect.link is not None:
+                focus[self.robot.carries[:, suspect.target]] += 0.5
             else:
                 focus[suspect.target] += 1.0
         return focus

@@ -17,6 +17,7 @@ from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.presliding import directions
 from bdnn_ros.physical.weighing import certainty
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mounting import STANDARD_GRAVITY
 from bdnn_ros.signals import Signals
 
 ODD = 3.0
@@ -41,6 +42,8 @@ PATIENT, HOPE = 3, 2.0
 """After so many chunks, suspicion is given up if all log odds are under this."""
 LONGEST = 8
 """Chunks that are looked at together."""
+OTHERWISE = 0.01
+"""A robot stands otherwise where its base or a joint's zero is turned by more than this [rad] ([m])."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,7 @@ class Monitor:
         """
         if model is None:
             return ()
+        self._see(model.robot)
         suspicious = bool(self._suspects)
         reference = self._reference if suspicious and self._reference is not None else model
         residual = _residual(reference, signals, rows)
@@ -103,6 +107,17 @@ class Monitor:
         if self._calm >= 2 or groundless or len(self._suspects) >= LONGEST:
             return self._let_pass(model)
         return ()
+
+    def _see(self, robot: Robot) -> None:
+        """Look from the robot as it is known to be set up by now; by another setup what was learned says little."""
+        stands = self.scene.robot
+        turned = np.abs(robot.gravity_vector - stands.gravity_vector).max() > OTHERWISE * np.linalg.norm(
+            STANDARD_GRAVITY
+        )
+        if turned or np.abs(robot.zeros - stands.zeros).max() > OTHERWISE:
+            self.scene = Scene(stands.set_up_as(robot))
+            self._information = self.scene.information.copy()
+            self._drift = Drift(self.scene)
 
     def _let_pass(self, model: PhysicalModel) -> tuple[Change, ...]:
         """What has no name is usual from now on, and may be part of a slow change."""

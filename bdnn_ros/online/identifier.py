@@ -293,6 +293,8 @@ class Identifier:
         if len(self._kept) < MOST_KEPT:
             self._kept.append(motion)
         self.latest = chunk
+        if self._used == MOST_KEPT and self._settle_at == NEVER:
+            self.set_up()  # how the robot stands is told by all of its motion, while all of that is kept
         if self._used >= self._settle_at:
             self._settle_at *= 2
             self.settle()

@@ -26,7 +26,8 @@ class Spread:
     Attributes:
         inertial: relative standard deviation of every link's mass, centre and inertia; the prior is the same
             whatever frame the link is described in.
-        load: mass of something unknown that may be fixed to any link, as a share of the mean link mass.
+        load: standard deviation of the mass of something unknown that may be fixed to any link, as a share of the mean
+            link mass.
         armature: standard deviation of the rotor inertia, in units of the joint's mean diagonal entry of M.
         friction: standard deviation of Coulomb friction, in units of the joint's effort scale; of viscous
             friction, the same at the joint's velocity limit.
@@ -34,7 +35,7 @@ class Spread:
     """
 
     inertial: float = 0.3
-    load: float = 0.1
+    load: float = 0.03
     armature: float = 1.0
     friction: float = 1.0
     offset: float = 0.1
@@ -110,9 +111,10 @@ def prior(robot: Robot, spread: Spread | None = None) -> Prior:
     something = _unknown_body(robot, spread.load)
     for body, values in enumerate(robot.inertials):
         rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
-        for pseudo in (feasible_pseudo_inertia(pseudo_inertia(values)), something):
+        link = feasible_pseudo_inertia(pseudo_inertia(values))
+        for pseudo, deviation in ((link, spread.inertial), (something, 1.0)):
             tangent = tangent_basis(np.linalg.cholesky(pseudo))
-            covariance[rows, rows] += spread.inertial**2 * tangent @ tangent.T
+            covariance[rows, rows] += deviation**2 * tangent @ tangent.T
     effort, inertia, velocity = _scales(robot)
     deviations = np.concatenate(
         [
@@ -188,7 +190,7 @@ def _symmetric_steps() -> tuple[np.ndarray, np.ndarray]:
 
 def _unknown_body(robot: Robot, share: float) -> np.ndarray:
     """Pseudo-inertia of a body of unknown shape at a link's origin, a decimetre across, (4, 4)."""
-    mass = max(share * float(np.mean(robot.inertials[:, 0])), 1e-3)
+    mass = max(share * float(np.mean(robot.inertials[:, 0])), 3e-4)
     return mass * np.diag([0.1**2, 0.1**2, 0.1**2, 1.0])
 
 

@@ -117,7 +117,8 @@ class Blocks:
             for pair in range(pairs):
                 np.add(kept[2 * pair], kept[2 * pair + 1], out=kept[pair])
             kept[pairs] = kept[self._count - 1]
-        self._count, self._parts = pairs + odd, odd  # an odd block at the end goes on growing
+        # an odd block at the end goes on growing, from what it holds already
+        self._count, self._parts = pairs + odd, odd * self._per_block
         self._per_block *= 2
 
     def __len__(self) -> int:

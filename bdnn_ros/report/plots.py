@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.report.view import view
 from bdnn_ros.report.words import headline
+from bdnn_ros.robot.units import along, printed
 from bdnn_ros.written import whole
 
 INK, SOFT, RULE = "#1a1f26", "#57616d", "#dde1e6"
@@ -66,6 +67,7 @@ def identification_png(
     measured: np.ndarray,
     identified: np.ndarray,
     nominal: np.ndarray | None = None,
+    slides: np.ndarray | None = None,
 ) -> None:
     """Write a PNG of measured, nominal and identified effort of every joint.
 
@@ -73,13 +75,16 @@ def identification_png(
         path: the file; written whole or not at all.
         time: [s], (N,).
         measured, identified, nominal: effort, low-passed alike, (N, n) [N·m]; None where there is no URDF.
+        slides: whether a joint is prismatic, (n,) bool; None for none.
     """
+    sliding = np.zeros(len(joints), bool) if slides is None else slides
+    units = [printed(along("N*m", slide)) for slide in sliding.tolist()]
     rows = time <= time[0] + LONGEST
     series = [Series("measured", "measured", measured[rows])]
     if nominal is not None:
         series.append(Series("nominal", "nominal", nominal[rows]))
     series.append(Series("identified", "model", identified[rows]))
-    _write(path, joints, ["N·m"] * len(joints), time[rows], series, "")
+    _write(path, joints, units, time[rows], series, "")
 
 
 def _write(
