@@ -132,3 +132,13 @@ def test_nothing_is_said_of_a_robot_that_stands_still_or_reports_no_effort():
     assert problems(replace(recording, effort=None), robot) == []
     still = replace(recording, position=np.zeros_like(recording.position), velocity=None)
     assert problems(still, robot) == []
+
+
+def test_one_joint_in_another_unit_is_told():
+    """A current of one joint among torques: what it and those behind it bear took the blame."""
+    robot, recording = Robot.bundled("arm6"), worn("arm6", seed=4)
+    for joint, factor, said in ((1, 0.1, "times what gravity and"), (5, 1000.0, "lets the drive give")):
+        effort = recording.require_effort().copy()
+        effort[:, joint] *= factor
+        (problem,) = problems(replace(recording, effort=effort), robot)
+        assert problem.startswith(f"The effort of arm6_joint{joint + 1} ") and said in problem

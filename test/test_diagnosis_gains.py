@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis import telling
+from bdnn_ros.diagnosis import naming
 from bdnn_ros.diagnosis.gains import Removal, gain_of, noticeable, removed
 from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.result import Quantity
@@ -165,12 +165,13 @@ def findings_of(
 ):
     """What is told of one term by what it removes where it was held out; a little of all rows besides."""
     ever = Removal(np.array([0.1]), True, True, held_out.brief)
-    monkeypatch.setattr(telling, "removed", lambda *rows: [(held_out, ever)])
-    monkeypatch.setattr(telling, "leftover", lambda fitted, every, one: False)
-    monkeypatch.setattr(telling, "_finding", tell)
+    monkeypatch.setattr(naming, "removed", lambda *rows: [(held_out, ever)])
+    monkeypatch.setattr(naming, "leftover", lambda fitted, every, one: False)
+    monkeypatch.setattr(naming, "_finding", tell)
     equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
     test = np.arange(9) < 2
     attempt = SimpleNamespace(test=test, judgements=[judgement], fitted=None, extended=None)
     arm, fit = Robot.bundled("arm2"), np.zeros(1, bool)
-    findings, doubtful, _ = telling._findings(arm, equations, attempt, [estimate], fit, set())
-    return findings, doubtful
+    told = naming.named(arm, equations, attempt, [estimate], fit, set())
+    assert told.silent == ([] if told.findings else [0])
+    return told.findings, told.doubtful

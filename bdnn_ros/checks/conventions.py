@@ -39,6 +39,14 @@ GONE, THERE = 0.1, 0.5
 whatever else seems to be too large."""
 TOLD = 0.7
 """A joint has the wrong sign where bodies and friction explain such a share of its effort: springs and pushes have any."""
+FACTOR = (
+    "Pass --effort-factor JOINT=FACTOR (node: effort_factors), the N*m (N) in each reported unit: of a current "
+    "the torque constant times the gear ratio."
+)
+HARDLY = 0.25
+"""A joint that bears less than this share of what the description says is in another unit, where the others bear theirs."""
+OVERDRIVEN = 10.0
+"""No drive gives so many times its limit."""
 BEYOND = 1.5
 """Joints, most of them, that cover so many times their whole range are not told in radians."""
 FAR_BEYOND = 4.0
@@ -151,7 +159,8 @@ def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
     if degrees or signals.effort is None:
         return
     borne = Borne.of(signals, robot)
-    found = list(_turned(borne, signals.joints)) or list(misread(signals, robot))
+    alone = list(_overdriven(signals, robot)) or list(_hardly_borne(borne, signals.joints))
+    found = alone or list(_turned(borne, signals.joints)) or list(misread(signals, robot))
     if not found and _gravity_left_out(borne):
         found = [weightless()]
     yield from found or _out_of_proportion(borne)
@@ -184,9 +193,44 @@ def _another_unit(factor: float | None) -> Iterator[Remark]:
     yield Remark(
         "",
         f"The efforts are about {factor:.2g} times what the simulation says: they seem to be in another unit.",
-        "Pass --effort-factor JOINT=FACTOR (node: effort_factors), the N*m (N) in each reported unit: of a current "
-        "the torque constant times the gear ratio.",
+        FACTOR,
     )
+
+
+def _overdriven(signals: Signals, robot: Robot) -> Iterator[Remark]:
+    """Joints, fewer than half, whose drives would give many times what the description lets them: others' limits are right."""
+    assert signals.effort is not None
+    most, limit = np.nanmax(np.abs(signals.smooth(signals.effort)), axis=0), robot.limits.effort
+    told = np.isfinite(limit) & (limit > 0.0)
+    times = np.divide(most, limit, out=np.zeros_like(most), where=told)
+    beyond = times > OVERDRIVEN
+    if beyond.any() and beyond.sum() < 0.5 * told.sum():
+        joints = listed(joint for joint, far in zip(signals.joints, beyond, strict=True) if far)
+        yield Remark(
+            joints,
+            f"The effort of {joints} is {times[beyond].max():.0f} times what the description lets the drive give: "
+            "it seems to be in another unit.",
+            FACTOR,
+        )
+
+
+def _hardly_borne(borne: Borne, joints: tuple[str, ...]) -> Iterator[Remark]:
+    """Joints, fewer than half, that surely bear a small part only of their gravity, and as small a one of others' motion.
+
+    A spring takes the gravity alone, and a light link is felt by the joints before it.
+    """
+    _, coupled, gravity, _ = np.abs(borne.apart.coefficients)
+    sure = np.abs(borne.apart.certainty[1:3])
+    most = np.array([coupled, gravity]) * (1.0 + 5.0 / np.maximum(sure, 1e-9))
+    hardly = ((most < HARDLY) & (sure > 0.0)).all(axis=0)
+    if hardly.any() and hardly.sum() < 0.5 * len(hardly):
+        named = listed(joint for joint, one in zip(joints, hardly, strict=True) if one)
+        yield Remark(
+            named,
+            f"The effort of {named} holds only {gravity[hardly].min():.2g} times what gravity and the other joints' motion ask "
+            "for: it seems to be in another unit.",
+            FACTOR,
+        )
 
 
 def _in_degrees(signals: Signals, robot: Robot) -> Iterator[Remark]:

@@ -50,8 +50,8 @@ def advice(
 def _to_tell(term: Term, close: Sequence[Term], robot: Robot, places: Callable[[Term], str]) -> str:
     """What tells a term from its rivals: as a rule a motion."""
     place = places(term)
-    names = _in_words(_called(r) + f" at {places(r)}" * (places(r) != place) for r in close)
-    told = f"{_called(term)} at {place} from {names}"
+    names = _in_words(r.title + f" at {places(r)}" * (places(r) != place) for r in close)
+    told = f"{term.title} at {place} from {names}"
     if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
         return f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
     return (
@@ -73,7 +73,3 @@ def _hangs_alike(found: Estimate, rival: Term, robot: Robot) -> bool:
 
 def _in_words(names: Iterable[str]) -> str:
     return " or ".join(dict.fromkeys(names))
-
-
-def _called(term: Term) -> str:
-    return f"a drift of {term.effect.title}" if term.effect.name == "drift" else term.effect.title

@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.joining import starts
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import FORCE, ExternalWrench
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
@@ -19,7 +20,7 @@ from bdnn_ros.robot import Robot
 
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
 MOSTLY_LINKS = (
-    "Beside the named causes, errors of all links' masses and inertias make up {share:.0%} of the {reference}'s squared "
+    "Beside the named causes, errors of all links' masses and inertias make up {share:.0f} % of the {reference}'s squared "
     "error: none of them is sure by itself, and wrong units or what has no name may be among them."
 )
 MOST = 0.5
@@ -34,6 +35,11 @@ BRIEFLY = (
     "more motion."
 )
 ONE_CLOCK = "Times are told on one clock, on which the recordings follow one another: {begin}."
+IN_MODEL = "Not sure enough for a name, but in the extended model, which it helps: {what}."
+NOT_IN_MODEL = (
+    "Not sure enough for a name, and not in the extended model, though the gain counts it: something that pushes at "
+    "{where}."
+)
 AT_AN_END = (
     f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
     "it is not named. Record on until the robot rests."
@@ -74,9 +80,17 @@ def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> l
     return [ONE_CLOCK.format(begin=listed(told, 20))]
 
 
+def unnamed(terms: Sequence[tuple[Term, str]]) -> list[str]:
+    """A note on terms, each with its place, that the fit holds and no finding tells of: all but pushes are in the model."""
+    pushes = [place for term, place in terms if term.effect.timed]
+    others = [f"{term.title} at {place}" for term, place in terms if not term.effect.timed]
+    told = [IN_MODEL.format(what=listed(others, 20))] if others else []
+    return told + ([NOT_IN_MODEL.format(where=listed(dict.fromkeys(pushes), 20))] if pushes else [])
+
+
 def mostly_links(share: float, since: bool) -> list[str]:
     """A note where the links' corrections remove most of the squared error, this share of it."""
-    return [MOSTLY_LINKS.format(share=min(share, 1.0), reference=reference(since))] * (share > MOST)
+    return [MOSTLY_LINKS.format(share=100.0 * min(share, 1.0), reference=reference(since))] * (share > MOST)
 
 
 def loads(robot: Robot, findings: Sequence[Finding], time: np.ndarray) -> list[str]:

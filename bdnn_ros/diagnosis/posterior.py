@@ -23,6 +23,8 @@ ABOUT = 0.1
 """Spread of where on its link a push acts, along what the motion does not show [m]."""
 CLEAR = 3.0
 """A name takes so many standard deviations from nothing: true causes lie at more, what passes for one often at less."""
+MORE = 0.01
+"""What a law says beyond the one it settles into is at least this share of the whole, or it is that one."""
 DOUBTED = 2.0
 """The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
 
@@ -56,7 +58,15 @@ class Estimate:
         """Whether it is known well enough for a name: to be there at all, and its parameters, none pressed against an end."""
         stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
         known = self.term.effect.shown(self.values, {p.name: float(std) for p, std in stds})
-        return self.possible and self.clear and known
+        return self.possible and self.clear and self.more and known
+
+    @property
+    def more(self) -> bool:
+        """Whether it says more than the law that it settles into: more than nobody would name."""
+        weights = self.term.effect.excess
+        return weights is None or abs(float(weights @ self.coefficients)) > MORE * float(
+            np.abs(self.coefficients).max()
+        )
 
     @property
     def possible(self) -> bool:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Container, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,9 +11,9 @@ from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import gain_of, removed, rms, share_of
-from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.diagnosis.gains import gain_of, rms, share_of
 from bdnn_ros.diagnosis.kinematics import reported_velocity
+from bdnn_ros.diagnosis.naming import name_of, named
 from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
@@ -25,25 +23,20 @@ from bdnn_ros.diagnosis.notes import (
     mostly_links,
     of_recording,
     one_clock,
+    unnamed,
 )
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import EDGES, at_an_end, leftover, throughout, together
-from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, Verdict, reference
-from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.diagnosis.unexplained import LARGE_ERROR, Remainder
+from bdnn_ros.diagnosis.pushes import at_an_end, throughout
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference
+from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
-DOUBTFUL = 0.1
-"""An effect that may as well not be there with this probability stays in the model without a name, as one that is hardly as
-likely as this beside what could stand in its place."""
 USUAL_LINK_ERROR = 0.1
 """Spread of the links' relative errors that any description may have."""
 MUCH_LEFT = 0.5
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
-UNLIKELY = 0.5
-"""What has no name is told as a doubt only where nothing at all is no likelier than this."""
 EXPLAINED = 1.3
 """An extended model within this factor of the noise floor explains the recording."""
 
@@ -74,8 +67,8 @@ def told(
     every = range(len(found))
     at_ends = {one for one in every if at_an_end(attempt.fitted, every, one)}
     always = {one for one in every if throughout(attempt.fitted, every, one)}
-    findings, doubtful, weighty = _findings(robot, equations, attempt, found, unfit, at_ends | always)
-    findings += reported_velocity(recordings, cutoff)
+    names = named(robot, equations, attempt, found, unfit, at_ends | always)
+    findings = [*names.findings, *reported_velocity(recordings, cutoff)]
     findings.sort(key=lambda finding: -finding.share)
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
@@ -84,7 +77,7 @@ def told(
     of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
     # what dry friction is named for may hold any effort at rest
     at_rest = () if findings else remainder.resting
-    unclear = doubtful or far_off or of_weight or bool(at_rest) or bool(always)
+    unclear = names.doubtful or far_off or of_weight or bool(at_rest) or bool(always)
     verdict = _verdict(findings, unclear, near)
     return Diagnosis(
         source=_source(recordings, equations),
@@ -100,10 +93,10 @@ def told(
         ),
         advice=tuple(
             advice(
-                [found[one] for one in weighty],
-                [attempt.judgements[one] for one in weighty],
+                [found[one] for one in names.weighty],
+                [attempt.judgements[one] for one in names.weighty],
                 robot,
-                lambda term: _name(robot, term),
+                lambda term: name_of(robot, term),
             )
         ),
         notes=(
@@ -113,6 +106,7 @@ def told(
             *[AT_AN_END] * bool(at_ends),
             *[THROUGHOUT] * bool(always),
             *loads(robot, findings, equations.motion.time[equations.rows]),
+            *unnamed([(found[one].term, name_of(robot, found[one].term)) for one in names.silent]),
             *[FAR_OFF] * far_off,
             *(mostly_links(_by_links(equations, attempt.fitted, held), since) if findings else ()),
             *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
@@ -124,109 +118,6 @@ def _by_links(equations: Equations, fitted: Pool, rows: np.ndarray) -> float:
     """Part of the simulation's squared error in some rows that the links' corrections remove."""
     part = equations.rigid @ fitted.whole.coefficients[: equations.rigid.shape[2]]
     return share_of(part, fitted.left(), equations.target, rows)
-
-
-def _findings(
-    robot: Robot,
-    equations: Equations,
-    attempt: Attempt,
-    found: Sequence[Estimate],
-    unfit: np.ndarray,
-    unnamed: Container[int],
-) -> tuple[list[Finding], bool, list[int]]:
-    """What is sure and large enough for a name, whether something large is likely without being sure, and what is large enough.
-
-    Args:
-        unfit: joints of which nothing is named, (n,) bool.
-        unnamed: terms that have no name, whatever they explain.
-    """
-    held = equations.usable & attempt.test[:, None]
-    taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
-    scale = equations.effort_scale
-    before, throughout = (
-        max(float(np.sum(rms(equations.target, rows) ** 2)), 1e-30) for rows in (held, equations.usable)
-    )
-    findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
-    every = range(len(found))
-    for one, estimate, judgement, (held_out, ever) in zip(
-        every, found, attempt.judgements, taken, strict=True
-    ):
-        less, large_enough = held_out.less, held_out.noticeable or ever.noticeable
-        # a push, or the crossings of a gap, may have come and gone outside the held-out rows
-        gone = held_out.brief and not held_out.there
-        borne_out = gone or float(np.sum(less / scale**2)) > 0.0
-        borne_out &= held_out.brief or judgement.steady
-        borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
-        if not (large_enough and borne_out) or one in unnamed or leftover(attempt.fitted, every, one):
-            continue
-        weighty.append(one)
-        shown = estimate.shown or _alone(estimate, found)
-        # what is named for a link or the base is told by joints that bear most of it
-        shown = shown and not unfit[np.argmax(ever.less / scale**2)]
-        if shown and judgement.nothing <= DOUBTFUL <= judgement.at_least(estimate.term):
-            share = float(np.sum(ever.less)) / throughout if gone else float(np.sum(less)) / before
-            # causes that work against each other may each remove more than there is
-            findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
-        elif judgement.nothing <= UNLIKELY:
-            doubtful |= bool((less > large**2).any())
-    return findings, doubtful, weighty
-
-
-def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:
-    """Whether a push is the only one at its time: then that something pushes is sure, though no part of its wrench is.
-
-    On few joints many a wrench does the same. A second push that is not known may be what is left of the first, and one that
-    may as well have begun or ended long before is none.
-    """
-    if not (push.term.effect.timed and push.possible):
-        return False
-    start, end = (push.quantities[edge] for edge in EDGES)
-    if max(start.std, end.std) > end.value - start.value:
-        return False
-    return not any(together(push.term, other.term) for other in found if other is not push)
-
-
-def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
-    joint, link = _place(robot, estimate.term)
-    rivals = tuple(
-        Rival(rival.effect.name, *_place(robot, rival), probability, rival.effect.variant)
-        for rival, probability in judgement.rivals
-    )
-    where = link or joint or _name(robot, estimate.term).replace("the base", "The base")
-    effect = estimate.term.effect.at(robot, estimate.term.target, link)
-    quantities = ((p, estimate.quantities[p.name]) for p in effect.parameters)
-    parameters = {p.name: replace(q, unit=p.unit_at(effect.slides)) for p, q in quantities}
-    return Finding(
-        effect=effect.name,
-        joint=joint,
-        link=link,
-        parameters=parameters,
-        share=share,
-        probability=judgement.probability,
-        rivals=rivals,
-        sentence=effect.sentence(where, _told(estimate)),
-        variant=effect.variant,
-    )
-
-
-def _told(estimate: Estimate) -> dict[str, float]:
-    """Parameters as a sentence tells them: NaN for the part of a whole that the motion does not show."""
-    effect = estimate.term.effect
-    return {
-        p.name: q.value if p.name not in effect.parts or p.seen(q.value, q.std) else math.nan
-        for p, q in ((p, estimate.quantities[p.name]) for p in effect.parameters)
-    }
-
-
-def _place(robot: Robot, term: Term) -> tuple[str | None, str | None]:
-    if term.link:
-        return None, term.link
-    return (robot.joints[term.target] if term.target >= 0 else None), None
-
-
-def _name(robot: Robot, term: Term) -> str:
-    joint, link = _place(robot, term)
-    return joint or link or ("the base" if term.effect.on == "base" else "every joint")
 
 
 def _near(error: np.ndarray, floor: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -24,6 +24,11 @@ class Term:
     shape: tuple[tuple[str, float], ...] = ()
 
     @property
+    def title(self) -> str:
+        """What a sentence calls it."""
+        return f"a drift of {self.effect.title}" if self.effect.name == "drift" else self.effect.title
+
+    @property
     def place(self) -> tuple[str, str, int, str | None]:
         """What it is and where, without the shape."""
         return (self.effect.name, self.effect.variant, self.target, self.link)

@@ -20,6 +20,8 @@ GAUSSIAN = 1.4826
 """Standard deviation of normal noise per median of its size."""
 LARGE_ERROR = 0.4
 """An error of the simulation, per spread of a joint's effort, that nobody would pass over."""
+NOISE = 4.0
+"""Nor is an effort far from the simulation's that so many times what motion leaves would account for."""
 UNEVEN = 1.5
 """Noise is much the same throughout: what is so many times as large as its median tells was not noise at its loudest."""
 
@@ -93,11 +95,12 @@ def describe(equations: Equations, residual: np.ndarray, stepping: np.ndarray | 
 def _borne_at_rest(equations: Equations, residual: np.ndarray) -> np.ndarray:
     """Joints with a large residual, rows (R, n), throughout one period of the low-pass in which they rest, (n,) bool.
 
-    Beyond what the description's own friction may hold: that is between both directions'.
+    Beyond what the description's own friction may hold, which is between both directions', and beyond the noise.
     """
-    signals = equations.motion.signals
-    held = 2.0 * equations.motion.robot.coulomb
-    resting = signals.seen[equations.rows] & ~equations.ever_usable
+    signals, usable = equations.motion.signals, equations.ever_usable
+    noise = np.array([rms(residual[rows, j]) if rows.any() else 0.0 for j, rows in enumerate(usable.T)])
+    held = 2.0 * equations.motion.robot.coulomb + NOISE * noise
+    resting = signals.seen[equations.rows] & ~usable
     large = resting & (np.abs(residual) > LARGE_ERROR * equations.effort_scale + held)
     step = float(np.median(np.diff(signals.time[equations.rows])))
     period = int(np.ceil(1.0 / (signals.cutoff * step)))

@@ -27,7 +27,9 @@ __all__ = ["ExtendedModel", "corrected_links", "extend", "of_physical"]
 
 
 def extend(examination: Examination) -> ExtendedModel:
-    """The extended model of a diagnosis: links corrected, every finding installed.
+    """The extended model of a diagnosis: links corrected, every finding installed, and what is not sure enough for a name.
+
+    But no push without one: at its time nothing pushes in another recording.
 
     The links' errors are those of the fit, moved as little as its information allows to bodies that can
     exist together with the effects on them, so that M(q) is positive-definite. Where a model took the
@@ -39,10 +41,9 @@ def extend(examination: Examination) -> ExtendedModel:
     equations, fit = examination.equations, examination.fit
     earlier = _earlier(examination)
     robot = earlier.bare
-    found = [
-        Installed(e.term.effect, e.term.target, e.term.link, dict(e.values)) for e in examination.estimates
-    ]
-    stds = [{name: q.std for name, q in e.quantities.items()} for e in examination.estimates]
+    estimates = [e for e in examination.estimates if not e.term.effect.timed or _told(e, examination)]
+    found = [Installed(e.term.effect, e.term.target, e.term.link, dict(e.values)) for e in estimates]
+    stds = [{name: q.std for name, q in e.quantities.items()} for e in estimates]
     for finding in examination.diagnosis.findings:
         effect = get(finding.effect)
         if effect.kinematic:
@@ -134,6 +135,13 @@ def corrected_links(
     information = back @ back.T
     total = consistent(mean, 0.5 * (information + information.T), robot.width, np.array([], dtype=int))
     return robot.with_inertials((total - added).reshape(-1, PER_LINK))
+
+
+def _told(push: Estimate, examination: Examination) -> bool:
+    """Whether a push is a finding."""
+    start = push.quantities["start"].value
+    same = (f for f in examination.diagnosis.findings if f.effect == push.term.effect.name)
+    return any(finding.parameters["start"].value == start for finding in same)
 
 
 def _own_inertias(robot: Robot, estimates: Sequence[Estimate]) -> np.ndarray:

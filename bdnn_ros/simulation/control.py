@@ -16,6 +16,8 @@ PHASE_BUDGET = 0.2
 """Bandwidth times dead time (half a sample, and the effort's delay) must not exceed this [rad]."""
 BEHIND = 0.1
 """Friction that holds a joint so far from its plan is compensated [rad]."""
+HEAVIER = 2.0
+"""What a joint moves where it is so many times what the description says is known to its position loop, as by tuning."""
 SOFTEST = 0.25
 """Bandwidth per frequency of the link on its elastic gear."""
 
@@ -23,8 +25,9 @@ SOFTEST = 0.25
 class Controller:
     """Computed torque: u = described inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate).
 
-    It knows the description, and of the real robot only its rotors and how fast each position loop may be. Described
-    friction is left to the position loop, unless it would hold the joint far from its plan.
+    It knows the description, and of the real robot only its rotors, how fast each position loop may be, and what a joint moves
+    that is far heavier than described: as a wrist's link is with what it carries. Described friction is left to the position
+    loop, unless it would hold the joint far from its plan.
 
     Args:
         nominal: the description.
@@ -35,7 +38,8 @@ class Controller:
     def __init__(self, nominal: Robot, plant: Plant, plan: Trajectory) -> None:
         self.plan = plan
         self.model, self.order = nominal.pinocchio_model()
-        self.model.armature[:] = plant.robot.armature[np.argsort(self.order)]
+        heavier = plant.robot.armature + _unknown_inertia(nominal, plant.robot, plan)
+        self.model.armature[:] = heavier[np.argsort(self.order)]
         self.data = self.model.createData()
         self.back = np.argsort(self.order)
         self.limit = nominal.limits.effort
@@ -67,3 +71,14 @@ def loop_bandwidth(nominal: Robot, plant: Plant, plan: Trajectory) -> float:
     timely = PHASE_BUDGET / (0.5 * period + plant.delay)
     inertia = np.diagonal(nominal.mass_matrix(plan.position[::50]), axis1=1, axis2=2).max(axis=0)
     return float(min(BANDWIDTH, timely.min(), (SOFTEST * np.sqrt(plant.stiffness / inertia)).min()))
+
+
+def _unknown_inertia(nominal: Robot, real: Robot, plan: Trajectory) -> np.ndarray:
+    """What joints that move `HEAVIER` times what is described move beside that, the least along the plan, (n,) [kg·m²]."""
+    poses = plan.position[::50]
+    described, moved = (
+        np.diagonal(robot.mass_matrix(poses) - np.diag(robot.armature), axis1=1, axis2=2)
+        for robot in (nominal, real)
+    )
+    beside = (moved - described).min(axis=0)
+    return np.where(beside > (HEAVIER - 1.0) * described.mean(axis=0), beside, 0.0)

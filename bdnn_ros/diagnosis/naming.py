@@ -1,0 +1,162 @@
+"""Which terms of a fit have a name: those that are sure, large enough, and borne out by rows that were not fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.diagnosis.attempt import Attempt
+from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.gains import removed, rms
+from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.pushes import EDGES, leftover, together
+from bdnn_ros.diagnosis.result import Finding, Rival
+from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.unexplained import LARGE_ERROR
+from bdnn_ros.effects.actuation import EffortDelay
+from bdnn_ros.robot import Robot
+
+SAMPLES_LATE = 0.75
+"""What acts later than its stamp by less than so many sample periods acts with its sample."""
+DOUBTFUL = 0.1
+"""An effect that may as well not be there with this probability stays in the model without a name, as one that is hardly as
+likely as this beside what could stand in its place."""
+UNLIKELY = 0.5
+"""What has no name is told as a doubt only where nothing at all is no likelier than this."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """What of some terms has a name.
+
+    Attributes:
+        findings: what is sure and large enough for one.
+        doubtful: whether something large is likely without being sure.
+        weighty: what is large enough, and borne out.
+        silent: what is large enough and has none.
+    """
+
+    findings: list[Finding]
+    doubtful: bool
+    weighty: list[int]
+    silent: list[int]
+
+
+def named(
+    robot: Robot,
+    equations: Equations,
+    attempt: Attempt,
+    found: Sequence[Estimate],
+    unfit: np.ndarray,
+    unnamed: Container[int],
+) -> Named:
+    """Which terms have a name.
+
+    Args:
+        unfit: joints of which nothing is named, (n,) bool.
+        unnamed: terms that have no name, whatever they explain.
+    """
+    held = equations.usable & attempt.test[:, None]
+    taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
+    scale = equations.effort_scale
+    before, throughout = (
+        max(float(np.sum(rms(equations.target, rows) ** 2)), 1e-30) for rows in (held, equations.usable)
+    )
+    findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
+    silent = list[int]()
+    every = range(len(found))
+    for one, estimate, judgement, (held_out, ever) in zip(
+        every, found, attempt.judgements, taken, strict=True
+    ):
+        less, large_enough = held_out.less, held_out.noticeable or ever.noticeable
+        # a push, or the crossings of a gap, may have come and gone outside the held-out rows
+        gone = held_out.brief and not held_out.there
+        silent += [one] * large_enough
+        borne_out = gone or float(np.sum(less / scale**2)) > 0.0
+        borne_out &= held_out.brief or judgement.steady
+        borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
+        if not (large_enough and borne_out) or one in unnamed or leftover(attempt.fitted, every, one):
+            continue
+        if _with_its_sample(estimate, equations):
+            continue
+        weighty.append(one)
+        shown = estimate.shown or _alone(estimate, found)
+        # what is named for a link or the base is told by joints that bear most of it
+        shown = shown and not unfit[np.argmax(ever.less / scale**2)]
+        if shown and judgement.nothing <= DOUBTFUL <= judgement.at_least(estimate.term):
+            share = float(np.sum(ever.less)) / throughout if gone else float(np.sum(less)) / before
+            # causes that work against each other may each remove more than there is
+            findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
+            silent.remove(one)
+        elif judgement.nothing <= UNLIKELY:
+            doubtful |= bool((less > large**2).any())
+    return Named(findings, doubtful, weighty, silent)
+
+
+def _with_its_sample(estimate: Estimate, equations: Equations) -> bool:
+    """Whether a delay is one that tells no more than where in its sample an effort was taken."""
+    if estimate.term.effect.name != EffortDelay.name:
+        return False
+    return estimate.values["delay"] < SAMPLES_LATE / equations.motion.signals.raw_rate
+
+
+def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:
+    """Whether a push is the only one at its time: then that something pushes is sure, though no part of its wrench is.
+
+    On few joints many a wrench does the same. A second push that is not known may be what is left of the first, and one that
+    may as well have begun or ended long before is none.
+    """
+    if not (push.term.effect.timed and push.possible):
+        return False
+    start, end = (push.quantities[edge] for edge in EDGES)
+    if max(start.std, end.std) > end.value - start.value:
+        return False
+    return not any(together(push.term, other.term) for other in found if other is not push)
+
+
+def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: float) -> Finding:
+    joint, link = _place(robot, estimate.term)
+    rivals = tuple(
+        Rival(rival.effect.name, *_place(robot, rival), probability, rival.effect.variant)
+        for rival, probability in judgement.rivals
+    )
+    where = link or joint or name_of(robot, estimate.term).replace("the base", "The base")
+    effect = estimate.term.effect.at(robot, estimate.term.target, link)
+    quantities = ((p, estimate.quantities[p.name]) for p in effect.parameters)
+    parameters = {p.name: replace(q, unit=p.unit_at(effect.slides)) for p, q in quantities}
+    return Finding(
+        effect=effect.name,
+        joint=joint,
+        link=link,
+        parameters=parameters,
+        share=share,
+        probability=judgement.probability,
+        rivals=rivals,
+        sentence=effect.sentence(where, _told(estimate)),
+        variant=effect.variant,
+    )
+
+
+def _told(estimate: Estimate) -> dict[str, float]:
+    """Parameters as a sentence tells them: NaN for the part of a whole that the motion does not show."""
+    effect = estimate.term.effect
+    return {
+        p.name: q.value if p.name not in effect.parts or p.seen(q.value, q.std) else math.nan
+        for p, q in ((p, estimate.quantities[p.name]) for p in effect.parameters)
+    }
+
+
+def _place(robot: Robot, term: Term) -> tuple[str | None, str | None]:
+    if term.link:
+        return None, term.link
+    return (robot.joints[term.target] if term.target >= 0 else None), None
+
+
+def name_of(robot: Robot, term: Term) -> str:
+    """The name of a term's joint or link, in words where it has none."""
+    joint, link = _place(robot, term)
+    return joint or link or ("the base" if term.effect.on == "base" else "every joint")
