@@ -48,6 +48,7 @@ setup(
         "setuptools",
         "jinja2",
         "matplotlib",
+        "mcap",
         "numpy",
         "pin",
         "pyyaml",
@@ -76,10 +77,9 @@ setup(
             "wheel",
         ],
         "export": ["onnx"],
-        # torch, torchdiffeq and mcap are what ours is compared with; nothing of bdnn_ros imports them
+        # torch and torchdiffeq are what ours is compared with; nothing of bdnn_ros imports them
         "test": [
             "hypothesis",
-            "mcap",
             "mujoco",
             "mypy",
             "onnxruntime",

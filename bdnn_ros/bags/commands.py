@@ -9,11 +9,9 @@ import numpy as np
 
 from bdnn_ros.bags.cdr import decode_float64_multi_array
 from bdnn_ros.bags.joint_states import Samples
-from bdnn_ros.bags.storage import Topic
+from bdnn_ros.bags.storage import MULTI_ARRAY, Topic
 from bdnn_ros.efforts import COMMAND_AGE, in_force
 from bdnn_ros.errors import RecordingError, UsageError, listed
-
-MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 
 
 class Commands:

@@ -14,12 +14,10 @@ from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.description import movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
 from bdnn_ros.bags.merging import together
-from bdnn_ros.bags.storage import Storage, Topic
+from bdnn_ros.bags.storage import JOINT_STATE, STRING, Storage, Topic
 from bdnn_ros.errors import BagError, UsageError, listed
 from bdnn_ros.recording import Recording, cleaned, renamed
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
-STRING = "std_msgs/msg/String"
 MOVES = 0.01
 """A joint that covers this much [rad] and reports a velocity of zero throughout does not report it."""
 REPORT_EVERY = 2048

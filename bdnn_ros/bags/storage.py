@@ -13,16 +13,23 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any
 
 import yaml
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, ReaderError
 
+from bdnn_ros.bags.mixed import of_ros
 from bdnn_ros.errors import BagError, BdnnError, UsageError, listed
 
 SQLITE_HEADER = 100
 SUFFIXES = (".mcap", ".db3")
+JOINT_STATE = "sensor_msgs/msg/JointState"
+STRING = "std_msgs/msg/String"
+MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
+READ = (JOINT_STATE, STRING, MULTI_ARRAY)
+"""Types of messages that are read."""
 SPLIT = 1.0
 """Files of one bag that was split follow each other: they overlap, or leave a gap, of less than this [s]."""
 
@@ -56,7 +63,7 @@ class Storage:
             for part in parts:
                 with _readable(part):
                     _require_all_pages(part)
-                    self._readers.append(self._stack.enter_context(Reader(part)))
+                    self._readers.append(self._reader(part))
             if not in_order:
                 self._readers.sort(key=lambda reader: reader.start_time)
                 _require_splits(self.path, self._readers)
@@ -69,6 +76,18 @@ class Storage:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.close()
+
+    def _reader(self, part: Path) -> Reader:
+        try:
+            return self._stack.enter_context(Reader(part))
+        except (KeyError, ReaderError) as error:
+            foreign = isinstance(error, KeyError) or "Profile" in str(
+                error
+            )  # a schema's encoding, or a file's profile
+            if part.suffix != ".mcap" or not foreign:
+                raise
+            directory = self._stack.enter_context(TemporaryDirectory())
+            return self._stack.enter_context(Reader(of_ros(part, Path(directory), READ)))
 
     @property
     def topics(self) -> list[Topic]:

@@ -23,9 +23,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from bdnn_ros.bags.cdr import encode_float64_multi_array, encode_joint_states, encode_string
-from bdnn_ros.bags.commands import MULTI_ARRAY
 from bdnn_ros.bags.joint_states import BLOCK
-from bdnn_ros.bags.reading import JOINT_STATE, STRING
+from bdnn_ros.bags.storage import JOINT_STATE, MULTI_ARRAY, STRING
 from bdnn_ros.errors import UsageError
 from bdnn_ros.recording import Recording
 
