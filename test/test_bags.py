@@ -154,6 +154,29 @@ def test_reads_what_the_mcap_library_writes(
     assert_equal(bags.read(path), recording)
 
 
+@pytest.mark.parametrize("profile", ["ros2", ""])
+@pytest.mark.parametrize("encoding", ["ros2msg", "jsonschema", "protobuf"])
+def test_reads_what_is_beside_messages_of_others(tmp_path: Path, profile: str, encoding: str) -> None:
+    """As tools write that show more than ROS: it was refused as damaged."""
+    recording = motion(joints=ARM)
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile=profile)
+        other = writer.register_channel(
+            "/log", "json", writer.register_schema("Log", encoding, b"string text")
+        )
+        schema = writer.register_schema(
+            JOINT_STATE, "ros2msg", TYPES.generate_msgdef(JOINT_STATE)[0].encode()
+        )
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for _, _, stamp, data in states(recording):
+            writer.add_message(other, stamp, b"{}", stamp)
+            writer.add_message(channel, stamp, data, stamp)
+        writer.finish()
+    assert_equal(bags.read(path), recording)
+
+
 def test_reads_big_endian(tmp_path: Path) -> None:
     recording = motion(joints=ARM)
     assert_equal(bags.read(write_bag(tmp_path / "bag", states(recording, little=False))), recording)

@@ -11,7 +11,7 @@ from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.identifiability import Judgement
-from bdnn_ros.diagnosis.notes import loads, mostly_links
+from bdnn_ros.diagnosis.notes import loads, mostly_links, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.diagnosis.telling import _unexplained_sentence
@@ -99,6 +99,14 @@ def test_a_link_that_never_turns_has_to_be_weighed():
     assert "bdnn excite" in other
 
 
+def test_what_has_no_name_is_told_by_whether_the_model_holds_it():
+    offset, push = Term(get("effort_offset"), 0), Term(get("external_wrench", "link"), 5, "arm6_link6")
+    held, left = unnamed([(offset, "arm6_joint1"), (push, "arm6_link6")])
+    assert held.endswith("in the extended model, which it helps: an effort offset at arm6_joint1.")
+    assert "not in the extended model" in left and left.endswith("something that pushes at arm6_link6.")
+    assert unnamed([]) == []
+
+
 @pytest.mark.parametrize(
     ("share", "above", "said"),
     [
@@ -124,7 +132,9 @@ def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
 
 def test_that_links_errors_make_up_most_is_said_where_they_do():
     (note,) = mostly_links(0.74, since=False)
-    assert "74%" in note and "simulation's squared error" in note
+    assert "74 % of the simulation's squared error" in note
+    (note,) = mostly_links(1.71, since=False)  # causes may undo some of it
+    assert "100 % of" in note
     assert mostly_links(0.3, since=False) == []
 
 

@@ -97,6 +97,13 @@ def test_what_a_joint_bears_at_rest_is_seen_where_it_is_large_and_lasts(equation
     assert describe(resting, residual).resting == said
 
 
+def test_noise_that_is_as_large_is_not_what_a_joint_bears_at_rest(equations):
+    usable = equations.usable.copy()
+    usable[len(usable) // 2 : len(usable) // 2 + 200, 1] = False
+    loud = np.sign(np.sin(0.02 * np.arange(len(usable))))[:, None] * equations.effort_scale
+    assert describe(replace(equations, usable=usable), loud).resting == ()
+
+
 def test_bursts_that_the_steps_of_an_encoder_make_are_noise(equations):
     noise, _ = white(equations, STD, 7)
     residual = noise.copy()

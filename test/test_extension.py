@@ -405,3 +405,13 @@ def test_dry_friction_turns_round_before_a_joint_that_sticks():
         return float(np.sqrt(np.mean(error**2)))
 
     assert left(model) < 0.9 * left(replace(model, sticking=()))
+
+
+def test_a_push_without_a_name_is_not_in_the_model():
+    """At its time nothing pushes in another recording: it was in the files, and nothing told of it."""
+    arm = Robot.bundled("arm2")
+    push = parse_spec("external_wrench@arm2_joint2:torque=3,start=9,end=11", arm)
+    examination = examine([simulate(arm, [push], seed=2, duration=20.0, rate=100.0).recording], arm)
+    assert [one.effect.name for one in extend(examination).effects] == ["external_wrench"]
+    silent = replace(examination, diagnosis=replace(examination.diagnosis, findings=()))
+    assert extend(silent).effects == ()
