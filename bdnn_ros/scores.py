@@ -43,6 +43,12 @@ class Scores:
     nmse: np.ndarray
     nrmse_mean: float
 
+    def of(self, joints: Sequence[str]) -> Scores:
+        """Those of some of the joints, in this order."""
+        rows = [self.joints.index(joint) for joint in joints]
+        nrmse = self.nrmse[rows]
+        return Scores(tuple(joints), self.rmse[rows], nrmse, self.nmse[rows], _mean(nrmse))
+
     @property
     def in_mean(self) -> int:
         """Number of joints that the means are of."""
@@ -71,17 +77,24 @@ class RolloutError:
     Attributes:
         horizon: length of each rollout [s].
         windows: number of rollouts; none where a joint's effort is not measured, which moves the others as well.
-        position: root mean square error of the position at the end of the horizon, (n,) [rad]; infinite
-            where a rollout diverged, NaN without any.
+        position: root mean square error of the position at the end of the horizon, of the rollouts that did not run away,
+            (n,) [rad]; infinite where all did, NaN without any.
+        lost: number of rollouts that ran away.
     """
 
     horizon: float
     windows: int
     position: np.ndarray
+    lost: int = 0
 
     def as_json(self) -> dict[str, Any]:
         """For `evaluate --json`; what is not finite becomes null."""
-        return {"horizon": self.horizon, "windows": self.windows, "position": numbers(self.position)}
+        return {
+            "horizon": self.horizon,
+            "windows": self.windows,
+            "lost": self.lost,
+            "position": numbers(self.position),
+        }
 
 
 def score(
@@ -175,9 +188,11 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
     starts = np.array([k for s in signals.segments for k in range(s.start, s.stop - steps, steps)], dtype=int)
     if without_effort(signals) or not len(starts):
         return RolloutError(steps / signals.rate, 0, np.full(signals.width, np.nan))
-    end = integrated(model, signals, signals.effort, starts, steps)
-    error = np.sqrt(np.mean((end - signals.position[starts + steps]) ** 2, axis=0))
-    return RolloutError(steps / signals.rate, len(starts), error)
+    missed = integrated(model, signals, signals.effort, starts, steps) - signals.position[starts + steps]
+    kept = np.isfinite(missed).all(axis=1)
+    counted = missed[kept] if kept.any() else missed
+    error = np.sqrt(np.mean(counted**2, axis=0))
+    return RolloutError(steps / signals.rate, len(starts), error, int(np.count_nonzero(~kept)))
 
 
 def numbers(values: Sequence[float] | np.ndarray) -> list[float | None]:

@@ -1,15 +1,18 @@
-"""`bdnn evaluate` of joints whose effort was not measured."""
+"""`bdnn evaluate` of some of the joints: those that were measured, those that are asked for, those that slide."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from bag_cases import JOINT_STATE, bag_of, joint_state, states, write_bag
+from cli_cases import sliding_arm
 
+from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import save_model
@@ -87,3 +90,34 @@ def test_where_all_is_measured_the_mean_is_of_all(
     printed = capsys.readouterr()
     assert "mean of" not in printed.out and printed.out.splitlines()[3].startswith("mean  ")
     assert "No motion" not in printed.err
+
+
+def test_joints_pick_and_order_what_is_shown(
+    recording: Recording, model: str, tmp_path: Path, capsys
+) -> None:
+    bag = str(bags.write(recording, tmp_path / "bag"))
+
+    def told(*joints: str) -> dict[str, Any]:
+        assert (
+            main(["evaluate", model, bag, "--json", *(["--joints", ",".join(joints)] if joints else [])]) == 0
+        )
+        return json.loads(capsys.readouterr().out)
+
+    whole, turned, second = told(), told("arm2_joint2", "arm2_joint1"), told("arm2_joint2")
+    assert turned["held_out"]["joints"] == ["arm2_joint2", "arm2_joint1"]
+    assert turned["held_out"]["rmse"] == whole["held_out"]["rmse"][::-1]
+    assert turned["rollout"]["position"] == whole["rollout"]["position"][::-1]
+    assert second["held_out"]["rmse"] == whole["held_out"]["rmse"][1:] and second["joints_in_mean"] == 1
+    assert main(["predict", model, bag, "--joints", "arm2_joint2"]) == 0
+    assert capsys.readouterr().out.startswith("time,arm2_joint2.effort,arm2_joint2.measured\n")
+
+
+def test_the_model_knows_which_joints_slide(tmp_path: Path, capsys) -> None:
+    """A bag without a description is read by the model alone."""
+    robot = sliding_arm()
+    made = simulate(robot, [], seed=2, duration=8.0, rate=200.0).recording
+    bag = str(bags.write(replace(made, urdf=None), tmp_path / "bag"))
+    saved = save_model(tmp_path / "model", ExtendedModel(robot, (), np.zeros(robot.width)))
+    assert main(["evaluate", str(saved), bag]) == 0
+    printed = capsys.readouterr().out
+    assert "[N, m]" in printed

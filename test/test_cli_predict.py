@@ -222,4 +222,4 @@ def test_joints_that_the_model_needs_are_named(
 ) -> None:
     bag = bag_of(tmp_path / "bag", swing(pendulum))
     assert main(["predict", "model", str(bag), "--joints", "wheel"]) == 2
-    assert "The model needs joint pivot, which --joints leaves out." in capsys.readouterr().err
+    assert "The model does not have wheel; it has pivot." in capsys.readouterr().err

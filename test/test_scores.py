@@ -187,7 +187,8 @@ def test_a_joint_without_a_measured_effort_has_no_score_and_leaves_none_to_roll_
     assert found.nrmse_mean == found.nrmse[0] and found.as_json()["rmse"][1] is None
     assert score_description(robot, [unknown]).as_json() == found.as_json()
     rollout = rollout_error(robot, unknown, 0.25)
-    assert rollout.as_json() == {"horizon": rollout.horizon, "windows": 0, "position": [None, None]}
+    nothing = {"horizon": rollout.horizon, "windows": 0, "lost": 0, "position": [None, None]}
+    assert rollout.as_json() == nothing
     assert rollout_error(robot, known, 0.25).windows > 0
 
 
@@ -196,3 +197,19 @@ def test_a_motion_of_one_sample_has_no_rollout(pendulum):
     whole = prepare(Recording(time, pendulum.joints, np.sin(time)[:, None], None, np.sin(time)[:, None]))
     short = rollout_error(pendulum, whole.rows(np.arange(len(whole)) == 50), 0.1)
     assert short.windows == 0 and np.isnan(short.position).all()
+
+
+def test_a_rollout_that_runs_away_takes_no_other_s_error(pendulum, monkeypatch):
+    """One in a hundred made every joint's error infinite; how many there are is told."""
+    time = np.arange(1000) / 100.0
+    signals = prepare(Recording(time, pendulum.joints, np.sin(time)[:, None], None, np.sin(time)[:, None]))
+
+    def ends(model, signals, effort, starts, steps):
+        end = signals.position[starts + steps] + 0.1
+        end[: ends.lost] = np.inf
+        return end
+
+    monkeypatch.setattr("bdnn_ros.scores.integrated", ends)
+    for ends.lost, error in ((3, 0.1), (10**6, np.inf)):
+        found = rollout_error(pendulum, signals, 0.5)
+        assert found.lost == min(ends.lost, found.windows) and found.position[0] == pytest.approx(error)

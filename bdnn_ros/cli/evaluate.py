@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
@@ -49,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Score the model, and the URDF where there is one, on the same samples."""
     model = load_model(args.model)
-    (recording,), robot = loading.load(args, joints=model.joints, needs_robot=False)
+    joints = loading.shown(args, model.joints)
+    (recording,), robot = loading.load(args, joints=model.joints, needs_robot=False, picks=True)
     if robot is None:
         loading.say_unusable([recording])
     fitness.require_measured(recording)
@@ -58,9 +58,10 @@ def run(args: argparse.Namespace) -> int:
     else:
         last = recording.split(args.holdout)[1]
         signals = fitness.prepared_last(last, recording, args.cutoff, args.holdout)
-    held_out = score_model(model, [signals])
-    simulation = None if robot is None else score_description(robot, [signals])
+    held_out = score_model(model, [signals]).of(joints)
+    simulation = None if robot is None else score_description(robot, [signals]).of(joints)
     rollout = rollout_error(model, signals, args.horizon)
+    rollout = replace(rollout, position=rollout.position[[model.joints.index(joint) for joint in joints]])
     if args.json:
         report = {
             "held_out": held_out.as_json(),
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
             report["simulation"] = simulation.as_json()
         print(json.dumps(report, indent=1, allow_nan=False))
     else:
-        _print(held_out, simulation, rollout, signals.cutoff, robot)
+        _print(held_out, simulation, rollout, signals.cutoff, robot or getattr(model, "robot", None))
     _say_rollout(rollout, signals)
     return 0
 
@@ -84,10 +85,11 @@ def _say_rollout(rollout: RolloutError, signals: Signals) -> None:
             f"No motion is integrated: the effort of {listed(without_effort(signals))} was not measured, and what a "
             "joint does, the others feel."
         )
-    elif not np.isfinite(rollout.position).all():
+    elif rollout.lost:
+        these = "all" if rollout.lost == rollout.windows else f"{rollout.lost} of {rollout.windows}"
         options.say(
-            f"Integrated over {rollout.horizon:.3g} s without a controller, the motion runs away (inf); "
-            "--horizon chooses a shorter time."
+            f"Integrated over {rollout.horizon:.3g} s without a controller, {these} motions run away, which the error "
+            "leaves out where others are left; --horizon chooses a shorter time."
         )
 
 

@@ -30,6 +30,7 @@ def load(
     moves: bool = True,
     needs_robot: bool = True,
     undisturbed: bool = False,
+    picks: bool = False,
 ) -> tuple[list[Recording], Robot | None]:
     """The recordings that the arguments ask for, all with the same joints, and their robot.
 
@@ -42,17 +43,18 @@ def load(
         moves: refuse recordings in which no joint moves.
         needs_robot: a description in a bag that does not fit is an error; otherwise it counts as none.
         undisturbed: refuse recordings in which joints that are left out move so that the others feel it.
+        picks: --joints may leave out joints that must be there: it picks those that are shown, see `shown`.
 
     Raises:
         BdnnError: as `bags.read` and `Robot.from_urdf`; or the robot and the bag share no joint.
     """
     required = tuple(joints) or args.joints
-    _require_models_joints(args, joints)
+    if not picks:
+        _require_models_joints(args, joints)
     needs_robot |= args.add_gravity
     given = _given(args)
-    recordings = [
-        _read(path, args, args.joints or required, given.joints if given else ()) for path in args.bags
-    ]
+    held = _held(args, required)
+    recordings = [_read(path, args, held, given.joints if given else ()) for path in args.bags]
     robot = given or described_robot(recordings, args.robot, needs_robot)
     chosen = required or _common_joints(recordings, robot)
     whole = recordings
@@ -77,9 +79,9 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     Raises:
         BdnnError: as `bags.read_every` and `Robot.from_urdf`.
     """
-    _require_models_joints(args, joints)
     given = _given(args)
-    every = _read_with(bags.read_every, args.bags[0], args, args.joints or joints, ()).select(joints)
+    held = _held(args, joints)
+    every = _read_with(bags.read_every, args.bags[0], args, held, ()).select(joints)
     robot = given or described_robot([every.motion], args.robot, needed=args.add_gravity)
     for note in every.motion.notes:
         say(note)
@@ -93,6 +95,26 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     if convention is None:
         return every
     return replace(every, effort=convention.acting(every.position, every.effort))
+
+
+def shown(args: argparse.Namespace, joints: Sequence[str]) -> tuple[str, ...]:
+    """The joints of a model that --joints picks, in its order; all of them without it.
+
+    Raises:
+        UsageError: it picks none.
+    """
+    picked = tuple(joint for joint in args.joints if joint in joints)
+    if args.joints and not picked:
+        raise UsageError(
+            f"The model does not have {listed(args.joints)}; it has {listed(joints, 20)}.",
+            "Name joints of the model, or leave --joints out.",
+        )
+    return picked or tuple(joints)
+
+
+def _held(args: argparse.Namespace, joints: Sequence[str]) -> Sequence[str]:
+    """What a bag is read for: --joints, the order of its commands, where that holds all of some joints; else those."""
+    return args.joints if {*joints} <= {*args.joints} else joints
 
 
 def _require_models_joints(args: argparse.Namespace, joints: Sequence[str]) -> None:

@@ -53,15 +53,17 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         outputs.require_file(args.out)
     model = load_model(args.model)
+    joints = loading.shown(args, model.joints)
     every = loading.load_every(args, model.joints)
     with options.progress("predicting") as show:
         along = effort_along(model, every.motion, args.cutoff, show)
     effort = np.where((every.row >= 0)[:, None], along[every.row], np.nan)
+    effort = effort[:, [model.joints.index(joint) for joint in joints]]
     target: AbstractContextManager[TextIO] = (
         outputs.written_whole(args.out) if args.out else nullcontext(sys.stdout)
     )
     with target as file, options.progress("writing") as show:
-        for row, lines in enumerate(_lines(every, effort)):
+        for row, lines in enumerate(_lines(every.select(joints), effort)):
             file.write(lines)
             show(min(row * ROWS_AT_ONCE, len(every)), len(every))
     return 0
