@@ -86,7 +86,7 @@ def test_data_is_checked_without_a_model_as_with_one(robot, recording):
     odd = replace(recording, position=recording.position * [1, 1, 100, 1, 1, 0], velocity=None)
     found = data.check_data([odd], robot)
     assert [one.about for one in found] == ["", robot.joints[2]]
-    assert "hard to tell apart" in found[0].problem and "limits" in found[1].problem
+    assert "hard to tell apart" in found[0].problem and "in degrees" in found[1].problem
 
 
 def test_a_doubtful_description_is_told_before_all_else(robot, recording, model):

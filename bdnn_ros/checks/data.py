@@ -8,6 +8,7 @@ import numpy as np
 
 from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.description import doubts
+from bdnn_ros.checks.handling import handled
 from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.checks.setup import tilted, zeros_off
 from bdnn_ros.errors import listed
@@ -96,9 +97,12 @@ def check_data(recordings: Sequence[Recording], robot: Robot, cutoff: float | No
 def _oddities(recordings: Sequence[Recording], robot: Robot, signals: Sequence[Signals]) -> list[Remark]:
     found: list[Remark] = []
     for recording, one in zip(recordings, signals, strict=True):
+        broken = list(breaches(one, robot))
+        told = ", ".join(breach.about for breach in broken).split(", ")
         found += [
-            *breaches(one, robot),
-            *beyond(recording, robot),
+            *broken,
+            *handled(recording, one, robot),
+            *(remark for remark in beyond(recording, robot) if remark.about not in told),
             *unread(recording),
             *saturated(recording, robot),
         ]

@@ -12,6 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bdnn_ros.checks.data import check_data
+from bdnn_ros.checks.handling import unloaded
 from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.describing import of_the_unheld, unheld
 from bdnn_ros.diagnosis.diagnose import Examination, examine
@@ -84,14 +85,16 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("There is no simulation to compare with.", "Give --urdf FILE or --robot NAME.")
     for recording in recordings:
         fitness.require_measured(recording)
+    known = [note for recording in recordings for note in recording.notes]
     with _progress() as say:
+        recordings = unloaded(recordings, robot, args.cutoff)
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
         absent = [] if args.joints or earlier is not None else unheld(robot, recordings[0])
         remarks = [
             *of_the_unheld(absent),
             *(str(remark) for remark in check_data(recordings, robot, args.cutoff)),
         ]
-        lines = verdict_lines(examination, [note for recording in recordings for note in recording.notes])
+        lines = verdict_lines(examination, known)
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")
         with outputs.written_together(args.out) as place:

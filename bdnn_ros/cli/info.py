@@ -14,6 +14,7 @@ from bdnn_ros import bags
 from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.data import unread
 from bdnn_ros.checks.description import doubts
+from bdnn_ros.checks.handling import handled
 from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.describing import of_the_unheld, unheld, unusable
 from bdnn_ros.cli.identify import HOLDOUT
@@ -119,14 +120,15 @@ def _of_the_description(recording: Recording, signals: Signals, robot: Robot | N
 
 
 def _of_the_efforts(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:
-    """What the efforts had passed before they were recorded."""
+    """What load comes and goes, and what the efforts had passed before they were recorded."""
     if robot is None or signals.effort is None:
         return []
+    load = [str(remark) for remark in handled(recording, signals, robot)]
     late = lateness.lateness(signals, robot)
     if late.total:
-        return [lateness.note(recording, late)]
+        return [*load, lateness.note(recording, late)]
     own = softness.softness(signals, robot)
-    return [] if own is None else [softness.note(recording, own)]
+    return load if own is None else [*load, softness.note(recording, own)]
 
 
 def timing(recording: Recording) -> dict[str, Any]:

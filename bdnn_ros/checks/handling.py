@@ -1,0 +1,202 @@
+"""Whether a robot picks something up and puts it down again and again: no one model holds of all of it.
+
+Beside links that are a little off, rotors and friction, a body on the last link is there in some blocks of time and not in
+others. Which ones and what body is found in turn: the body by least squares, the blocks by the cheapest sequence (Viterbi).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.checks.sampling import some
+from bdnn_ros.physical.links import relative_inertials
+from bdnn_ros.physical.remark import Remark
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.signals import Signals, prepare
+
+BLOCK = 0.25
+"""Length of a block [s]."""
+ROWS = 4000
+"""Samples that are looked at, or three a block."""
+LINKS_OFF = 0.2
+"""Standard deviation of the links' relative errors."""
+POINT = 4
+"""Mass and its moments: what of a body weighs."""
+SWITCH = 4.0
+"""What a change costs, in blocks' usual misfits."""
+ROUNDS = 10
+OFTEN = 3
+"""So many times it is picked up, or it is one load, or a push."""
+EXPLAINED = 0.4
+"""Share of the squared error that it has to explain: friction of any kind explained up to a quarter of it."""
+FURTHEST = 1.0
+"""A load's centre is no further from its link's joint [m]."""
+LEAST_FREE = 10.0
+"""Motion without the load that is enough to be looked at by itself [s]."""
+
+
+@dataclass(frozen=True)
+class Handling:
+    """A load that comes and goes.
+
+    Attributes:
+        link: that carries it.
+        mass: [kg].
+        explained: share of the squared error.
+        times: when it is there, start and end [s].
+    """
+
+    link: str
+    mass: float
+    explained: float
+    times: tuple[tuple[float, float], ...]
+
+    def there(self, time: np.ndarray) -> np.ndarray:
+        """Whether it is, or is just being picked up or put down, (N,) bool."""
+        return np.any([(start - BLOCK <= time) & (time <= end + BLOCK) for start, end in self.times], axis=0)
+
+    @property
+    def words(self) -> str:
+        """What is said of it."""
+        return f"{self.link} picks up about {self.mass:.2g} kg {len(self.times)} times and puts it down again"
+
+
+def handled(recording: Recording, signals: Signals, robot: Robot) -> Iterator[Remark]:
+    """What a user should know of a load that comes and goes."""
+    found = handling(signals, robot)
+    if found is not None:
+        yield Remark(
+            found.link,
+            f"{recording.name}: {found.words}: no one model is right of all of it.",
+            "Record it with the load all the time, or without.",
+        )
+
+
+def unloaded(recordings: Sequence[Recording], robot: Robot, cutoff: float | None = None) -> list[Recording]:
+    """The recordings without what was recorded while a load was there that comes and goes, with a note where there is one."""
+    return [_unloaded(recording, handling(prepare(recording, cutoff), robot)) for recording in recordings]
+
+
+def _unloaded(recording: Recording, found: Handling | None) -> Recording:
+    if found is None:
+        return recording
+    free = recording.part(~found.there(recording.time))
+    if free.recorded < LEAST_FREE:
+        return recording
+    note = (
+        f"{recording.name}: {found.words}. What was recorded without it is looked at: {free.recorded:.0f} s "
+        f"of {recording.recorded:.0f} s."
+    )
+    return replace(free, notes=(*recording.notes, note))
+
+
+def handling(signals: Signals, robot: Robot) -> Handling | None:
+    """A load that comes and goes on one of a robot's last links; None where there is none, or no effort."""
+    if signals.effort is None or not signals.interior.any():
+        return None
+    motion = _Motion(signals, robot)
+    last = np.flatnonzero(robot.carried == 0).tolist()
+    found = [one for link in last if (one := _handled(motion, robot, link)) is not None]
+    return max(found, key=lambda one: one.explained, default=None)
+
+
+class _Motion:
+    """Some samples of a motion: what bodies, rotors and friction may make of their efforts, and blocks of time."""
+
+    def __init__(self, signals: Signals, robot: Robot) -> None:
+        assert signals.effort is not None
+        inside = np.flatnonzero(signals.interior)
+        blocks = float(np.ptp(signals.time[inside])) / BLOCK if len(inside) else 0.0
+        rows = some(inside, max(ROWS, round(3 * blocks)))
+        q, v, a = signals.position[rows], signals.velocity[rows], signals.acceleration[rows]
+        self.time = signals.time[rows]
+        self.block = np.unique((self.time / BLOCK).astype(int), return_inverse=True)[1]
+        self.regressor = robot.regressor(q, v, a)
+        links, each = self.regressor @ relative_inertials(robot), np.arange(robot.width)
+        own = np.zeros((len(rows), robot.width, 4, robot.width))
+        for k, values in enumerate((a, v, signals.sign[rows], np.ones_like(q))):
+            own[:, each, k, each] = values
+        self.columns = np.concatenate([links, own.reshape(*q.shape, -1)], axis=2)
+        self.precision = np.zeros(self.columns.shape[2])
+        self.precision[: links.shape[2]] = LINKS_OFF**-2
+        self.target = signals.effort[rows] - robot.rigid_effort(q, v, a)
+        # twice: by the spread of the efforts, then by what bodies and friction leave of them
+        self.weight = np.where(
+            signals.seen[rows], 1.0 / np.maximum(signals.effort[rows].std(axis=0), 1e-9), 0.0
+        )
+        left = self.weight * self.left(self.columns, self.precision)[0]
+        self.weight = self.weight / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-9)
+
+    def left(self, columns: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What columns (R, n, k) leave of the target, (R, n), and their coefficients, (k,)."""
+        tall = (columns * self.weight[:, :, None]).reshape(-1, columns.shape[2])
+        gram = tall.T @ tall + np.diag(precision)
+        size = np.sqrt(np.diagonal(gram)) + 1e-12
+        ridge = 1e-9 * np.eye(len(size))
+        moment = tall.T @ (self.weight * self.target).ravel()
+        coefficients = np.linalg.solve(gram / np.outer(size, size) + ridge, moment / size) / size
+        return self.target - columns @ coefficients, coefficients
+
+    def misfit(self, left: np.ndarray) -> np.ndarray:
+        """Squared error of each block, (B,)."""
+        return np.bincount(self.block, weights=np.sum((self.weight * left) ** 2, axis=1))
+
+
+def _handled(motion: _Motion, robot: Robot, link: int) -> Handling | None:
+    body = motion.regressor[:, :, link * PER_LINK : link * PER_LINK + POINT]
+    before, _ = motion.left(motion.columns, motion.precision)
+    plain = float(motion.misfit(before).sum())
+    there = _guessed(motion, body, before, robot.inertials[link])
+    precision = np.concatenate([motion.precision, np.zeros(POINT)])
+    misfit, load = plain, np.zeros(POINT)
+    for _ in range(ROUNDS):
+        columns = np.concatenate([motion.columns, body * there[motion.block][:, None, None]], axis=2)
+        _, coefficients = motion.left(columns, precision)
+        load = coefficients[-POINT:]
+        bare = motion.target - motion.columns @ coefficients[:-POINT]
+        costs = np.array([motion.misfit(bare), motion.misfit(bare - body @ load)])
+        misfit = float(np.where(there, costs[1], costs[0]).sum())
+        again = _cheapest(costs, SWITCH * float(np.median(costs.min(axis=0))))
+        if (again == there).all():
+            break
+        there = again
+    times = _times(motion, there)
+    explained = 1.0 - misfit / max(plain, 1e-30)
+    carried = load[0] > 0.0 and np.abs(load[1:]).max() < FURTHEST * load[0]
+    if len(times) < OFTEN or explained < EXPLAINED or not carried:
+        return None
+    return Handling(robot.moving_link(robot.joints[link]), float(load[0]), explained, times)
+
+
+def _guessed(motion: _Motion, body: np.ndarray, left: np.ndarray, inertial: np.ndarray) -> np.ndarray:
+    """Blocks in which what is left looks like more of the link, (B,) bool."""
+    centre = inertial[1:POINT] / max(float(inertial[0]), 1e-9)
+    heavier = (body @ np.array([1.0, *centre])) * motion.weight
+    told = np.bincount(motion.block, weights=np.sum(heavier * motion.weight * left, axis=1))
+    mass = told / np.maximum(np.bincount(motion.block, weights=np.sum(heavier**2, axis=1)), 1e-12)
+    return np.asarray(mass > 0.5 * (np.quantile(mass, 0.1) + np.quantile(mass, 0.9)))
+
+
+def _cheapest(costs: np.ndarray, change: float) -> np.ndarray:
+    """The sequence of two states of least cost (2, B), where each change costs as well, (B,) bool."""
+    total, before = costs[:, 0].copy(), np.zeros((costs.shape[1], 2), int)
+    for k in range(1, costs.shape[1]):
+        moved = total[::-1] + change
+        before[k] = np.where(total <= moved, [0, 1], [1, 0])
+        total = np.minimum(total, moved) + costs[:, k]
+    state, result = int(np.argmin(total)), np.zeros(costs.shape[1], bool)
+    for k in range(costs.shape[1] - 1, -1, -1):
+        result[k], state = bool(state), int(before[k, state])
+    return result
+
+
+def _times(motion: _Motion, there: np.ndarray) -> tuple[tuple[float, float], ...]:
+    """When runs of blocks begin and end [s]."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
+    first = np.searchsorted(motion.block, edges[::2])
+    last = np.searchsorted(motion.block, edges[1::2]) - 1
+    return tuple(zip(motion.time[first].tolist(), motion.time[last].tolist(), strict=True))

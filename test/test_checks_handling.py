@@ -1,0 +1,82 @@
+"""A load that is picked up and put down again and again: noticed, and left out of what is diagnosed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bdnn_ros import bags
+from bdnn_ros.checks.handling import handling, unloaded
+from bdnn_ros.cli.main import main
+from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.scenario import Scenario
+
+ARM = Robot.bundled("arm6")
+
+
+def worn(*effects: str) -> Recording:
+    made, _ = Scenario(ARM, effects=effects, seed=5, duration=40.0, rate=200.0, worn=True, wrong=0.05).run()
+    return made.recording
+
+
+def carrying(recording: Recording, mass: float, period: float, share: float = 0.5) -> Recording:
+    """The recording with what a point mass on the last link asks for, for a share of each period [s]."""
+    inertial, at = np.zeros((ARM.width, 10)), np.array([0.02, 0.03, 0.06])
+    moments = mass * (at @ at * np.eye(3) - np.outer(at, at))
+    inertial[-1] = [mass, *(mass * at), *moments[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    signals = prepare(recording)
+    more = signals.smooth(
+        ARM.with_inertials(inertial).rigid_effort(signals.position, signals.velocity, signals.acceleration)
+    )
+    there = recording.time % period > (1.0 - share) * period
+    asked = np.stack([np.interp(recording.time, signals.time, one) for one in more.T], axis=1)
+    return replace(recording, effort=recording.require_effort() + there[:, None] * asked)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return worn()
+
+
+def test_a_load_that_comes_and_goes_is_noticed_with_its_times(recording):
+    found = handling(prepare(carrying(recording, 2.0, 8.0)), ARM)
+    assert found is not None and found.link == "arm6_link6" and found.mass == pytest.approx(2.0, rel=0.15)
+    assert np.round(found.times[1:4], 0).tolist() == [[12.0, 16.0], [20.0, 24.0], [28.0, 32.0]]
+
+
+@pytest.mark.parametrize("period, share", [(8.0, 0.0), (8.0, 1.0), (40.0, 0.5), (20.0, 0.1)])
+def test_no_load_one_that_stays_and_one_or_two_pushes_are_none(recording, period, share):
+    assert handling(prepare(carrying(recording, 2.0, period, share)), ARM) is None
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "backlash@arm6_joint4:gap=0.02",
+        "stribeck_friction@arm6_joint6:coulomb=0.5,static=1.5,velocity=0.05",
+        "joint_spring@arm6_joint5:stiffness=4,rest=0.5",
+        "drift@arm6_joint2:of=coulomb,start_value=2,end_value=8",
+        "payload@arm6_link6:mass=2,com_x=0.05",
+        "external_wrench@arm6_link6:start=10,end=14,force_z=-20",
+    ],
+)
+def test_no_other_cause_is_taken_for_one(effect):
+    assert handling(prepare(worn(effect)), ARM) is None
+
+
+def test_what_was_recorded_without_it_is_diagnosed(recording, tmp_path, capsys):
+    """With it a push, a payload elsewhere, offsets and ripples were named instead, after minutes."""
+    loaded = carrying(recording, 2.0, 8.0)
+    (free,) = unloaded([loaded], ARM)
+    assert 0.4 < free.recorded / loaded.recorded < 0.6 and "picks up about 2" in free.notes[-1]
+    assert {f.effect for f in diagnose([free], ARM).findings} == {
+        *("coulomb_friction", "viscous_friction", "armature")
+    }
+    bag = str(bags.write(loaded, tmp_path / "bag"))
+    assert main(["info", bag]) == 0
+    assert "no one model is right of all of it" in capsys.readouterr().out
