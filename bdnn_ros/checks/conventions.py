@@ -159,8 +159,8 @@ def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
     if degrees or signals.effort is None:
         return
     borne = Borne.of(signals, robot)
-    alone = list(_overdriven(signals, robot)) or list(_hardly_borne(borne, signals.joints))
-    found = alone or list(_turned(borne, signals.joints)) or list(misread(signals, robot))
+    found = list(_turned(borne, signals.joints)) or list(misread(signals, robot))
+    found = found or list(_overdriven(signals, robot)) or list(_hardly_borne(borne, signals.joints))
     if not found and _gravity_left_out(borne):
         found = [weightless()]
     yield from found or _out_of_proportion(borne)
