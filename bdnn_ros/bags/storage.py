@@ -81,9 +81,8 @@ class Storage:
         try:
             return self._stack.enter_context(Reader(part))
         except (KeyError, ReaderError) as error:
-            foreign = isinstance(error, KeyError) or "Profile" in str(
-                error
-            )  # a schema's encoding, or a file's profile
+            # a schema of an encoding that it does not know, or another profile of the file
+            foreign = isinstance(error, KeyError) or "Profile" in str(error)
             if part.suffix != ".mcap" or not foreign:
                 raise
             directory = self._stack.enter_context(TemporaryDirectory())

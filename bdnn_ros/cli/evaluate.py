@@ -80,11 +80,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _say_rollout(rollout: RolloutError, signals: Signals) -> None:
     """Says why a motion could not be integrated, or not for so long."""
-    if not rollout.windows:
+    unmeasured = without_effort(signals)
+    if unmeasured:
         options.say(
-            f"No motion is integrated: the effort of {listed(without_effort(signals))} was not measured, and what a "
+            f"No motion is integrated: the effort of {listed(unmeasured)} was not measured, and what a "
             "joint does, the others feel."
         )
+    elif not rollout.windows:
+        options.say("No motion is integrated: there is too little of it.")
     elif rollout.lost:
         these = "all" if rollout.lost == rollout.windows else f"{rollout.lost} of {rollout.windows}"
         options.say(
