@@ -114,6 +114,10 @@ def test_chosen_formats_only(tmp_path: Path) -> None:
         out = tmp_path / formats
         assert main(["export", str(tmp_path), "--out", str(out), "--formats", formats]) == 0
         assert sorted(p.name for p in out.iterdir()) == names
+        beside = (out / "effects.yaml").read_text()  # speaks of no file that is not there
+        assert names[1] in beside and ("urdf" in beside) == (formats == "urdf") and "also_in" not in beside
+        held = {one["effect"] for one in yaml.safe_load(beside)["effects"]}
+        assert held == ({"armature", "effort_offset"} if formats == "urdf" else set())  # MuJoCo's has them
     assert main(["export", str(tmp_path), "--out", str(tmp_path / "y"), "--formats", "yaml"]) == 0
     assert [p.name for p in (tmp_path / "y").iterdir()] == ["parameters.yaml"]
 

@@ -18,13 +18,13 @@ from bdnn_ros.errors import DataError, UsageError, listed
 from bdnn_ros.extension.effects_file import entry
 from bdnn_ros.extension.extend import of_physical
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.extension.files import write_bytes, write_model_files
+from bdnn_ros.extension.files import ROBOTS, write_bytes, write_model_files
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters_report import tilt_entry, zeros_entry
 from bdnn_ros.robot import Robot
 
-FORMATS = ("urdf", "mjcf", "yaml", "onnx")
+FORMATS = (*ROBOTS, "yaml", "onnx")
 STEM, PARAMETERS, GRAPH = "model", "parameters.yaml", "inverse_dynamics.onnx"
 
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     written: list[Path] = []
     with outputs.written_together(args.out) as place:
-        if formats & {"urdf", "mjcf"}:
+        if formats & set(ROBOTS):
             written += _write_robot(model, place, formats)
         if "yaml" in formats:
             text = yaml.safe_dump(describe(model), sort_keys=False, allow_unicode=True)
@@ -76,12 +76,7 @@ def _write_robot(model: Model, out: Path, formats: set[str]) -> list[Path]:
         return []
     if left_out:
         options.say(left_out)
-    paths = write_model_files(robot, out, STEM)
-    unwanted = [f".{name}" for name, kind in (("urdf", "urdf"), ("xml", "mjcf")) if kind not in formats]
-    for path in [path for path in paths if path.suffix in unwanted]:
-        path.unlink()
-        paths.remove(path)
-    return paths
+    return write_model_files(robot, out, STEM, formats & set(ROBOTS))
 
 
 def _as_robot(model: Dynamics) -> tuple[ExtendedModel | None, str]:

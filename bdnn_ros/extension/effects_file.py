@@ -19,20 +19,31 @@ ALSO_IN = "also_in"
 """Key of an entry that says which other file carries the effect as well."""
 KEYS = ("effect", "variant", "joint", "link", "parameters", ALSO_IN)
 """Of an entry."""
+THIS = "this file"
 
 
-def preamble(stem: str) -> str:
-    """Which file carries what, as comments."""
-    urdf, mjcf = f"{stem}.urdf", f"{stem}.mjcf.xml"
-    wide = len(mjcf)
-    return f"""\
-# What {urdf} cannot say. Nothing is to be applied twice:
-#   {urdf:{wide}}  carries the links' inertias, payloads, zeros, the base's tilt, damping and friction
-#   {"this file":{wide}}  carries all the rest; with {urdf} it is the whole model:
-#   {"":{wide}}  bdnn simulate --urdf {urdf} --effects effects.yaml
-#   {mjcf}  stands alone: what {urdf} carries, and of this file what says so under {ALSO_IN}
-# Effort that really acts(t) = scale * measured(t - delay) + offset. SI units and radians.
-"""
+def preamble(urdf: str = "", mjcf: str = "") -> str:
+    """Which of the files that are there carries what, as comments."""
+    lines = [f"What {urdf or mjcf} cannot say. Nothing is to be applied twice:"]
+    wide = max(len(urdf), len(mjcf), len(THIS))
+    carried = "the links' inertias, payloads, zeros, the base's tilt, damping and friction"
+    if urdf:
+        lines += [
+            f"  {urdf:{wide}}  carries {carried}",
+            f"  {THIS:{wide}}  carries all the rest; with {urdf} it is the whole model:",
+            f"  {'':{wide}}  bdnn simulate --urdf {urdf} --effects effects.yaml",
+        ]
+    if urdf and mjcf:
+        lines += [
+            f"  {mjcf:{wide}}  stands alone: what {urdf} carries, and of this file what says so under {ALSO_IN}"
+        ]
+    elif mjcf:
+        lines += [
+            f"  {mjcf:{wide}}  carries the links, friction, rotors, springs, zeros, the base's tilt, scales and offsets",
+            f"  {THIS:{wide}}  carries all the rest",
+        ]
+    lines += ["Effort that really acts(t) = scale * measured(t - delay) + offset. SI units and radians."]
+    return "".join(f"# {line}\n" for line in lines)
 
 
 def entry(effect: Installed, robot: Robot) -> dict[str, Any]:
@@ -80,23 +91,28 @@ def from_entries(entries: Sequence[object], robot: Robot) -> list[Installed]:
 
 
 def effects_text(
-    effects: Sequence[Installed], robot: Robot, in_mjcf: Sequence[Installed] = (), stem: str = "extended"
+    effects: Sequence[Installed],
+    robot: Robot,
+    in_mjcf: Sequence[Installed] = (),
+    urdf: str = "extended.urdf",
+    mjcf: str = "extended.mjcf.xml",
 ) -> str:
     """The text of an effects.yaml.
 
     Args:
-        effects: what the extended URDF does not carry.
+        effects: what the files beside do not carry: the URDF, or the MuJoCo model where there is no URDF.
         in_mjcf: those of them that the MuJoCo model carries.
-        stem: of the names of the URDF and the MuJoCo model.
+        urdf: name of the URDF beside, "" where there is none.
+        mjcf: name of the MuJoCo model beside, "" where there is none.
     """
     entries = []
     for effect in effects:
         one = entry(effect, robot)
-        if effect in in_mjcf:
-            one[ALSO_IN] = [f"{stem}.mjcf.xml"]
+        if mjcf and effect in in_mjcf:
+            one[ALSO_IN] = [mjcf]
         entries.append(one)
     document = {"format": FORMAT, "version": VERSION, "joints": list(robot.joints), "effects": entries}
-    return preamble(stem) + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    return preamble(urdf, mjcf) + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
 
 
 def read_effects(path: str | Path, robot: Robot) -> list[Installed]:

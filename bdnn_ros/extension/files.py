@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination
 
 EFFECTS = "effects.yaml"
+ROBOTS = ("urdf", "mjcf")
+"""Formats that hold links and joints."""
 
 
 def write_extension(examination: Examination, out: Path) -> list[Path]:
@@ -23,14 +26,28 @@ def write_extension(examination: Examination, out: Path) -> list[Path]:
     return write_model_files(extend(examination), out)
 
 
-def write_model_files(model: ExtendedModel, out: Path, stem: str = "extended") -> list[Path]:
-    """Write an extended model as URDF, MuJoCo model and effects; each file whole or not at all."""
+def write_model_files(
+    model: ExtendedModel, out: Path, stem: str = "extended", formats: Collection[str] = ROBOTS
+) -> list[Path]:
+    """Write an extended model as URDF, MuJoCo model and effects; each file whole or not at all.
+
+    Args:
+        model: what is written.
+        out: the directory.
+        stem: of the names of the URDF and the MuJoCo model.
+        formats: which of the two are written; effects.yaml has what the first of them cannot say.
+    """
+    urdf = f"{stem}.urdf" if "urdf" in formats else ""
+    mjcf = f"{stem}.mjcf.xml" if "mjcf" in formats else ""
     beside = beside_urdf(model)
-    texts = {
-        f"{stem}.urdf": extended_urdf(model),
-        f"{stem}.mjcf.xml": extended_mjcf(model),
-        EFFECTS: effects_text(beside, model.robot, beside_mjcf(beside), stem),
-    }
+    in_mjcf = beside_mjcf(beside)
+    if not urdf:
+        beside = [effect for effect in beside if effect not in in_mjcf]
+    texts = {EFFECTS: effects_text(beside, model.robot, in_mjcf, urdf, mjcf)}
+    if mjcf:
+        texts = {mjcf: extended_mjcf(model), **texts}
+    if urdf:
+        texts = {urdf: extended_urdf(model), **texts}
     out.mkdir(parents=True, exist_ok=True)
     return [write_text(out / name, text) for name, text in texts.items()]
 
