@@ -15,9 +15,9 @@ from bdnn_ros.dynamics import Dynamics
 
 POSES = 500
 PATH_STEPS = 20
+"""Points of the line integral of gravity that gives the potential energy."""
 STEP = 1e-5
 """Of central differences by position [rad]."""
-"""Steps of the line integral of gravity that gives the potential energy."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(PATH_STEPS)
 
 

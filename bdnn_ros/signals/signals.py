@@ -150,7 +150,7 @@ class Signals:
 
     @cached_property
     def interior(self) -> np.ndarray:
-        """Samples far enough from a segment's end that `smooth` saw no edge there, (N,) bool."""
+        """Samples two standard deviations of `smooth`'s kernel or more from a segment's end, (N,) bool: no edge to speak of."""
         margin = int(np.ceil(2.0 * self.kernel_std * self.rate))
         inside = np.zeros(len(self), bool)
         for rows in self.segments:
