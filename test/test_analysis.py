@@ -5,9 +5,14 @@ from __future__ import annotations
 import queue
 from typing import Any
 
+import numpy as np
+
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.analysis import Analyst
+from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
+from bdnn_ros.online.feed import Feed
+from bdnn_ros.online.intake import Intake
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm2")
@@ -42,3 +47,28 @@ def test_every_question_is_answered_whatever_fails(capfd):
         "No motion.",
     ]
     assert "on purpose" in capfd.readouterr().err
+
+
+def test_times_of_a_diagnosis_are_the_publisher_s_stamps(monkeypatch):
+    """As those of a change are: both stand in one message."""
+    begun, said = 1_700_000_000_000_000_000, queue.Queue[Message]()
+    ring = Ring.create(1000, 6)
+    intake = Intake(ARM.joints, ring)
+    for row in range(500):
+        stamp = begun + row * 10_000_000
+        intake.take(list(ARM.joints), [0.1 * row, 0.0], [0.0, 0.0], [0.0, 0.0], stamp, stamp)
+    times = {"start": {"value": 1.5}, "end": {"value": 3.0}, "force_x": {"value": 7.0}}
+    found = {"effect": "external_wrench", "share": 0.5, "parameters": times}
+    diagnosis = {"verdict": "explained", "findings": [found], "gain": {"value": 0.5}, "advice": []}
+    monkeypatch.setattr(Analyst, "_answer", lambda self, asked: {"diagnosis": diagnosis})
+    analyst = Analyst(said.put)
+    analyst.begin(ARM, Feed(ARM.joints, ring), BEGUN)
+    analyst.ask(0.0, 1)
+    (told,) = said.get(timeout=5.0).info["diagnosis"]["findings"]
+    values = {name: parameter["value"] for name, parameter in told["parameters"].items()}
+    np.testing.assert_allclose(
+        [values["start"], values["end"]], begun * 1e-9 + np.array([1.5, 3.0]), rtol=0, atol=0.011
+    )
+    assert values["force_x"] == 7.0
+    merged = analyst.with_change(told)["findings"]
+    assert merged == [told, told]  # on one clock

@@ -131,6 +131,8 @@ class Analyst:
             self._busy.set()
             try:
                 told = self._answer(question(job.feed.recording(job.window), job.robot, job.cutoff))
+                if "diagnosis" in told:
+                    told["diagnosis"] = diagnosis_with_stamps(told["diagnosis"], job.feed.states)
             except (BdnnError, OSError) as error:  # OSError: the machine has no room for another process
                 told = {"error": str(error)}
             except Exception as error:  # whatever it is, who asked must hear of it, and who asks next
@@ -158,6 +160,11 @@ class Analyst:
         finally:
             channel.close()
             process.wait()
+
+
+def diagnosis_with_stamps(diagnosis: dict[str, Any], states: Ring) -> dict[str, Any]:
+    """A diagnosis whose findings' times are the publisher's stamps [s] instead of stream time."""
+    return {**diagnosis, "findings": [with_stamps(finding, states) for finding in diagnosis["findings"]]}
 
 
 def with_stamps(finding: dict[str, Any], states: Ring) -> dict[str, Any]:

@@ -50,7 +50,6 @@ class Trainer:
         self.robot: Robot | None = None
         self.epoch = 0
         self.analyst = Analyst(self.say)
-        self._rejected = 0
         self._missed = 0
 
     def say(self, message: Message) -> None:
@@ -139,8 +138,7 @@ class Trainer:
     def _tell_rejected(self) -> None:
         assert self.learning is not None
         for reason in self.learning.rejected:
-            self._rejected += 1
-            self.say(Message("rejected", {"reason": reason, "count": self._rejected}))
+            self.say(Message("rejected", {"reason": reason}))
         self.learning.rejected.clear()
 
     def _tell_changes(self) -> None:
@@ -175,6 +173,8 @@ class Trainer:
         resume = PhysicalModel.from_state(message.arrays, info["resume"]) if "resume" in info else None
         self.training = bool(info["training"])
         self.epoch = int(info["epoch"])
+        if info["kept"] == info["start"]:  # else the same stream goes on
+            self._missed = 0
         settings = Settings(effort_factors=tuple(info["effort_factors"]), add_gravity=info["add_gravity"])
         self.feed = Feed(
             self.robot.joints,
