@@ -13,6 +13,7 @@ from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import contains, log_odds
+from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get, variants
@@ -194,15 +195,20 @@ def test_friction_that_was_found_is_not_in_what_an_effort_scale_scales():
     assert np.abs(found.load - motion.load).max() > 0.2
 
 
-def test_friction_beside_a_wrong_effort_scale_is_told_as_it_acts():
+@pytest.mark.parametrize(
+    "spec", ["viscous_friction@arm2_joint2:viscous=0.2", "effort_offset@arm2_joint2:offset=0.2"]
+)
+def test_what_is_beside_a_wrong_effort_scale_is_told_as_it_acts(spec):
     """It is measured in the sensor's wrong unit."""
-    specs = ("effort_scale@arm2_joint2:scale=0.8", "viscous_friction@arm2_joint2:viscous=0.2")
+    specs = ("effort_scale@arm2_joint2:scale=0.8", spec)
     equations = equations_of(specs)
     terms = [Term(get(spec.split("@")[0]), 1) for spec in specs]
     pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale), terms, 1e-4)
     fit = pool.fit([0, 1])
     assert pool.acting(fit, 1) == pytest.approx(0.8, rel=1e-3)
     assert pool.acting(fit, 0) == 1.0
+    (told,) = estimates(pool, fit)[1].quantities.values()
+    assert told.value == pytest.approx(0.8 * 0.2, rel=1e-3)
 
 
 def test_rivals_are_tried_by_how_far_they_are_behind_within_all_bounds(monkeypatch):

@@ -33,6 +33,19 @@ def test_a_scaled_effort_has_the_scale_it_has(scale: float) -> None:
     assert first.parameters["scale"].value == pytest.approx(scale, rel=0.05)
 
 
+def test_an_offset_beside_a_wrong_scale_is_told_as_it_acts() -> None:
+    """Finding and extended model tell the same number, in the effort that acts: scale * measured + offset."""
+    found = examined(
+        Robot.bundled("arm2"), "effort_offset@arm2_joint2:offset=0.3", "effort_scale@arm2_joint2:scale=1.25"
+    )
+    named = {finding.effect: finding.parameters for finding in found.diagnosis.findings}
+    assert set(named) == {"effort_offset", "effort_scale"}
+    told = named["effort_offset"]["offset"]
+    assert told.value == pytest.approx(0.3, rel=0.02) and told.std < 0.02
+    (installed,) = (e.values["offset"] for e in extend(found).effects if e.effect.name == "effort_offset")
+    assert installed == told.value
+
+
 def test_a_payload_hangs_from_a_tilted_base() -> None:
     """The tilt turns gravity for the payload as well, and the extended model errs as little as the fit."""
     robot = Robot.bundled("arm7")

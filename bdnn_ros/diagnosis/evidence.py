@@ -300,13 +300,13 @@ class Pool:
         return fit.coefficients[self._rows(fit, chosen)]
 
     def acting(self, fit: Fit, chosen: int) -> float:
-        """Acting effort per measured effort of a term: the effort scale of its joint if it is in the drive, else 1.
+        """Acting effort per measured effort of a term: the effort scale of its joint if it is in the drive or an offset, else 1.
 
         What a drive takes is measured in its sensor's units: where the fit has a wrong effort scale there, it takes that
-        much more or less.
+        much more or less. An offset counts in the effort that acts.
         """
         term = self.terms[chosen]
-        for other in fit.terms if term.effect.in_drive else ():
+        for other in fit.terms if term.effect.in_drive or term.effect.name == "effort_offset" else ():
             if self.terms[other].effect.name == "effort_scale" and self.terms[other].target == term.target:
                 return float(self.terms[other].effect.values(self.coefficients(fit, other), {})["scale"])
         return 1.0

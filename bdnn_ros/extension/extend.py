@@ -50,7 +50,7 @@ def extend(examination: Examination) -> ExtendedModel:
             values = {name: q.value for name, q in finding.parameters.items()}
             found.append(Installed(effect, robot.joints.index(str(finding.joint)), finding.link, values))
             stds.append({name: q.std for name, q in finding.parameters.items()})
-    found = _tilted_further(robot, _scaled_offsets(found))
+    found = _tilted_further(robot, found)
     links = equations.rigid.shape[2]
     errors, covariance = fit.coefficients[:links], fit.covariance[:links, :links]
     turning = robot.with_inertials(robot.inertials + _own_inertias(robot, examination.estimates))
@@ -170,21 +170,6 @@ def _offsets_moved(model: ExtendedModel, errors: np.ndarray) -> ExtendedModel:
         for e in model.effects
     )
     return replace(model, effects=effects)
-
-
-def _scaled_offsets(effects: Sequence[Installed]) -> list[Installed]:
-    """Offsets in the contract's convention beside a scale on the same joint.
-
-    The regression adds the effects up, measured = acting / scale - column; the contract has
-    measured = (acting - offset) / scale.
-    """
-    scales = {e.target: e.values["scale"] for e in effects if e.effect.name == "effort_scale"}
-    result = []
-    for e in effects:
-        if e.effect.name == "effort_offset" and e.target in scales:
-            e = replace(e, values={"offset": e.values["offset"] * scales[e.target]})
-        result.append(e)
-    return result
 
 
 def _tilted_further(robot: Robot, found: Sequence[Installed]) -> list[Installed]:
