@@ -62,6 +62,30 @@ def test_bundled_robots_as_they_are(name: str) -> None:
     np.testing.assert_allclose(inverse(*loaded(model), *state), wanted, atol=1e-7 * np.abs(wanted).max())
 
 
+GIMBAL = """<robot name="gimbal"><link name="world"/>
+<joint name="rail" type="prismatic"><parent link="world"/><child link="base"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" velocity="1" effort="200"/></joint>
+<link name="base"><inertial><mass value="6"/><inertia ixx=".05" ixy="0" ixz="0" iyy=".05" iyz="0" izz=".05"/></inertial></link>
+<joint name="yaw" type="revolute"><parent link="base"/><child link="cross"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="3" effort="60"/></joint><link name="cross"/>
+<joint name="pitch" type="revolute"><parent link="cross"/><child link="fore"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" velocity="3" effort="60"/></joint>
+<link name="fore"><inertial><origin xyz=".2 0 .02"/><mass value="3"/>
+<inertia ixx=".01" ixy="0" ixz="0" iyy=".05" iyz="0" izz=".05"/></inertial></link></robot>"""
+
+
+def test_a_moving_base_and_a_link_without_mass() -> None:
+    """MuJoCo knows one body of a name, and none that weighs nothing."""
+    for text in (
+        GIMBAL,
+        GIMBAL.replace('"base"', '"odd"').replace('"world"', '"base"').replace('"odd"', '"world"'),
+    ):
+        model = model_of(Robot.from_urdf(text))
+        state = states(3)
+        wanted = model.robot.rigid_effort(*state)
+        np.testing.assert_allclose(inverse(*loaded(model), *state), wanted, atol=1e-7 * np.abs(wanted).max())
+
+
 def test_inverse_dynamics_with_effects() -> None:
     robot = Robot.bundled("arm7")
     model = model_of(robot.with_inertials(1.04 * robot.inertials), *SPECS)

@@ -11,12 +11,14 @@ from cli_cases import sliding_arm
 
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError, RobotError, UsageError
-from bdnn_ros.extension.effects_file import effects_text, read_effects
+from bdnn_ros.extension.effects_file import as_recorded, effects_text, read_effects
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.extension.urdf_text import UrdfText
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of
+from bdnn_ros.signals import prepare
 
 SPECS = (
     "coulomb_friction@arm7_joint4:coulomb=1.3",
@@ -180,6 +182,37 @@ def test_urdf_and_effects_are_the_whole_model(robot: Robot, tmp_path) -> None:
     wanted = model.inverse_dynamics(*state)
     np.testing.assert_allclose(again.inverse_dynamics(*state), wanted, atol=1e-9 * np.abs(wanted).max())
     assert {e.effect.name for e in again.effects} == {"armature", "joint_spring", "hysteresis"}
+
+
+def test_a_push_is_along_the_axes_of_the_base_that_is_written(robot: Robot, tmp_path) -> None:
+    """A tilted base hangs from a level one, and along that one's axes a reader takes the push."""
+    push = "external_wrench@arm7_link7:start=0.2,end=0.8,force_x=20,force_z=-15,torque_y=2"
+    model = model_of(robot, push, "base_tilt:roll_deg=6,pitch_deg=80")
+    path = tmp_path / "effects.yaml"
+    path.write_text(effects_text(beside_urdf(model), robot))
+    read = Robot.from_urdf(extended_urdf(model))
+    again = ExtendedModel(read, tuple(read_effects(path, read)), model.noise)
+    time = np.arange(100) / 100.0
+    position = np.sin(time[:, None] + np.arange(robot.width))
+    signals = prepare(Recording(time, robot.joints, position, None, np.zeros_like(position), name="swing"))
+    wanted = model.predict(signals)
+    none = model_of(robot, "base_tilt:roll_deg=6,pitch_deg=80").predict(signals)
+    assert np.abs(wanted - none).max() > 5.0
+    np.testing.assert_allclose(again.predict(signals), wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_joints_that_were_held_are_held_again(robot: Robot, tmp_path) -> None:
+    chosen = tuple(joint for joint in robot.joints if joint != "arm7_joint3")
+    some = Robot.from_urdf(robot.urdf, chosen, {"arm7_joint3": 0.9})
+    model = model_of(some, "payload@arm7_link7:mass=1,com_z=0.1")
+    path = tmp_path / "effects.yaml"
+    path.write_text(effects_text(beside_urdf(model), some))
+    again = as_recorded(path, Robot.from_urdf(extended_urdf(model)))
+    assert again.joints == chosen and dict(again.held) == {"arm7_joint3": 0.9}
+    same_rigid_effort(model, again)
+    path.write_text("{joints: [arm7_joint1], held: {arm7_joint3: askew}, effects: []}")
+    with pytest.raises(UsageError, match="held is no number"):
+        as_recorded(path, robot)
 
 
 @pytest.mark.parametrize(

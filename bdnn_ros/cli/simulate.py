@@ -12,8 +12,8 @@ from bdnn_ros.checks.description import require_mass
 from bdnn_ros.cli import options, outputs
 from bdnn_ros.cli.options import counted
 from bdnn_ros.effects.registry import EFFECTS
-from bdnn_ros.errors import UsageError
-from bdnn_ros.extension.effects_file import read_effects
+from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.extension.effects_file import as_recorded, read_effects
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.simulation.possible import never_acting
 from bdnn_ros.simulation.scenario import Scenario
@@ -85,6 +85,11 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, write the bag and the truth, say where."""
     outputs.require_directory(args.out)
     robot = _robot(args)
+    if args.effects:
+        robot = as_recorded(args.effects, robot)
+        if robot.held:
+            held = listed(f"{joint} at {position:.4g}" for joint, position in robot.held)
+            options.say(f"Held as {args.effects} has it: {held}.")
     require_mass(robot)
     options.say_mimics(robot)
     installed = read_effects(args.effects, robot) if args.effects else []

@@ -17,6 +17,8 @@ FORMAT = "bdnn_ros/effects"
 VERSION = 1
 ALSO_IN = "also_in"
 """Key of an entry that says which other file carries the effect as well."""
+HELD = "held"
+"""Key of where the joints stand that are not among `joints` [rad] ([m])."""
 KEYS = ("effect", "variant", "joint", "link", "parameters", ALSO_IN)
 """Of an entry."""
 THIS = "this file"
@@ -111,7 +113,10 @@ def effects_text(
         if mjcf and effect in in_mjcf:
             one[ALSO_IN] = [mjcf]
         entries.append(one)
-    document = {"format": FORMAT, "version": VERSION, "joints": list(robot.joints), "effects": entries}
+    document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "joints": list(robot.joints)}
+    if robot.held:
+        document[HELD] = {joint: float(position) for joint, position in robot.held}
+    document["effects"] = entries
     return preamble(urdf, mjcf) + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
 
 
@@ -121,6 +126,36 @@ def read_effects(path: str | Path, robot: Robot) -> list[Installed]:
     Raises:
         UsageError: the file cannot be read, is of another format, or does not fit the robot.
     """
+    document = _document(path)
+    try:
+        return from_entries(document["effects"], robot)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error.problem}", error.remedy) from None
+
+
+def as_recorded(path: str | Path, robot: Robot) -> Robot:
+    """The robot with the joints of an effects.yaml, where that was written of some of them: the others held as they were.
+
+    Raises:
+        UsageError: the file cannot be read, or names joints that the robot does not have.
+    """
+    document = _document(path)
+    held, joints = document.get(HELD), document.get("joints")
+    if not held:
+        return robot
+    if not isinstance(held, dict) or not isinstance(joints, list):
+        raise UsageError(
+            f"{path}: joints and where others are held cannot be read.", "Give it as it was written."
+        )
+    try:
+        return Robot.from_urdf(robot.urdf, [*map(str, joints)], {str(j): float(at) for j, at in held.items()})
+    except (TypeError, ValueError):
+        raise UsageError(
+            f"{path}: where joints are held is no number.", "Give it as it was written."
+        ) from None
+
+
+def _document(path: str | Path) -> dict[str, Any]:
     try:
         document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -133,7 +168,4 @@ def read_effects(path: str | Path, robot: Robot) -> list[Installed]:
             f"{path} has version {document.get('version')}, this program reads version {VERSION}.",
             "Use the release that wrote it.",
         )
-    try:
-        return from_entries(document["effects"], robot)
-    except UsageError as error:
-        raise UsageError(f"{path}: {error.problem}", error.remedy) from None
+    return document

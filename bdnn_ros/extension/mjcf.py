@@ -8,19 +8,22 @@ touch nothing.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.extension.urdf import IN_URDF, Joints, joints_of, named
+from bdnn_ros.extension.urdf import IN_URDF, Joints, joints_of, named, upright
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.urdf import inertia_of
 
 IN_MJCF = frozenset({"armature", "joint_spring", "effort_scale", "effort_offset"})
 """Effects that a MuJoCo model carries beside those of the URDF."""
+WORLD = "world"
+SPECK = np.array([1e-9, 0.0, 0.0, 0.0, 1e-12, 0.0, 1e-12, 0.0, 0.0, 1e-12])
+"""Stands for a body without mass, which MuJoCo refuses: m, m·c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg, kg·m, kg·m²]."""
 TIMESTEP = 0.001
 """[s]"""
 THICKNESS = 0.12
@@ -39,17 +42,28 @@ def extended_mjcf(model: ExtendedModel) -> str:
     root.append(ElementTree.Comment(_preamble(model)))
     ElementTree.SubElement(root, "compiler", angle="radian", inertiafromgeom="false", autolimits="true")
     ElementTree.SubElement(root, "option", timestep=_numbers(TIMESTEP), integrator="implicitfast")
+    names = _body_names(robot)
     world = ElementTree.SubElement(root, "worldbody")
     ElementTree.SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
     # gravity stays vertical; a tilted base is turned instead
-    base = ElementTree.SubElement(world, "body", name="base", quat=_quaternion(_upright(robot)))
-    _add_bodies(base, model)
+    base = ElementTree.SubElement(world, "body", name=names[0], quat=_quaternion(upright(robot)))
+    _add_bodies(base, model, names[1:])
     _add_motors(root, model)
     ElementTree.indent(root)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _add_bodies(base: ElementTree.Element, model: ExtendedModel) -> None:
+def _body_names(robot: Robot) -> list[str]:
+    """Names of the base and of the joints' moving links: MuJoCo's own body is called world, and no two are called alike."""
+    names = list[str]()
+    for name in (WORLD, *map(robot.moving_link, robot.joints), "base"):
+        while name in names:
+            name += "_"
+        names.append(name)
+    return [names[-1], *names[1:-1]]
+
+
+def _add_bodies(base: ElementTree.Element, model: ExtendedModel, names: Sequence[str]) -> None:
     robot, joints = model.robot, joints_of(model)
     tree, order = robot.pinocchio_model()
     bodies = {0: base}
@@ -59,7 +73,7 @@ def _add_bodies(base: ElementTree.Element, model: ExtendedModel) -> None:
         body = ElementTree.SubElement(
             bodies[tree.parents[index]],
             "body",
-            name=robot.moving_link(robot.joints[joint]),
+            name=names[joint],
             pos=_numbers(*placement.translation),
             quat=_quaternion(placement.rotation),
         )
@@ -70,7 +84,7 @@ def _add_bodies(base: ElementTree.Element, model: ExtendedModel) -> None:
 
 
 def _inertial(parameters: np.ndarray) -> ElementTree.Element:
-    inertia = inertia_of(parameters)
+    inertia = inertia_of(parameters if parameters.any() else SPECK)
     matrix = inertia.inertia
     about_centre = (matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     return ElementTree.Element(
@@ -154,12 +168,6 @@ def _preamble(model: ExtendedModel) -> str:
     rest = [name for name in names if name not in IN_URDF | IN_MJCF]
     missing = f" It leaves out {', '.join(rest)}: see effects.yaml." if rest else ""
     return f" Stands alone, without the URDF.{missing} "
-
-
-def _upright(robot: Robot) -> np.ndarray:
-    """Rotation of the base (3, 3) that makes the robot's gravity vertical."""
-    roll, pitch = tilt_of(robot.gravity_vector)
-    return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, 0.0))
 
 
 def _name(urdf: str) -> str:

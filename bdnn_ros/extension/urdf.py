@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
+from bdnn_ros.effects.environment import COMPONENTS
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, payload_parameters
 from bdnn_ros.errors import UsageError
@@ -47,6 +48,12 @@ def named(model: ExtendedModel, name: str) -> list[Installed]:
     return [effect for effect in model.effects if effect.effect.name == name]
 
 
+def upright(robot: Robot) -> np.ndarray:
+    """Rotation of the base (3, 3) that makes the robot's gravity vertical."""
+    roll, pitch = tilt_of(robot.gravity_vector)
+    return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, 0.0))
+
+
 def beside_urdf(model: ExtendedModel) -> list[Installed]:
     """The effects that an extended URDF leaves out; armature of the robot itself becomes one of them."""
     armature = joints_of(model).armature
@@ -56,7 +63,17 @@ def beside_urdf(model: ExtendedModel) -> list[Installed]:
         if value
     ]
     rest = [e for e in model.effects if e.effect.name not in IN_URDF and e.effect.name != "armature"]
-    return [*rotors, *rest]
+    return [*rotors, *(_from_level(effect, model.robot) for effect in rest)]
+
+
+def _from_level(effect: Installed, robot: Robot) -> Installed:
+    """An effect for a robot that is described from a level base: pushes on links are along that one's axes."""
+    if COMPONENTS[0] not in effect.values:
+        return effect
+    wrench = np.reshape([effect.values[c] for c in COMPONENTS], (2, 3)) @ upright(robot).T
+    return replace(
+        effect, values={**effect.values, **dict(zip(COMPONENTS, wrench.ravel().tolist(), strict=True))}
+    )
 
 
 def extended_urdf(model: ExtendedModel) -> str:
