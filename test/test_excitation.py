@@ -11,8 +11,9 @@ from excitation_cases import finding, place, write_diagnosis
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.excitation import choice
+from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.choice import excite
-from bdnn_ros.excitation.motions import Bounds, Piece
+from bdnn_ros.excitation.motions import Piece
 from bdnn_ros.excitation.rivals import Case, read_case
 from bdnn_ros.excitation.separation import LINK_ERROR, STAMP_ERROR, THINNING, Design, left_out, motion_of
 from bdnn_ros.robot import Robot

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from cli_cases import sliding_arm
 
+from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import UsageError
-from bdnn_ros.excitation.motions import Bounds, changed, drawn, retouched, swinging
+from bdnn_ros.excitation.bounds import Bounds
+from bdnn_ros.excitation.choice import excite
+from bdnn_ros.excitation.motions import changed, drawn, retouched, swinging
 from bdnn_ros.excitation.routes import joined
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
 
@@ -116,3 +122,36 @@ def test_a_robot_too_weak_to_hold_itself_gets_no_piece() -> None:
     bounds = Bounds.of(robot, effort=0.01)
     rng = np.random.default_rng(0)
     assert all(drawn(robot, bounds, 4.0, np.ones(7), rng) is None for _ in range(5))
+
+
+def test_room_is_what_the_description_gives() -> None:
+    """A missing limit is half a turn from zero, or a turn from the other one; no joint needs more than a turn."""
+    robot = Robot.bundled("arm6")
+    lower, upper = (
+        np.array([-2.0, 3.5, -np.inf, 1.0, -6.28, -np.inf]),
+        np.array([1.0, 6.0, 2.0, np.inf, 6.28, np.inf]),
+    )
+    bounds = Bounds.of(replace(robot, limits=replace(robot.limits, lower=lower, upper=upper)), margin=0.0)
+    turn = 2.0 * np.pi
+    np.testing.assert_allclose(bounds.lower, [-2.0, 3.5, 2.0 - turn, 1.0, -np.pi, -np.pi])
+    np.testing.assert_allclose(bounds.upper, [1.0, 6.0, 2.0, 1.0 + turn, np.pi, np.pi])
+
+
+def test_a_long_axis_has_all_its_room() -> None:
+    robot = sliding_arm()
+    wide = np.where(robot.slides, 20.0, 1.0)
+    bounds = Bounds.of(replace(robot, limits=replace(robot.limits, lower=0.0 * wide, upper=wide)))
+    np.testing.assert_allclose(bounds.lower, 0.05 * wide)
+    np.testing.assert_allclose(bounds.upper, 0.95 * wide)
+    assert robot.slides.any()
+
+
+def test_limits_of_effort_are_kept_by_all_that_the_model_knows() -> None:
+    """Friction, scales and offsets of an extended model are none of its robot's."""
+    robot = Robot.bundled("arm2")
+    specs = ("coulomb_friction@arm2_joint2:coulomb=1.5", "effort_scale@arm2_joint1:scale=0.7")
+    model = ExtendedModel(robot, tuple(parse_spec(spec, robot) for spec in specs), np.zeros(2))
+    bounds = Bounds.of(robot, effort=0.6, model=model)
+    found = excite(robot, bounds=bounds, duration=8.0, rate=100.0, seed=3).trajectory
+    effort = np.abs(model.inverse_dynamics(found.position, found.velocity, found.acceleration)).max(axis=0)
+    assert (effort <= 0.6 * robot.limits.effort * 1.02).all() and (effort > 0.3 * robot.limits.effort).any()

@@ -15,10 +15,10 @@ from tqdm import tqdm
 from bdnn_ros.cli import options, outputs
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.choice import DECISIVE, Excitation, Progress, excite
-from bdnn_ros.excitation.motions import Bounds
 from bdnn_ros.excitation.rivals import Case, joints_of, read_case
-from bdnn_ros.online.models import load_model
+from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.simulation.excitation import OPEN_VELOCITY, Trajectory
 
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     if args.seed < 0:
         raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
     outputs.require_directory(args.out)
-    robot = _robot(args)
+    robot, model = _given(args)
     options.say_mimics(robot)
     _say_open(robot)
     case = read_case(args.case, robot) if args.case else None
@@ -90,6 +90,7 @@ def run(args: argparse.Namespace) -> int:
         acceleration=args.acceleration,
         effort=args.effort,
         ranges=_ranges(args.ranges),
+        model=model,
     )
     with _progress() as say:
         found = excite(
@@ -148,23 +149,24 @@ def yaml_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:
         yield f"  time_from_start: {{sec: {second}, nanosec: {rest}}}\n"
 
 
-def _robot(args: argparse.Namespace) -> Robot:
-    """The robot of MODEL, --urdf or --robot, else the one the diagnosis names."""
+def _given(args: argparse.Namespace) -> tuple[Robot, Model | None]:
+    """The robot of MODEL with the model itself, or that of --urdf or --robot, else the one the diagnosis names."""
     given = [name for name in ("model", "urdf", "robot") if getattr(args, name) is not None]
     if len(given) > 1:
         raise UsageError("More than one robot is given.", "Give MODEL, --urdf or --robot.")
     joints, source = joints_of(args.case) if args.case else ((), "")
     if args.model:
-        robot = getattr(load_model(args.model), "robot", None)
+        model = load_model(args.model)
+        robot = getattr(model, "robot", None)
         if not isinstance(robot, Robot):
             raise UsageError(
                 f"{args.model} is a black box: it does not know the robot's limits.", "Give --urdf instead."
             )
-        return robot
+        return robot, model
     if args.robot is not None or (not given and source in BUNDLED):
-        return Robot.bundled(source if args.robot is None else args.robot, joints)
+        return Robot.bundled(source if args.robot is None else args.robot, joints), None
     if args.urdf or (not given and source and Path(source).is_file() and Path(source).suffix == ".urdf"):
-        return Robot.from_file(args.urdf or source, joints)
+        return Robot.from_file(args.urdf or source, joints), None
     raise UsageError(
         "There is no robot.", "Give MODEL (the diagnosis's directory), --urdf FILE or --robot NAME."
     )

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.errors import DataError, UsageError
-from bdnn_ros.excitation.motions import Bounds, Piece, changed, drawn
+from bdnn_ros.excitation.bounds import Bounds
+from bdnn_ros.excitation.motions import Piece, changed, drawn
 from bdnn_ros.excitation.rivals import Case, Suspect
 from bdnn_ros.excitation.routes import joined, way
 from bdnn_ros.excitation.separation import Design, left_out

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import (
-    ACCELERATION_PER_VELOCITY,
     LONGEST_PERIOD,
     STEEPNESS,
     Trajectory,
     smooth_step,
-    velocity_limits,
 )
 
 BLEND = 0.8
@@ -38,78 +35,6 @@ RESERVE = 0.98
 """Share of the room that a piece is fitted to: between the samples looked at it may reach further."""
 ATTEMPTS = 10
 """A piece that asks too much effort is drawn smaller so often before it is given up."""
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """What a motion must keep, (n,) each: positions, and magnitudes of velocity, acceleration, effort."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    effort: np.ndarray
-
-    @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        *,
-        margin: float = 0.05,
-        velocity: float = 0.8,
-        acceleration: float | None = None,
-        effort: float = 0.8,
-        ranges: Mapping[str, tuple[float, float]] | None = None,
-    ) -> Bounds:
-        """The robot's limits, less what is kept in reserve.
-
-        Args:
-            margin: share of each joint's range kept free at both ends.
-            velocity, effort: share of the limits that may be used.
-            acceleration: [rad/s²] of every joint; None takes a multiple of its velocity.
-            ranges: narrower position ranges by joint [rad].
-
-        Raises:
-            UsageError: a share makes no sense, or a range is empty or of no joint.
-        """
-        for name, share, most in (("margin", margin, 0.49), ("velocity", velocity, 1), ("effort", effort, 1)):
-            if not (0.0 <= share <= most and (share > 0.0 or name == "margin")):
-                raise UsageError(f"A {name} of {share:g} makes no sense.", f"Use a share up to {most}.")
-        if acceleration is not None and not acceleration > 0.0:
-            raise UsageError(f"An acceleration of {acceleration:g} makes no sense.", "Use rad/s² above zero.")
-        low, high = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
-        for joint, (least, most_) in (ranges or {}).items():
-            if joint not in robot.joints:
-                raise UsageError(
-                    f"There is no joint {joint!r} to narrow.", f"There are {listed(robot.joints, 20)}."
-                )
-            if not least < most_:  # also where one is no number, which no comparison would keep
-                raise UsageError(
-                    f"The range {least:g} to {most_:g} of {joint} is none.",
-                    "Give a lower and a higher number.",
-                )
-            k = robot.joints.index(joint)
-            low[k], high[k] = max(low[k], least), min(high[k], most_)
-        reserve = margin * (high - low)
-        low, high = low + reserve, high - reserve
-        if (low >= high).any():
-            joint = robot.joints[int(np.argmax(low >= high))]
-            raise UsageError(f"{joint} has no room to move.", "Widen its range or the margin.")
-        speed = velocity * velocity_limits(robot)
-        quick = ACCELERATION_PER_VELOCITY * speed
-        if acceleration is not None:
-            quick = np.full_like(speed, acceleration)
-        return cls(low, high, speed, quick, effort * robot.limits.effort)
-
-    def kept_by(self, motion: Trajectory, robot: Robot, slack: float = 1e-6) -> bool:
-        """Whether a motion stays inside."""
-        inside = (motion.position >= self.lower - slack) & (motion.position <= self.upper + slack)
-        slow = np.abs(motion.velocity) <= self.velocity * (1.0 + slack)
-        gentle = np.abs(motion.acceleration) <= self.acceleration * (1.0 + slack)
-        if not (inside & slow & gentle).all():
-            return False
-        effort = robot.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
-        return bool((np.abs(effort) <= self.effort * (1.0 + slack)).all())
 
 
 @dataclass(frozen=True)

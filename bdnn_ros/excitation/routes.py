@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.excitation.motions import ATTEMPTS, Bounds, Piece
+from bdnn_ros.excitation.bounds import Bounds
+from bdnn_ros.excitation.motions import ATTEMPTS, Piece
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory, smooth_step
 

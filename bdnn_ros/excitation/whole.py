@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bdnn_ros.excitation.motions import Bounds, Piece, retouched, swinging
+from bdnn_ros.excitation.bounds import Bounds
+from bdnn_ros.excitation.motions import Piece, retouched, swinging
 from bdnn_ros.excitation.separation import Design
 from bdnn_ros.robot import Robot
 

@@ -1,0 +1,111 @@
+"""What a motion must keep: a robot's limits, less what is held in reserve."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.dynamics import Dynamics
+from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import ACCELERATION_PER_VELOCITY, Trajectory, velocity_limits
+
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a motion must keep, (n,) each: positions, and magnitudes of velocity, acceleration, effort.
+
+    Attributes:
+        model: what tells the effort; None takes the robot's own description.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    effort: np.ndarray
+    model: Dynamics | None = None
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        *,
+        margin: float = 0.05,
+        velocity: float = 0.8,
+        acceleration: float | None = None,
+        effort: float = 0.8,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+        model: Dynamics | None = None,
+    ) -> Bounds:
+        """The robot's limits, less what is kept in reserve; of more than a turn, one about the middle.
+
+        Args:
+            margin: share of each joint's range kept free at both ends.
+            velocity, effort: share of the limits that may be used.
+            acceleration: [rad/s²] of every joint; None takes a multiple of its velocity.
+            ranges: narrower position ranges by joint [rad].
+            model: tells the effort, where more is known than the robot's description.
+
+        Raises:
+            UsageError: a share makes no sense, or a range is empty or of no joint.
+        """
+        for name, share, most in (("margin", margin, 0.49), ("velocity", velocity, 1), ("effort", effort, 1)):
+            if not (0.0 <= share <= most and (share > 0.0 or name == "margin")):
+                raise UsageError(f"A {name} of {share:g} makes no sense.", f"Use a share up to {most}.")
+        if acceleration is not None and not acceleration > 0.0:
+            raise UsageError(f"An acceleration of {acceleration:g} makes no sense.", "Use rad/s² above zero.")
+        low, high = _room(robot)
+        for joint, (least, most_) in (ranges or {}).items():
+            if joint not in robot.joints:
+                raise UsageError(
+                    f"There is no joint {joint!r} to narrow.", f"There are {listed(robot.joints, 20)}."
+                )
+            if not least < most_:  # also where one is no number, which no comparison would keep
+                raise UsageError(
+                    f"The range {least:g} to {most_:g} of {joint} is none.",
+                    "Give a lower and a higher number.",
+                )
+            k = robot.joints.index(joint)
+            low[k], high[k] = max(low[k], least), min(high[k], most_)
+        reserve = margin * (high - low)
+        low, high = low + reserve, high - reserve
+        if (low >= high).any():
+            joint = robot.joints[int(np.argmax(low >= high))]
+            raise UsageError(f"{joint} has no room to move.", "Widen its range, or lower the margin.")
+        speed = velocity * velocity_limits(robot)
+        quick = ACCELERATION_PER_VELOCITY * speed
+        if acceleration is not None:
+            quick = np.full_like(speed, acceleration)
+        return cls(low, high, speed, quick, effort * robot.limits.effort, model)
+
+    def kept_by(self, motion: Trajectory, robot: Robot, slack: float = 1e-6) -> bool:
+        """Whether a motion stays inside."""
+        inside = (motion.position >= self.lower - slack) & (motion.position <= self.upper + slack)
+        slow = np.abs(motion.velocity) <= self.velocity * (1.0 + slack)
+        gentle = np.abs(motion.acceleration) <= self.acceleration * (1.0 + slack)
+        if not (inside & slow & gentle).all():
+            return False
+        model = robot if self.model is None else self.model
+        effort = model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        return bool((np.abs(effort) <= self.effort * (1.0 + slack)).all())
+
+
+def _room(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest position of each joint, (n,) each [rad] ([m]).
+
+    Where a limit is missing it is half a turn (π m) from zero, or a whole one from the other limit; a joint that may turn
+    further than once turns once about the middle of its range.
+    """
+    low, high = robot.limits.lower.copy(), robot.limits.upper.copy()
+    neither = np.isinf(low) & np.isinf(high)
+    low[neither], high[neither] = -np.pi, np.pi
+    low = np.where(np.isinf(low), high - TURN, low)
+    high = np.where(np.isinf(high), low + TURN, high)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    half = np.where(robot.slides, half, np.minimum(half, 0.5 * TURN))
+    return middle - half, middle + half
