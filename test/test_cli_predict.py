@@ -223,3 +223,7 @@ def test_joints_that_the_model_needs_are_named(
     bag = bag_of(tmp_path / "bag", swing(pendulum))
     assert main(["predict", "model", str(bag), "--joints", "wheel"]) == 2
     assert "The model does not have wheel; it has pivot." in capsys.readouterr().err
+    assert main(["predict", "model", str(bag), "--joints", "pivot,wheel"]) == 2
+    assert "The model does not have wheel; it has pivot." in capsys.readouterr().err
+    assert main(["predict", "model", str(bag), "--joints", "pivot,pivot"]) == 2
+    assert "names a joint twice" in capsys.readouterr().err

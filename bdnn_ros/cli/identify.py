@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,6 +15,7 @@ from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.models import Model, save_model
+from bdnn_ros.physical.parameters import Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Scores, score_description, score_model
@@ -22,7 +23,6 @@ from bdnn_ros.signals import Signals
 
 if TYPE_CHECKING:
     from bdnn_ros.physical.agreement import Agreement
-    from bdnn_ros.physical.parameters import Spread
     from bdnn_ros.physical.remark import Remark
 
 PARAMETERS = "parameters.json"
@@ -63,8 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=SHARE",
         action="append",
         default=[],
-        help="how far the real robot may be from the URDF, repeatable: inertial=0.3, load=0.1, armature=1, "
-        "friction=1, offset=0.1 (these are the defaults; docs/identification.md says of what)",
+        help="how far the real robot may be from the URDF, repeatable: "
+        + ", ".join(f"{name}={share:g}" for name, share in asdict(Spread()).items())
+        + " (these are the defaults; docs/identification.md says of what)",
     )
     parser.add_argument(
         "--budget",
@@ -145,8 +146,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _spread(given: Sequence[str]) -> Spread | None:
     """The spread that --spread asks for, None where it is not given."""
-    from bdnn_ros.physical.parameters import Spread
-
     names = [field.name for field in fields(Spread)]
     chosen: dict[str, float] = {}
     for text in given:

@@ -101,12 +101,13 @@ def shown(args: argparse.Namespace, joints: Sequence[str]) -> tuple[str, ...]:
     """The joints of a model that --joints picks, in its order; all of them without it.
 
     Raises:
-        UsageError: it picks none.
+        UsageError: it picks none, or one that the model does not have, which only the order of commands may name.
     """
     picked = tuple(joint for joint in args.joints if joint in joints)
-    if args.joints and not picked:
+    strange = [joint for joint in args.joints if joint not in joints]
+    if strange and (args.effort != "command" or not picked):
         raise UsageError(
-            f"The model does not have {listed(args.joints)}; it has {listed(joints, 20)}.",
+            f"The model does not have {listed(strange)}; it has {listed(joints, 20)}.",
             "Name joints of the model, or leave --joints out.",
         )
     return picked or tuple(joints)

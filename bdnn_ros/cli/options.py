@@ -138,4 +138,6 @@ def _names(text: str) -> tuple[str, ...]:
         )
     if not all(names):
         raise UsageError(f"--joints {text} has a name that is empty.", "Write for example joint1,joint2.")
+    if len({*names}) < len(names):
+        raise UsageError(f"--joints {text} names a joint twice.", "Name each joint once.")
     return names
