@@ -38,7 +38,7 @@ def test_a_push_in_one_of_several_is_told_with_when_each_begins():
     for recordings, start in (([pushed], 9.0), ([recorded(1), pushed], 30.0)):
         found = diagnose(recordings, ARM)
         (finding,) = found.findings
-        assert finding.parameters["start"].value == pytest.approx(start, abs=0.2)
+        assert finding.parameters["start"].value == pytest.approx(start, abs=0.02)
         told = [note for note in found.notes if "one clock" in note]
         assert told == [
             "Times are told on one clock, on which the recordings follow one another: "

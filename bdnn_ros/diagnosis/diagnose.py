@@ -219,7 +219,8 @@ def _too_short(recordings: Sequence[Recording]) -> RecordingError:
 
 def _signals(recordings: Sequence[Recording], robot: Robot, cutoff: float | None) -> Signals:
     lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
-    return flattened(concatenated([prepare(recording, cutoff) for recording in recordings]), lower)
+    parts = [prepare(recording, cutoff) for recording in recordings]
+    return flattened(concatenated(parts, [recording.time for recording in recordings]), lower)
 
 
 def _in_rows_that_count(equations: Equations, fitted: Pool) -> Pool:

@@ -15,8 +15,12 @@ SAME_RATE = 0.02
 """Signals whose working rates differ by more than this share are not joined."""
 
 
-def concatenated(parts: list[Signals]) -> Signals:
+def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = None) -> Signals:
     """Several signals of the same joints as one; stamps are shifted so that they follow one another.
+
+    Args:
+        recorded: stamps of the recordings that the parts were made of, which may begin before them [s]; these are what then
+            follows one another. None takes the parts' own.
 
     Raises:
         UsageError: their joints, cut-offs or working rates differ, so that one kernel does not fit all.
@@ -34,7 +38,8 @@ def concatenated(parts: list[Signals]) -> Signals:
                 "Use bags of one rate, or give a --cutoff that suits the slowest.",
             )
     rows = np.cumsum([0, *map(len, parts[:-1])]).tolist()
-    shifts = starts([part.time for part in parts])
+    times = [part.time for part in parts] if recorded is None else recorded
+    moved = [start - time[0] for start, time in zip(starts(times), times, strict=True)]
 
     def joined(key: str) -> Any:
         values = [getattr(part, key) for part in parts]
@@ -43,7 +48,7 @@ def concatenated(parts: list[Signals]) -> Signals:
     keys = ("position", "velocity", "acceleration", "effort", "reported_velocity", "unmeasured")
     return replace(
         parts[0],
-        time=np.concatenate([p.time - p.time[0] + shift for p, shift in zip(parts, shifts, strict=True)]),
+        time=np.concatenate([part.time + shift for part, shift in zip(parts, moved, strict=True)]),
         segments=tuple(
             slice(s.start + k, s.stop + k) for p, k in zip(parts, rows, strict=True) for s in p.segments
         ),
