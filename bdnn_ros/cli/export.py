@@ -90,6 +90,8 @@ def _as_robot(model: Dynamics) -> tuple[ExtendedModel | None, str]:
     if isinstance(model, BDNN) and isinstance(model.core, PriorCore) and model.kind != "bdnn":
         inner, _ = _as_robot(model.core.prior)
         return inner, "URDF and MJCF hold the prior only; what the networks learned is in the ONNX graph."
+    if isinstance(model, BDNN) and isinstance(model.core, PriorCore):
+        return None, "Bodies learned from the data alone are no links of a description; use the ONNX graph."
     return None, "A black box has no links or joints to write as URDF or MJCF; use the ONNX graph."
 
 
