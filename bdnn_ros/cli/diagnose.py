@@ -22,7 +22,7 @@ from bdnn_ros.diagnosis.search import Progress
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extend import extend
-from bdnn_ros.extension.files import write_extension
+from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
@@ -98,8 +98,9 @@ def run(args: argparse.Namespace) -> int:
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")
         with outputs.written_together(args.out) as place:
-            save_model(place, extend(examination))
-            write_extension(examination, place)
+            extended = extend(examination)
+            save_model(place, extended)
+            write_model_files(extended, place)
             write_report(examination, place / REPORT, remarks)
             effort_figure(examination, place / "effort.png")
             examination.diagnosis.save(place / "diagnosis.json")

@@ -4,26 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bdnn_ros.extension.effects_file import effects_text
-from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.mjcf import beside_mjcf, extended_mjcf
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.written import whole
 
-if TYPE_CHECKING:
-    from bdnn_ros.diagnosis.diagnose import Examination
-
 EFFECTS = "effects.yaml"
 ROBOTS = ("urdf", "mjcf")
 """Formats that hold links and joints."""
-
-
-def write_extension(examination: Examination, out: Path) -> list[Path]:
-    """Write the extended robot of a diagnosis; returns the files' paths."""
-    return write_model_files(extend(examination), out)
 
 
 def write_model_files(
