@@ -117,7 +117,10 @@ def _say_open(robot: Robot) -> None:
     limits = robot.limits
     within = np.isfinite(limits.lower) & np.isfinite(limits.upper)
     for known, taken in (
-        (within, "position limits: half a turn (or π m) either way is taken; --range narrows it."),
+        (
+            within,
+            "position limits: a turn (or 2π m) about zero, or from the limit that it has, is taken; --range narrows it.",
+        ),
         (np.isfinite(limits.velocity), f"velocity limit: {OPEN_VELOCITY:g} rad/s (or m/s) is taken."),
     ):
         if not known.all():
