@@ -83,6 +83,28 @@ def test_after_an_error_nothing_goes_on_and_the_node_can_be_configured(node, mon
     assert state(node) == "inactive" and node._session.supervisor.trouble == ""
 
 
+@pytest.mark.parametrize(
+    ("asked", "named"),
+    [({"id": 1}, "1"), ({"id": 2}, "2"), ({"id": 123}, "123"), ({"label": "activate"}, "activate")],
+)
+def test_a_transition_that_is_not_possible_is_refused(node, capfd, asked, named):
+    """It ended the node."""
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    def change(**fields):
+        request = ChangeState.Request(transition=Transition(**fields))
+        return node._service_change_state.callback(request, ChangeState.Response()).success
+
+    if asked == {"id": 2}:  # to clean up what was never configured; the others ask an active node
+        assert not change(**asked) and state(node) == "unconfigured"
+    else:
+        assert change(label="configure") and change(id=Transition.TRANSITION_ACTIVATE)
+        assert not change(**asked) and state(node) == "active"
+        assert change(label="deactivate") and change(id=Transition.TRANSITION_CLEANUP)
+    assert f"The transition {named} is not possible while the node is " in capfd.readouterr().err
+
+
 def descriptors() -> set[tuple[str, str]]:
     """What this process holds open. A set: what earlier tests left for the collector may close at any time."""
     listed = ((entry.name, entry) for entry in Path("/proc/self/fd").iterdir())

@@ -14,7 +14,7 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.logging import get_logger
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
@@ -25,6 +25,7 @@ from bdnn_ros.nodes.beginning import begin, told
 from bdnn_ros.nodes.choosing import with_joints
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
+from bdnn_ros.nodes.lifecycle import Lifecycle
 from bdnn_ros.nodes.publishing import LATCHED, Publishing
 from bdnn_ros.nodes.services import Services
 from bdnn_ros.nodes.streams import Streams
@@ -41,7 +42,7 @@ SWITCH_INTERVAL = 5e-4
 HOUSEKEEPING = 1.0
 
 
-class IdentificationNode(LifecycleNode):
+class IdentificationNode(Lifecycle):
     """Takes joint states, has a model learned from them, publishes estimates and answers.
 
     Raises:
@@ -284,7 +285,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         begin(arguments)
         node = IdentificationNode()
-        if node.settings["autostart"] and not _start(node):
+        if node.settings["autostart"] and not node.start():
             return UsageError.exit_status
         gc.disable()  # its pauses over a growing heap hold up the stream; `_keep_house` collects instead
         executor = SingleThreadedExecutor()
@@ -308,11 +309,6 @@ def main(arguments: list[str] | None = None) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
     return status
-
-
-def _start(node: IdentificationNode) -> bool:
-    steps = (node.trigger_configure, node.trigger_activate)
-    return all(step() == TransitionCallbackReturn.SUCCESS for step in steps)
 
 
 if __name__ == "__main__":
