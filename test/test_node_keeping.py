@@ -5,8 +5,10 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from bdnn_cases import scales
+from live_support import real_robot
 
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.errors import ModelFileError, UsageError
@@ -17,6 +19,7 @@ from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm2")
+REAL = real_robot(ARM)
 OTHER = Robot.bundled("arm6")
 
 
@@ -122,3 +125,62 @@ def test_a_model_of_joints_that_the_parameter_leaves_out_says_what_to_set(tmp_pa
             session.load_now(path)
     finally:
         session.stop()
+
+
+@pytest.fixture
+def waiting():
+    """A session that knows no robot yet."""
+    session = Session(Settings(capacity=1000))
+    yield session
+    session.stop()
+
+
+def answer(session: Session) -> list[float]:
+    at = np.array([0.3, 0.2])
+    return session.served.parts(at, at, at).effort.tolist()
+
+
+def test_a_model_that_is_kept_serves_before_the_robot_moves(tmp_path, waiting):
+    """The description served until joint states came, and saving without a name put it in the place of the model."""
+    path = save_model(tmp_path, nominal(REAL))
+    log = Log()
+    kept = Kept(str(tmp_path), waiting, log)
+    kept.serve(ARM)
+    assert log == [f"going on from {path}"]
+    learned = answer(waiting)
+    assert learned == pytest.approx(REAL.inverse_dynamics(*np.array([[0.3, 0.2]] * 3)))
+    waiting.save_now(kept.place())
+    kept.begin(ARM.joints)
+    assert answer(waiting) == learned and len(log) == 1 and waiting._course.resumed is not None
+
+
+def test_another_model_that_was_loaded_is_gone_on_from(tmp_path, waiting):
+    """The first joint state replaced it by the model that is kept."""
+    save_model(tmp_path, nominal(ARM))
+    other = save_model(tmp_path / "good", nominal(REAL))
+    kept = Kept(str(tmp_path), waiting, Log())
+    kept.serve(ARM)
+    waiting.load_now(other)
+    kept.begin(ARM.joints)
+    assert waiting.served.origin == str(other)
+
+
+def test_a_reset_before_the_robot_moves_holds(tmp_path, waiting):
+    save_model(tmp_path, nominal(REAL))
+    kept = Kept(str(tmp_path), waiting, Log())
+    kept.serve(ARM)
+    waiting.reset()
+    kept.begin(ARM.joints)
+    assert waiting.served.number == 0 and waiting._course.resumed is None
+
+
+def test_a_model_of_the_joints_that_come_waits_for_them(tmp_path, waiting):
+    """Nothing is said of it before, and what is saved meanwhile has a file of its own."""
+    one = ARM.joints[:1]
+    path = save_model(tmp_path, nominal(Robot.from_urdf(REAL.urdf, one)))
+    log = Log()
+    kept = Kept(str(tmp_path), waiting, log)
+    kept.serve(ARM)
+    assert log == [] and waiting.served.number == 0 and kept.place() == tmp_path / "model_2.bdnn"
+    kept.begin(one)
+    assert log == [f"going on from {path}"] and waiting.served.origin == str(path)

@@ -198,17 +198,13 @@ class IdentificationNode(Lifecycle):
     def _meet(self, session: Session, robot: Robot) -> None:
         """Get to know the robot: choose joints if they are given, and go on from a model that was kept."""
         joints = self.settings["joints"]
-        served = session.served
-        session.set_robot(with_joints(robot, joints))
-        if served is not None and session.served is not served:
-            self.get_logger().info("robot_description has changed: it serves anew, and learning begins again")
+        self._kept.serve(with_joints(robot, joints))
         if joints and session.intake is None:
             self._begin(session, joints)
 
     def _begin(self, session: Session, joints: Sequence[str]) -> None:
         again = session.intake is not None
-        session.begin(joints)
-        self._kept.resume()
+        self._kept.begin(joints)
         self.get_logger().info(f"identifying {listed(joints, 20)}{', anew: more joints come now' * again}")
 
     # -- the stream ------------------------------------------------------------------------------

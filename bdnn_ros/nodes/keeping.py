@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.places import model_place
 from bdnn_ros.online.session import Session
 from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.robot import Robot
 
 PAUSED = "training is paused, it cannot go on from this kind"
 
@@ -31,27 +32,58 @@ class Kept:
         self._directory = directory
         self._session = session
         self._logger = logger
+        self._found = False
+
+    def serve(self, robot: Robot) -> None:
+        """Serve this robot, and until joint states say which joints are in use, the model that is kept of all."""
+        before = self._session.served
+        self._session.set_robot(robot)
+        if self._session.served is before:
+            return
+        if before is not None:
+            self._logger().info("robot_description has changed: it serves anew, and learning begins again")
+        if self._session.intake is None:
+            self._found = self._look(early=True)
+
+    def begin(self, joints: Sequence[str]) -> None:
+        """Begin the session's stream of these joints, going on from the model that is kept of them, if there is one.
+
+        What serves already is not replaced: another model that was loaded, or the robot description after a reset.
+        """
+        before = self._session.served
+        self._session.begin(joints)
+        served = self._session.served
+        if served is not before or not (self._found or served.number):  # type: ignore[union-attr]
+            self.resume()
 
     def resume(self) -> None:
         """Serve the model that is kept, if there is one, and go on from it."""
-        if not self._directory:
-            return
-        refused = False
-        for path in self._places():
+        self._found = self._look()
+
+    def _look(self, early: bool = False) -> bool:
+        """As `resume`; says whether there is one, but early, why there is none: fewer joints may come into use."""
+        refused: list[str] = []
+        for path in self._places() if self._directory else ():
             if not path.exists():
-                if refused:
-                    self._logger().info(f"what is learned will be saved to {path}")
-                return
+                break
             try:
                 model = self._session.load_now(path)
             except BdnnError as error:
-                refused = True
-                self._logger().warning(f"not going on from {path}, which is left as it is: {error}")
+                refused.append(f"not going on from {path}, which is left as it is: {error}")
             else:
+                self._warn(refused)
                 on = isinstance(model, PhysicalModel)
                 told = f"going on from {path}" if on else f"a {model.kind} model serves, {path}; {PAUSED}"
                 self._logger().info(told)
-                return
+                return True
+        if refused and not early:
+            self._warn(refused)
+            self._logger().info(f"what is learned will be saved to {path}")
+        return False
+
+    def _warn(self, sentences: Sequence[str]) -> None:
+        for sentence in sentences:
+            self._logger().warning(sentence)
 
     def save(self) -> None:
         """Keep what was learned; a model that learning cannot go on from is in the file it came from."""
