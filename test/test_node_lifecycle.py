@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from live_support import Robotics, children, urdf_file, wait_until
 
-from bdnn_interfaces.srv import Diagnose
+from bdnn_interfaces.srv import Diagnose, LoadModel, SaveModel
 from bdnn_ros.errors import UsageError
 from bdnn_ros.nodes import services
 from bdnn_ros.online.session import Session
@@ -192,3 +192,20 @@ def test_who_waits_for_a_diagnosis_is_refused_when_the_node_is_cleaned_up(node, 
     assert not answers[0].success and "cleaned up" in answers[0].message
     assert len([service for service in node.services if "diagnose" in service.srv_name]) == 1
     executor.shutdown()
+
+
+@pytest.mark.parametrize("kind", [Diagnose, SaveModel, LoadModel])
+def test_what_is_asked_while_refusals_are_sent_is_refused(node, tmp_path, kind):
+    """The services stay until then: to save or load with a session that had ended was the end of the node."""
+    from rclpy.parameter import Parameter
+
+    node.set_parameters([Parameter("model_directory", value=str(tmp_path))])
+    node.trigger_configure()
+    session, offered = node._session, node._offered
+    session.save_now(tmp_path / "model.bdnn")
+    handle = {service.srv_type: service.callback for service in offered._patient}[kind]
+    node.trigger_cleanup()
+    with pytest.raises(StopIteration) as ended:  # a coroutine's answer
+        handle(kind.Request(), kind.Response()).send(None)
+    answer = ended.value.value
+    assert not answer.success and answer.message.startswith("The node is being cleaned up.")

@@ -59,6 +59,7 @@ class Services:
         self._training_set = training_set
         self._forgotten = forgotten
         self._asked: set[Future] = set()
+        self._closed = False
         self._services = [
             self._at_once(InverseDynamics, "~/inverse_dynamics", self._inverse_dynamics),
             self._at_once(ForwardDynamics, "~/forward_dynamics", self._forward_dynamics),
@@ -79,6 +80,7 @@ class Services:
             self._lane.forget(service)
             self._node.destroy_service(service)
         self._services.clear()
+        self._closed = True
         asked, executor = list(self._asked), self._node.executor
         for future in asked:
             if not future.done():
@@ -180,6 +182,7 @@ class Services:
 
     async def _diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> Diagnose.Response:
         try:
+            self._require_open()
             if not 0.0 <= request.window < float("inf"):
                 raise UsageError(f"window is {request.window:g}; it must be zero or more seconds.")
             answer = await self._until(self._session.diagnose(request.window))
@@ -196,6 +199,7 @@ class Services:
 
     async def _save(self, request: SaveModel.Request, response: SaveModel.Response) -> SaveModel.Response:
         try:
+            self._require_open()
             directory = self._directory()
             place = model_place(directory, request.name) if request.name else self._kept.place()
             path = await self._until(self._session.save(place))
@@ -205,6 +209,7 @@ class Services:
 
     async def _load(self, request: LoadModel.Request, response: LoadModel.Response) -> LoadModel.Response:
         try:
+            self._require_open()
             place = model_to_load(self._directory(), request.name)
             model = await self._until(self._session.load(place))
         except BdnnError as error:
@@ -215,6 +220,11 @@ class Services:
         elif not self._session.learning:
             note = PAUSED
         return _done(response, f"A {model.kind} model serves; {note}.")
+
+    def _require_open(self) -> None:
+        """Refuse what comes while refusals are sent: the session has ended."""
+        if self._closed:
+            raise CLEANED_UP
 
     async def _until(self, later: Later[Result]) -> Result:
         """Wait for a thread's result without holding up the executor."""
