@@ -1,8 +1,20 @@
 """Bags and recordings: MCAP, rosbag2 directories and sqlite3 files in, MCAP and rosbag2 directories out."""
 
 from bdnn_ros.bags.every import EveryState, read_every
+from bdnn_ros.bags.playing import Played, read_to_play
 from bdnn_ros.bags.reading import Progress, read, topics
 from bdnn_ros.bags.storage import Topic
 from bdnn_ros.bags.writing import refuse_existing, write
 
-__all__ = ["EveryState", "Progress", "Topic", "read", "read_every", "refuse_existing", "topics", "write"]
+__all__ = [
+    "EveryState",
+    "Played",
+    "Progress",
+    "Topic",
+    "read",
+    "read_every",
+    "read_to_play",
+    "refuse_existing",
+    "topics",
+    "write",
+]

@@ -37,6 +37,12 @@ class Commands:
     def _widths(self) -> set[int]:
         return {len(values) for values in self._values}
 
+    def recorded(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Log times [ns], (M,) in order, and the values of each command, (k,)."""
+        logs = np.array(self._logs, np.int64)
+        order = np.argsort(logs, kind="stable")
+        return logs[order], [self._values[k] for k in order]
+
     def stand_for(self, joints: int) -> bool:
         """Whether each command has a value for so many joints."""
         return self._widths == {joints}
@@ -61,9 +67,8 @@ class Commands:
                 "Name the joints of the commands in their order with --joints.",
             )
         columns = [fitting[0].index(joint) for joint in samples.joints]
-        logs = np.array(self._logs)
-        order = np.argsort(logs, kind="stable")
-        latest, rows = in_force(samples.log, logs[order])
+        logs, recorded = self.recorded()
+        latest, rows = in_force(samples.log, logs)
         notes = [f"{self.name}: effort is commanded on {self.topic}, in the order {listed(fitting[0], 20)}."]
         if not rows.any() and not every:
             raise RecordingError(
@@ -75,7 +80,7 @@ class Commands:
                 f"{self.name}: {np.count_nonzero(~rows)} samples before the first command, or more than "
                 f"{COMMAND_AGE:g} s after one, {'have no effort' if every else 'are left out'}."
             )
-        values = np.array(self._values)[order][:, columns]
+        values = np.array(recorded)[:, columns]
         if every:
             return replace(samples, effort=np.where(rows[:, None], values[latest], np.nan)), notes
         return replace(samples.part(rows), effort=values[latest[rows]]), notes

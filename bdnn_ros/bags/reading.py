@@ -84,7 +84,7 @@ def read(
         joints=joints,
         robot_joints=robot_joints,
     )
-    return _recording(str(path), samples, urdf, drop_invalid, notes)
+    return recording_of(str(path), samples, urdf, drop_invalid, notes)
 
 
 def samples_of(
@@ -285,7 +285,7 @@ def reported_effort(name: str, samples: Samples) -> tuple[np.ndarray | None, lis
     return None, [f"{name}: every effort is zero or NaN; taken as not measured."]
 
 
-def _recording(
+def recording_of(
     name: str, samples: Samples, urdf: str | None, drop_invalid: bool, notes: list[str]
 ) -> Recording:
     """The recording of samples: fields that nobody measured recognised."""

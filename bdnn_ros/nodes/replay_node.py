@@ -50,10 +50,8 @@ class ReplayNode(Node):
         command = settings["effort_commands_topic"]
         rename = settings["rename"]
         states = settings["joint_states_topic"]
-        self.recording = bags.read(settings["bag"], states, drop_invalid=True, rename=rename)
-        self.commands: Recording | None = None
-        if command:
-            self.commands = bags.read(settings["bag"], states, command, "command", True, rename=rename)
+        self.played = bags.read_to_play(settings["bag"], states, command, rename)
+        self.recording = self.played.recording
         urdf = self.recording.urdf
         if settings["urdf_file"]:
             urdf = Robot.from_file(settings["urdf_file"]).urdf
@@ -93,21 +91,29 @@ class ReplayNode(Node):
     def _play_once(self, start: int) -> int:
         recording, rate = self.recording, float(self.settings["rate"])
         stamps = start + np.round(recording.time * 1e9).astype(np.int64)
-        rows = _Rows(recording, self.commands)
+        rows = _Rows(recording)
+        commands = self._commands()
         began = time.perf_counter()
         told = -np.inf
         for row, moment in enumerate(recording.time.tolist()):
+            while commands and commands[-1][0] <= row:
+                _, due, values = commands.pop()
+                if not self._sleep_until(began + due / rate):
+                    return row
+                self._efforts.publish(Float64MultiArray(data=values))  # type: ignore[union-attr]
             if not self._sleep_until(began + moment / rate):
                 return row
             when = stamp(int(stamps[row]))
             if self._clock_topic is not None and moment - told >= CLOCK_EVERY:
                 told = moment
                 self._clock_topic.publish(Clock(clock=when))
-            command = rows.command(row)
-            if self._efforts is not None and command is not None:
-                self._efforts.publish(Float64MultiArray(data=command))
             self._states.publish(rows.state(row, when))
         return len(recording)
+
+    def _commands(self) -> list[tuple[int, float, np.ndarray]]:
+        """The joint state that each command goes before, when it is due [s], and its values; the last comes first."""
+        played = self.played
+        return list(zip(played.row.tolist(), played.due.tolist(), played.commands, strict=True))[::-1]
 
     @staticmethod
     def _sleep_until(due: float) -> bool:
@@ -122,17 +128,11 @@ class ReplayNode(Node):
 class _Rows:
     """Messages of the recording's rows."""
 
-    def __init__(self, recording: Recording, commands: Recording | None) -> None:
+    def __init__(self, recording: Recording) -> None:
         self._names = list(recording.joints)
         self._position = recording.position.tolist()
         self._velocity = None if recording.velocity is None else recording.velocity.tolist()
         self._effort = None if recording.effort is None else recording.effort.tolist()
-        self._command: dict[int, list[float]] = {}
-        if commands is not None and commands.effort is not None:
-            # those of the joint states that came before the first command are not in `commands`
-            shift = (commands.epoch - recording.epoch) * 1e-9
-            rows = np.searchsorted(recording.time, commands.time + shift - 0.5e-6)
-            self._command = dict(zip(rows.tolist(), commands.effort.tolist(), strict=True))
 
     def state(self, row: int, when: Time) -> JointState:
         """A joint state of this stamp."""
@@ -145,10 +145,6 @@ class _Rows:
         if self._effort is not None:
             message.effort = self._effort[row]
         return message
-
-    def command(self, row: int) -> list[float] | None:
-        """The command in force at a joint state, None before the first."""
-        return self._command.get(row)
 
 
 def main(arguments: list[str] | None = None) -> int:

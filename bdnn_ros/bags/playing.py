@@ -1,0 +1,110 @@
+"""A bag as it is played: its joint states, and the effort commands as they were recorded, between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bdnn_ros.bags.cdr import MalformedMessage
+from bdnn_ros.bags.commands import Commands
+from bdnn_ros.bags.joint_states import Samples
+from bdnn_ros.bags.reading import recording_of, samples_of
+from bdnn_ros.bags.storage import Storage
+from bdnn_ros.efforts import COMMAND_AGE
+from bdnn_ros.errors import BagError, RecordingError
+from bdnn_ros.recording import Recording
+
+NUMBER = "\0number"
+"""Stands beside the joints for the number of a sample while some are left out; no joint has such a name."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """Joint states, and the commands among them that are in force at some.
+
+    Attributes:
+        recording: the joint states.
+        commands: the values of each command as they were recorded, (k,) each.
+        row: of the first joint state that was recorded after each command, (M,) int, in order.
+        due: when each command was recorded, on the clock of the recording [s], (M,): between that joint state and
+            the one before, whatever the headers' stamps.
+    """
+
+    recording: Recording
+    commands: list[np.ndarray]
+    row: np.ndarray
+    due: np.ndarray
+
+
+def read_to_play(
+    path: str | Path, joint_states: str, effort_commands: str = "", rename: Sequence[str] = ()
+) -> Played:
+    """A bag's joint states, those that cannot be used left out, and the commands on a topic, if it is named.
+
+    Raises:
+        UsageError, BagError, RecordingError: as `read`.
+    """
+    samples, urdf, notes = samples_of(
+        path, joint_states, None, "measured", None, rename=rename, joints=(), robot_joints=()
+    )
+    numbered = recording_of(str(path), _numbered(samples), urdf, True, notes)
+    recording = numbered.select(samples.joints)
+    if not effort_commands or not len(recording):
+        return Played(recording, [], np.zeros(0, int), np.zeros(0))
+    rows = numbered.position[:, -1].astype(int)
+    times, values = _commands(Path(path), effort_commands)
+    played = _placed(recording, samples.log[rows], times, values)
+    if not played.commands:
+        raise RecordingError(
+            f"{path}: no joint state was recorded within {COMMAND_AGE:g} s after a command on {effort_commands}.",
+            "Record both topics together.",
+        )
+    return played
+
+
+def _numbered(samples: Samples) -> Samples:
+    """The samples with their numbers as a further joint's position, whose other fields change nothing."""
+
+    def beside(values: np.ndarray | None, filler: float) -> np.ndarray | None:
+        if values is None:
+            return None
+        return np.column_stack([values, np.where(np.isnan(values).all(axis=1), np.nan, filler)])
+
+    return replace(
+        samples,
+        joints=(*samples.joints, NUMBER),
+        position=np.column_stack([samples.position, np.arange(len(samples))]),
+        velocity=beside(samples.velocity, 1.0),
+        effort=beside(samples.effort, 0.0),
+    )
+
+
+def _commands(path: Path, topic: str) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Log times [ns] of the commands on a topic, (M,) in order, and their values."""
+    with Storage(path) as storage:
+        commands = Commands(str(path), topic, storage.topics)
+        for _, log, data in storage.messages({topic}):
+            try:
+                commands.add(log, data)
+            except MalformedMessage as error:
+                raise BagError(f"{path}: {topic} cannot be decoded.", error.problem) from None
+    return commands.recorded()
+
+
+def _placed(
+    recording: Recording, logs: np.ndarray, times: np.ndarray, values: Sequence[np.ndarray]
+) -> Played:
+    """The commands between the joint states, by the time of recording of both.
+
+    What was commanded after the last joint state, or too long before the first to be in force at it, is left out.
+    """
+    logs = np.maximum.accumulate(logs)
+    row = np.searchsorted(logs, times)
+    used = (row < len(logs)) & (times >= logs[0] - int(COMMAND_AGE * 1e9))
+    times, row = times[used], row[used]
+    before = np.where(row > 0, recording.time[np.maximum(row - 1, 0)], recording.time[0])
+    due = np.maximum(recording.time[row] - (logs[row] - times) * 1e-9, before)
+    return Played(recording, [values[k] for k in np.flatnonzero(used).tolist()], row, due)
