@@ -93,7 +93,7 @@ class Reporter:
         Args:
             trouble: what keeps the node from working, one sentence; empty if nothing does.
             message_lost: messages the middleware says it lost.
-            unheard: which publisher is not heard, one sentence and what to do; empty if all are.
+            unheard: who is not heard, one sentence and what to do; empty if all are.
         """
         session, now = self._session, time.monotonic()
         intake, served = session.intake, session.served

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from bdnn_ros.nodes.lane import Lane
+from bdnn_ros.nodes.unheard import Hearing, Uncommanded
 from bdnn_ros.online.session import Session
 
 NOT_HEARD = "A publisher of {} offers best effort only: nothing comes from it. Set the parameter reliability to best_effort."
@@ -33,7 +33,7 @@ class Streams:
 
     Attributes:
         lost: messages the middleware says it lost.
-        complaint: which publisher is not heard, and what to do; empty if all are.
+        complaint: which publisher is not heard, or that no command comes, and what to do; empty if all is well.
     """
 
     def __init__(
@@ -47,32 +47,21 @@ class Streams:
     ) -> None:
         self.lost = 0
         self.complaint = ""
-        self._incompatible = False
         self._node = node
         self._lane = lane
         self._session = session
         self._choose = choose
         self._commands: Any = None
+        self._hearings: list[Hearing] = []
         if commands:
-            self._commands = node.create_subscription(
-                Float64MultiArray, "effort_commands", self._on_command, profile, callback_group=lane.group()
-            )
-        events = SubscriptionEventCallbacks(
-            message_lost=self._on_lost, incompatible_qos=self._on_incompatible_qos
-        )
-        self._states = node.create_subscription(
-            JointState,
-            "joint_states",
-            self._on_joint_state,
-            profile,
-            callback_group=lane.group(),
-            event_callbacks=events,
-        )
+            self._commands = self._heard(Float64MultiArray, "effort_commands", self._on_command, profile)
+        self._states = self._heard(JointState, "joint_states", self._on_joint_state, profile, self._on_lost)
+        self._uncommanded = Uncommanded()
         self._joints_are_fixed()
 
     def look_around(self) -> None:
         """Begin anew where more of the robot's joints come than are in use; meanwhile the queue keeps messages."""
-        self._look_for_unheard()
+        self.complaint = " ".join(filter(None, self._complaints()))
         joints = self._session.wider()
         if joints:
             self._lane.forget(self._states)  # commands come in an order that was given: these joints stay
@@ -113,17 +102,26 @@ class Streams:
         if self._session.commands is not None:
             self._session.commands.take(message.data, info["source_timestamp"])
 
-    def _look_for_unheard(self) -> None:
-        """After an event, as long as such a publisher is there: no event tells that it has gone."""
-        if self._incompatible:
-            topic = self._states.topic_name
-            publishers = self._node.get_publishers_info_by_topic(topic)
-            unheard = any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in publishers)
-            self.complaint = NOT_HEARD.format(topic) if unheard else ""
-            self._incompatible = unheard
+    def _heard(
+        self,
+        kind: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        profile: QoSProfile,
+        lost: Callable[[Any], None] | None = None,
+    ) -> Any:
+        hearing = Hearing(
+            self._node, kind, topic, callback, profile, NOT_HEARD, lost, callback_group=self._lane.group()
+        )
+        self._hearings.append(hearing)
+        return hearing.subscription
 
-    def _on_incompatible_qos(self, event: Any) -> None:
-        self._incompatible = True
+    def _complaints(self) -> list[str]:
+        session, unheard = self._session, [hearing.look() for hearing in self._hearings]
+        if self._commands is None:
+            return unheard
+        silent = self._uncommanded.look(session.intake, session.commands, self._commands.topic_name)
+        return [*unheard, "" if any(unheard) else silent]
 
     def _on_lost(self, event: Any) -> None:
         self.lost = int(event.total_count)

@@ -1,0 +1,84 @@
+"""What should be heard and is not: publishers that offer less than a subscription asks for, commands that never come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+
+from bdnn_ros.online.intake import CommandIntake, Intake
+
+LEAST = 3
+"""So many joint states without a command since the last look are no chance."""
+UNCOMMANDED = (
+    "No effort command comes on {}. Remap effort_commands to the topic of the controller's commands, "
+    "or let it command."
+)
+
+
+class Hearing:
+    """A subscription that knows which publishers it does not hear.
+
+    Args:
+        node, kind, topic, callback, profile: of the subscription.
+        sentence: what to say of such a publisher, with a place for the topic.
+        lost: called with events of lost messages, if they matter.
+        others: what else the subscription takes.
+
+    Attributes:
+        subscription: the subscription itself.
+        complaint: which publisher is not heard, and what to do; empty if all are.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        profile: QoSProfile,
+        sentence: str,
+        lost: Callable[[Any], None] | None = None,
+        **others: Any,
+    ) -> None:
+        self.complaint = ""
+        self._node = node
+        self._profile = profile
+        self._sentence = sentence
+        self._incompatible = False
+        events = SubscriptionEventCallbacks(message_lost=lost, incompatible_qos=self._on_incompatible)
+        self.subscription = node.create_subscription(
+            kind, topic, callback, profile, event_callbacks=events, **others
+        )
+
+    def look(self) -> str:
+        """The complaint now. After an event, as long as such a publisher is there: no event tells that it has gone."""
+        if self._incompatible:
+            topic = self.subscription.topic_name
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            self._incompatible = any(not self._hears(publisher.qos_profile) for publisher in publishers)
+            self.complaint = self._sentence.format(topic) if self._incompatible else ""
+        return self.complaint
+
+    def _hears(self, offered: QoSProfile) -> bool:
+        return bool(qos_check_compatible(offered, self._profile)[0] != QoSCompatibility.ERROR)
+
+    def _on_incompatible(self, event: Any) -> None:
+        self._incompatible = True
+
+
+class Uncommanded:
+    """Notices that joint states come, and no effort command."""
+
+    def __init__(self) -> None:
+        self._seen: tuple[int, int] | None = None
+
+    def look(self, intake: Intake | None, commands: CommandIntake | None, topic: str) -> str:
+        """What is missing since the last look, and what to do; empty if nothing is."""
+        now = (intake.received if intake else 0, commands.received if commands else 0)
+        before, self._seen = self._seen or now, now
+        missing = now[0] - before[0] >= LEAST and now[1] == before[1]
+        return UNCOMMANDED.format(topic) if missing else ""
