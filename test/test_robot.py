@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import os
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from bdnn_ros.errors import RobotError, UsageError
 from bdnn_ros.robot import BUNDLED, PER_LINK, Robot
 from bdnn_ros.robot.links import link_inertial
 from bdnn_ros.robot.state import robot_from_state, robot_state
+from bdnn_ros.robot.urdf import _overheard
 
 G = 9.81
 M1, M2, L1, C1, C2, I1, I2 = 3.0, 2.0, 0.8, 0.5, 0.3, 0.2, 0.07
@@ -378,6 +381,23 @@ def test_a_copy_is_the_same_robot() -> None:
     q, v, a = states(arm)
     before = arm.inverse_dynamics(q, v, a)
     np.testing.assert_array_equal(copy.deepcopy(arm).inverse_dynamics(q, v, a), before)
+
+
+def test_threads_that_read_descriptions_leave_stderr_where_it_was() -> None:
+    """Each put back what it had found, which may have been the other's."""
+    before, said, entered = os.readlink("/proc/self/fd/2"), [], threading.Event()
+
+    def other() -> None:
+        with _overheard(said):
+            entered.set()
+            os.write(2, b"Error: theirs\n")
+
+    thread = threading.Thread(target=other)
+    with _overheard([]):
+        thread.start()
+        assert not entered.wait(0.2)
+    thread.join()
+    assert os.readlink("/proc/self/fd/2") == before and said == ["theirs"]
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import threading
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,8 @@ UNLIMITED = 1e9
 Held = Mapping[str, float]
 """Joints that do not move, and where they stand [rad] ([m])."""
 NONE_HELD: Held = MappingProxyType({})
+_STDERR = threading.Lock()
+"""Whose turn it is to stand in for stderr, of which the process has one."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,7 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
 @contextmanager
 def _overheard(said: list[str]) -> Iterator[None]:
     """Collects what the URDF parser complains about: it writes to the process's stderr instead of raising."""
-    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as heard:
+    with _STDERR, tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as heard:
         stderr = os.dup(2)
         os.dup2(heard.fileno(), 2)
         try:
