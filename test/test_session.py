@@ -116,6 +116,9 @@ def test_a_feed_gives_what_is_kept():
     assert len(feed.read(1000)) == 0
     assert feed.recording(0.0).position[0].tolist() == [40.0, 40.0] and len(feed.recording(0.0)) == 60
     assert len(feed.recording(0.01)) == 10
+    assert (
+        len(feed.recording(1e6)) == len(feed.recording(1e300)) == 60
+    )  # a day's nanoseconds, and no number's
     with pytest.raises(RecordingError, match="has come since what was learned was forgotten"):
         Feed(ARM.joints, states, start=100).recording(0.0)
     states.close()

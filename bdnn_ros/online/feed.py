@@ -106,11 +106,9 @@ class Feed:
         if newest.end <= self.kept:
             since = "since what was learned was forgotten" if newest.end else "yet"
             raise RecordingError(f"No joint state has come {since}.", "Check the topic joint_states.")
-        start = (
-            self.states.oldest
-            if seconds <= 0
-            else self.states.first_after(int(newest.time[0] - seconds * 1e9))
-        )
+        start = self.states.oldest
+        if 0.0 < seconds <= self.latest_time():  # a number beyond may be no whole one of nanoseconds
+            start = self.states.first_after(int(newest.time[0] - seconds * 1e9))
         commands = None if self.commands is None else self.commands.latest(self.commands.capacity)
         samples = self._samples(self.states.read(max(start, self.kept)), commands).with_effort()
         if len(samples) == 0:
