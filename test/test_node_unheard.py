@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 from bdnn_ros.nodes.streams import Streams
 from bdnn_ros.nodes.unheard import Uncommanded
@@ -81,3 +81,28 @@ def test_a_publisher_of_commands_that_is_not_heard_is_told_of(ros):
     talker.destroy_publisher(deaf)
     assert looked(executor, lambda: not told())
     streams.close()
+
+
+def test_a_description_that_is_not_latched_is_told_of():
+    """The node waited for it without a word."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    from bdnn_ros.nodes.identification_node import IdentificationNode
+
+    rclpy.init(args=[], domain_id=193)
+    node, told = IdentificationNode(), []
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        node.trigger_configure()
+        node.trigger_activate()
+        node._publishing._diagnostics.publish = lambda array: told.append(array.status[0].message)
+        node.create_publisher(String, "robot_description", 10)
+        sentence = "waiting for robot_description. A publisher of /robot_description is not latched"
+        assert looked(executor, lambda: told and told[-1].startswith(sentence))
+    finally:
+        node.finish()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -167,7 +167,7 @@ class Reporter:
         if not active:
             return DiagnosticStatus.OK, "inactive"
         if session.robot is None:
-            return DiagnosticStatus.WARN, "waiting for robot_description"
+            return DiagnosticStatus.WARN, ". ".join(filter(None, ("waiting for robot_description", unheard)))
         if session.intake is None:
             return DiagnosticStatus.WARN, ". ".join(filter(None, ("waiting for joint states", unheard)))
         if not session.supervisor.alive:

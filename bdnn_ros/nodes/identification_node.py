@@ -12,7 +12,6 @@ from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.logging import get_logger
@@ -29,6 +28,7 @@ from bdnn_ros.nodes.lifecycle import Lifecycle
 from bdnn_ros.nodes.publishing import LATCHED, Publishing
 from bdnn_ros.nodes.services import Services
 from bdnn_ros.nodes.streams import Streams
+from bdnn_ros.nodes.unheard import NOT_LATCHED, Hearing
 from bdnn_ros.online import serving
 from bdnn_ros.online.places import make_directory
 from bdnn_ros.online.session import Session
@@ -59,6 +59,7 @@ class IdentificationNode(Lifecycle):
         )
         self._set_up = ExitStack()  # what ends all that configuring began, the latest first
         self._offered: Services | None = None
+        self._description: Hearing | None = None
         self._streams: Streams | None = None
         self._trouble = ""
         self._message_lost = 0
@@ -122,14 +123,9 @@ class IdentificationNode(Lifecycle):
         self._set_up.callback(self._offered.close)
         self._set_up.callback(self.destroy_timer, self._every(HOUSEKEEPING, self._keep_house))
         if not settings["urdf_file"]:
-            description = self.create_subscription(
-                String,
-                "robot_description",
-                self._on_description,
-                LATCHED,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            )
-            self._set_up.callback(self.destroy_subscription, description)
+            heard = Hearing(self, String, "robot_description", self._on_description, LATCHED, NOT_LATCHED)
+            self._description = heard
+            self._set_up.callback(self.destroy_subscription, heard.subscription)
         self._set_up.callback(self._close_streams)
         return TransitionCallbackReturn.SUCCESS
 
@@ -163,7 +159,7 @@ class IdentificationNode(Lifecycle):
 
     def finish(self) -> None:
         """Learn what came, save the model, end the trainer, give back the memory; an error in one does not spare the rest."""
-        self._session, self._active = None, False
+        self._session, self._description, self._active = None, None, False
         self._set_up.close()
 
     def _end_lane(self) -> None:
@@ -257,6 +253,8 @@ class IdentificationNode(Lifecycle):
             self._streams.look_around()
         lost = self._message_lost + (self._streams.lost if self._streams else 0)
         unheard = self._streams.complaint if self._streams else ""
+        if self._description is not None and self._session is not None and self._session.robot is None:
+            unheard = self._description.look()  # the streams wait for the robot
         self._publishing.tell(self._active, self._trouble or self._complained, lost, unheard)
         # what outlives a collection is not looked at again: it stays short however long the node runs
         gc.collect()

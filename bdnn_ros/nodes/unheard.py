@@ -13,6 +13,10 @@ from bdnn_ros.online.intake import CommandIntake, Intake
 
 LEAST = 3
 """So many joint states without a command since the last look are no chance."""
+NOT_LATCHED = (
+    "A publisher of {} is not latched: nothing comes from it. Let it be reliable and transient local, "
+    "as robot_state_publisher is, or set the parameter urdf_file."
+)
 UNCOMMANDED = (
     "No effort command comes on {}. Remap effort_commands to the topic of the controller's commands, "
     "or let it command."
