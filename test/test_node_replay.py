@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -50,3 +51,34 @@ def test_commands_come_as_recorded_before_their_joint_states(player, tmp_path, m
     node.play()
     expected = [2] * 10 + [what for row in values.tolist() for what in (row, 2)]
     assert order == expected
+
+
+@pytest.mark.parametrize(
+    ("parameters", "remedy"),
+    [
+        ({"joint_states_topic": "/js"}, "Choose it with joint_states_topic:=/joint_states."),
+        (
+            {"effort_commands_topic": "/x"},
+            "Choose with effort_commands_topic:=/effort_commands, or use an empty effort_commands_topic.",
+        ),
+        ({"rename": "[ab]"}, "rename ab is not a rule. Use old=new or s/pattern/replacement/."),
+    ],
+)
+def test_what_is_wrong_is_told_with_parameters(tmp_path, capfd, parameters, remedy):
+    """It named options of the command line."""
+    from bdnn_ros.nodes import replay_node
+
+    recording = motion(ARM, 0.4, 250.0)
+    bag = bags.write(recording, tmp_path / "bag", commands=(recording.time, recording.effort))
+    arguments = [text for name, value in parameters.items() for text in ("-p", f"{name}:={value}")]
+    interrupted = signal.getsignal(signal.SIGINT)
+    assert replay_node.main(["--ros-args", "-p", f"bag:={bag}", *arguments]) in (1, 2)
+    signal.signal(signal.SIGINT, interrupted)  # it ends with the node, else
+    said = capfd.readouterr().err
+    assert remedy in said and "--" not in said
+
+
+def test_no_service_is_offered_that_is_not_answered(player, tmp_path):
+    """Those of the parameters: nothing is spun while a bag is played."""
+    node = player(bag=bags.write(motion(ARM, 0.4, 250.0), tmp_path / "bag"))
+    assert not [name for name in (service.srv_name for service in node.services) if "parameter" in name]

@@ -33,6 +33,13 @@ LONGEST_NAP = 0.2
 """So often is looked whether to stop [s]."""
 LOOP_PAUSE = 1_500_000_000
 """Stamps go on so much later in the next round [ns]: a listener sees a pause, not a clock that jumps back."""
+OPTIONS = {
+    "se --effort measured": "se an empty effort_commands_topic",
+    "--joint-states ": "joint_states_topic:=",
+    "--effort-commands ": "effort_commands_topic:=",
+    "--rename": "rename",
+}
+"""Options of the command line, as remedies of what reads a bag name them, and the parameters here that stand for them."""
 
 
 class ReplayNode(Node):
@@ -43,7 +50,7 @@ class ReplayNode(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__(NAME)
+        super().__init__(NAME, start_parameter_services=False)  # nobody would answer while it plays
         settings = self.settings = parameters.Settings(self, parameters.REPLAY)
         if not settings["bag"]:
             raise UsageError("The parameter bag is not set.", "Pass --ros-args -p bag:=PATH.")
@@ -147,6 +154,13 @@ class _Rows:
         return message
 
 
+def _in_parameters(sentence: str) -> str:
+    """The sentence with this node's parameters in the place of options that it lacks."""
+    for option, parameter in OPTIONS.items():
+        sentence = sentence.replace(option, parameter)
+    return sentence
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
     node = None
@@ -158,7 +172,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except BdnnError as error:
-        print(f"{NAME}: error: {error}", file=sys.stderr)
+        print(f"{NAME}: error: {_in_parameters(str(error))}", file=sys.stderr)
         status = error.exit_status
     except Exception:
         if rclpy.ok():  # else a signal came while a call to ROS was under way: that is the end, too
