@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 BLOCK = 64
 """Steps between stamps that are looked at together."""
 ENOUGH = 16
 """Steps of the first block that tell the period before it is full."""
-GAP, SHORT = 1.5, 0.5
+GAP, SHORT = 1.5, 0.75
 """A step of more periods than this is a gap, one of fewer catches up with a step that was late."""
+SURE, PATIENCE = 0.2, 8
+"""What is owed is missing once the stamps are ahead by as many periods within this, or after so many steps."""
+
+
+class Late(NamedTuple):
+    """A gap whose samples may still come, or of which scattering stamps made one.
+
+    Attributes:
+        owed: samples that may be missing.
+        ahead: periods by which the stamps are ahead of the samples, since the one before the gap.
+        waited: steps since the gap that did not catch up.
+    """
+
+    owed: int = 0
+    ahead: float = 0.0
+    waited: int = 0
+
+
+NONE = Late()
 
 
 class Gaps:
@@ -30,7 +51,7 @@ class Gaps:
         self._joined = 0  # steps before this one lie before a pause
         self._since = 0  # refused since the last accepted sample
         self._counted = 0
-        self._owed = 0  # of a gap that ended the last block: the next samples may catch up
+        self._late = NONE  # of a gap at the end of the last block: the next samples may catch up
 
     @property
     def missing(self) -> int:
@@ -39,7 +60,7 @@ class Gaps:
         usual = self._usual()
         if usual == 0.0 or len(steps) == 0 or np.median(steps) > GAP * usual:
             return self._counted  # whether these are gaps or another rate, the whole block will tell
-        return self._counted + _missing(steps, refused, usual, self._owed)[0]
+        return self._counted + _missing(steps, refused, usual, self._late)[0]
 
     def add(self, step: int) -> None:
         """A sample was accepted so long after the one before [ns]."""
@@ -49,7 +70,7 @@ class Gaps:
         self._filled += 1
         if self._filled == BLOCK:
             self.period = float(np.median(self._steps))
-            found, self._owed = _missing(self._steps, self._refused, self.period, self._owed)
+            found, self._late = _missing(self._steps, self._refused, self.period, self._late)
             self._counted += found
             self._filled = self._joined = 0
 
@@ -65,8 +86,9 @@ class Gaps:
             place = int(np.searchsorted(ends, back))
             row = self._filled - 1 - place
             if place == len(ends):
-                if self._owed:  # late for the gap that ended the last block
-                    self._owed -= 1
+                if self._late.owed:  # too late, for the gap at the end of the last block
+                    owed, ahead, waited = self._late
+                    self._late = Late(owed - 1, ahead - 1.0, waited)
                     return
             elif back != ends[place] and self._steps[row] > GAP * self._usual() > 0.0:
                 self._refused[row] += 1
@@ -80,21 +102,25 @@ class Gaps:
         return float(np.median(self._steps[: self._filled]))
 
 
-def _missing(steps: np.ndarray, refused: np.ndarray, period: float, owed: int) -> tuple[int, int]:
+def _missing(steps: np.ndarray, refused: np.ndarray, period: float, late: Late) -> tuple[int, Late]:
     """Samples missing in some steps, and those that the next ones may still make up for.
 
     Args:
-        owed: the same, of the steps before.
+        late: the same, of the steps before.
     """
-    if owed == 0 and steps.max() <= GAP * period:
-        return 0, 0
+    if late.owed == 0 and steps.max() <= GAP * period:
+        return 0, NONE
     missing = 0
+    owed, ahead, waited = late
     for step, known in zip(steps.tolist(), refused.tolist(), strict=True):
         if step > GAP * period:
-            missing += owed
-            owed = max(round(step / period) - 1 - known, 0)
-        elif step < SHORT * period and owed:  # late, not lost: the next ones catch up
-            owed -= 1
-        else:
-            missing, owed = missing + owed, 0
-    return missing, owed
+            ahead = (ahead if owed else 0.0) + step / period - 1 - known
+            owed, waited = max(round(ahead), 0), 0
+        elif owed:
+            ahead += step / period - 1 - known
+            owed = max(min(owed, round(ahead)), 0)
+            if step >= SHORT * period:  # else the next ones catch up
+                waited += 1
+                if waited == PATIENCE or abs(ahead - owed) < SURE:
+                    missing, owed = missing + owed, 0
+    return missing, Late(owed, ahead, waited)
