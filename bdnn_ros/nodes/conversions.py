@@ -15,11 +15,6 @@ from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.estimate import Instant, Parts
 
 
-def nanoseconds(stamp: Time) -> int:
-    """A stamp [ns]."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
 def stamp(nanoseconds: int) -> Time:
     """A stamp of [ns]."""
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
