@@ -303,21 +303,6 @@ def test_the_joint_whose_friction_grew_is_all_that_changed(before, tmp_path):
     assert finding["parameters"]["coulomb"]["value"] == pytest.approx(0.04, rel=0.1)
 
 
-def test_the_payload_it_now_carries_is_all_that_changed(tmp_path):
-    arm = ("--robot", "arm6", "--worn", "--wrong", "0.05", "--seed", "1")
-    gripped = ("--effect", "payload@arm6_link6:mass=1.0,com_x=0.03,com_z=0.1", "--duration", "22")
-    unloaded, loaded = simulated(tmp_path / "unloaded", *arm), simulated(tmp_path / "loaded", *arm, *gripped)
-    assert main(["identify", str(unloaded), "--out", str(tmp_path / "model")]) == 0
-    words = ["diagnose", str(loaded), "--model", str(tmp_path / "model"), "--out", str(tmp_path / "out")]
-    assert main(words) == 0
-    (finding,) = report_of(tmp_path / "out")["findings"]
-    assert (finding["effect"], finding["link"]) == ("payload", "arm6_link6")
-    found = {name: quantity["value"] for name, quantity in finding["parameters"].items()}
-    assert found["mass"] == pytest.approx(1.0, rel=0.03)
-    assert found["com_x"] == pytest.approx(0.03, abs=0.005)
-    assert found["com_z"] == pytest.approx(0.1, abs=0.005)
-
-
 def test_the_payload_of_two_joints_is_all_that_changed(before, tmp_path):
     (finding,) = changes(before, tmp_path, "--effect", "payload@arm2_link2:mass=0.5,com_x=0.1")
     named = {finding["effect"], *(rival["effect"] for rival in finding["rivals"])}
