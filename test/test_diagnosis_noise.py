@@ -72,7 +72,7 @@ def sticky():
         armature=np.zeros(6), viscous=np.full(6, 0.1), coulomb=np.array([1.0, 1.0, 1.0, 1.0, 0.8, 0.8])
     )
     reality = wrong_robot(robot, 0.05, np.random.default_rng(4))
-    simulated = simulate(robot, reality=reality, seed=6, duration=30.0)
+    simulated = simulate(robot, reality=reality, seed=6, duration=15.0)
     assert (np.abs(np.sign(simulated.motor_velocity[:, 4:])).mean(axis=0) < 0.99).all()
     return examine([simulated.recording], robot)
 
