@@ -1,5 +1,6 @@
 """What the data cannot tell or does oddly: each remark on data made for it, and silence on good data."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +32,7 @@ def along(robot, time, position, velocity, acceleration, noise=0.002):
     return Recording(time, robot.joints, seen, velocity, effort, name="motion")
 
 
-def good(robot, duration=20.0):
+def good(robot, duration=10.0):
     plan = fourier(robot, np.arange(0.0, duration, 1.0 / RATE), np.random.default_rng(1))
     return along(robot, plan.time, plan.position, plan.velocity, plan.acceleration)
 
@@ -101,7 +102,7 @@ def test_a_doubtful_description_is_told_before_all_else(robot, recording, model)
 
 @pytest.mark.parametrize("resting", [[3], [1, 4]], ids=["one", "two"])
 def test_joints_at_rest_are_named_in_one_sentence_with_all_that_is_unknown(robot, resting):
-    plan = fourier(robot, np.arange(0.0, 20.0, 1.0 / RATE), np.random.default_rng(1))
+    plan = fourier(robot, np.arange(0.0, 10.0, 1.0 / RATE), np.random.default_rng(1))
     q, v, a = (x.copy() for x in (plan.position, plan.velocity, plan.acceleration))
     q[:, resting], v[:, resting], a[:, resting] = 0.5, 0.0, 0.0
     joints = ", ".join(robot.joints[k] for k in resting)
@@ -112,7 +113,7 @@ def test_joints_at_rest_are_named_in_one_sentence_with_all_that_is_unknown(robot
 
 
 def test_small_slow_motion_leaves_inertias_open(robot):
-    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    time = np.arange(0.0, 10.0, 1.0 / RATE)
     rate = np.arange(1.0, 7.0) ** 0.5
     angle = rate * time[:, None]
     q, v, a = 0.02 * np.sin(angle), 0.02 * rate * np.cos(angle), -0.02 * rate**2 * np.sin(angle)
@@ -123,7 +124,7 @@ def test_small_slow_motion_leaves_inertias_open(robot):
 
 
 def test_joints_that_move_alike_cannot_be_told_apart(robot):
-    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    time = np.arange(0.0, 10.0, 1.0 / RATE)
     angle, rate = np.tile(2.0 * np.pi * 0.3 * time[:, None], 6), 2.0 * np.pi * 0.3
     alike = along(robot, time, np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle))
     assert data.condition(robot, [prepare(alike)]) > data.ILL_CONDITIONED
@@ -146,7 +147,8 @@ def test_a_base_that_leans_is_told(robot):
         for one in remarks(robot, good(robot.tilted(np.radians(2.0), np.radians(-3.0))))
         if "base" in one.problem
     )
-    assert found.problem.startswith("The base is tilted: roll 2.0") and "pitch -3.0" in found.problem
+    told = re.match(r"The base is tilted: roll ([\d.-]+)° .*, pitch ([\d.-]+)°", found.problem)
+    assert told and [float(angle) for angle in told.groups()] == pytest.approx([2.0, -3.0], abs=0.05)
 
 
 def test_a_zero_that_is_off_is_told(robot):
