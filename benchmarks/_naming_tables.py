@@ -18,7 +18,6 @@ WITHIN, FLOOR = 0.1, 1.2
 """A parameter is good within this share; a model is within this factor of the noise floor."""
 TELLING = float(np.log(150.0))
 """Log evidence that outweighs so many effects at so many places."""
-WEAR = ("coulomb_friction", "viscous_friction", "armature")
 NOTHING, ELSEWHERE, REFUSED = "nothing", "elsewhere", "refused"
 
 NOT_DRAWN = "not drawn"

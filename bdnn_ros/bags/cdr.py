@@ -234,7 +234,6 @@ def encode_joint_states(
     position: np.ndarray,
     velocity: np.ndarray | None,
     effort: np.ndarray | None,
-    frame_id: str = "",
 ) -> list[bytes]:
     """Serialized sensor_msgs/JointState, one a row.
 
@@ -244,7 +243,7 @@ def encode_joint_states(
     """
     encoder = _Encoder()
     encoder.data += bytes(STAMP.stop - STAMP.start)
-    encoder.string(frame_id)
+    encoder.string("")
     encoder.unsigned(len(names))
     for name in names:
         encoder.string(name)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.bdnn import chain as chains
+from bdnn_ros.bdnn.bodies import PER_JOINT
 from bdnn_ros.bdnn.chain import Chain, Search
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.dynamics import BDNN
@@ -182,7 +183,7 @@ def core_of(chain: Chain, joints: Sequence[str], samples: Samples) -> PriorCore:
     """A chain as the core of a black box: a robot, and silent networks with its effort offset."""
     n, scales = samples.width, scales_of(samples)
     inertials = chain.parameters[: PER_LINK * n].reshape(n, PER_LINK)
-    armature, viscous, coulomb, offset = chain.parameters[PER_LINK * n :].reshape(4, n)
+    armature, viscous, coulomb, offset = chain.parameters[PER_LINK * n :].reshape(PER_JOINT, n)
     robot = Robot.from_urdf(chain.kinematics.urdf(joints, inertials), joints)
     robot = robot.with_inertials(inertials).with_joint_parameters(armature, viscous, coulomb)
     some = samples.position[:: max(len(samples) // LOAD_SAMPLES, 1)]

@@ -42,9 +42,9 @@ class LocalNetworks:
     harmonics: int = HARMONICS
 
     @classmethod
-    def silent(cls, velocity: np.ndarray, load: np.ndarray, seed: int = 0) -> LocalNetworks:
+    def silent(cls, velocity: np.ndarray, load: np.ndarray) -> LocalNetworks:
         """Networks that add nothing yet."""
-        n, rng = len(velocity), np.random.default_rng(seed)
+        n, rng = len(velocity), np.random.default_rng(0)
         weights = rng.normal(size=(n, HIDDEN, 5)) * np.array([1.0, 1.0, 1.0, 0.5, 0.5])
         weights[:, :, 2] *= np.exp(rng.uniform(0.0, np.log(STEEPEST), (n, HIDDEN)))
         bias = rng.normal(size=(n, HIDDEN))

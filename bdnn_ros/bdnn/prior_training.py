@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.bdnn import correction
-from bdnn_ros.bdnn.bodies import Belief, columns, fit, pseudo_inertias, quadratic
+from bdnn_ros.bdnn.bodies import PER_JOINT, Belief, columns, fit, pseudo_inertias, quadratic
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local
@@ -133,7 +133,7 @@ def identified(robot: Robot, belief: Belief, samples: Samples, start: np.ndarray
 def robot_of(robot: Robot, theta: np.ndarray) -> tuple[Robot, np.ndarray]:
     """The robot with parameters θ, and its effort offset (n,)."""
     n = robot.width
-    armature, viscous, coulomb, offset = theta[PER_LINK * n :].reshape(4, n)
+    armature, viscous, coulomb, offset = theta[PER_LINK * n :].reshape(PER_JOINT, n)
     changed = robot.with_inertials(theta[: PER_LINK * n]).with_joint_parameters(armature, viscous, coulomb)
     return changed, offset
 

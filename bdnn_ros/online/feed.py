@@ -94,7 +94,7 @@ class Feed:
         newest = self.states.latest(1)
         return float(newest.time[0] - self.states.origin) * 1e-9 if len(newest) else 0.0
 
-    def recording(self, seconds: float, name: str = "live stream") -> Recording:
+    def recording(self, seconds: float) -> Recording:
         """The last `seconds` (0: all that is kept) as a recording; samples without effort are left out.
 
         What came before `kept`, as before a reset, is none of it.
@@ -117,7 +117,9 @@ class Feed:
                 "Set effort_source to command, or use a driver that fills it.",
             )
         velocity = samples.velocity if np.isfinite(samples.velocity).all() else None
-        return Recording(samples.time, self.joints, samples.position, velocity, samples.effort, name=name)
+        return Recording(
+            samples.time, self.joints, samples.position, velocity, samples.effort, name="live stream"
+        )
 
     def _ready(self, most: int, commands: Chunk) -> int:
         """How many joint states may be read: those whose commands have come, or are overdue."""

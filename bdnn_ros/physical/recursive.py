@@ -276,12 +276,12 @@ def _scaled(matrix: np.ndarray) -> tuple[tuple[np.ndarray, bool], np.ndarray]:
     return cho_factor(matrix * np.outer(size, size), lower=True, check_finite=False), size
 
 
-def _principal(gram: np.ndarray, threshold: float = 1e-8) -> tuple[np.ndarray, np.ndarray]:
+def _principal(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and vectors of the excited directions, after scaling columns to one size."""
     size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
     used = size > 1e-9 * size.max()
     values, vectors = np.linalg.eigh(gram[np.ix_(used, used)] / np.outer(size[used], size[used]))
-    keep = values > threshold * values[-1]
+    keep = values > 1e-8 * values[-1]
     full = np.zeros((len(gram), int(np.count_nonzero(keep))))
     full[used] = vectors[:, keep] / size[used, None]
     return values[keep], full
