@@ -8,14 +8,12 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from bdnn_ros.physical.parameters import Parameters, of_robot, prior
+from bdnn_ros.physical.parameters import PER_JOINT, Parameters, of_robot, prior
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
 BLOCK_SECONDS = 0.25
 """Length of a block [s]: a push is constant so long."""
-OWN = 4
-"""A joint's own parameters: armature, viscous, coulomb, offset."""
 LEVER = 0.15
 """Typical distance of a payload's centre from its link's origin [m]."""
 GYRATION = 0.17
@@ -73,13 +71,13 @@ class Scene:
     def columns(self, signals: Signals, rows: np.ndarray) -> np.ndarray:
         """Low-passed columns of the base parameters, (R, n, P)."""
         robot, n = self.robot, self.width
-        own = np.zeros((len(signals), n, OWN, n))
+        own = np.zeros((len(signals), n, PER_JOINT, n))
         each = np.arange(n)
         terms = (signals.acceleration, signals.velocity, signals.sign, np.ones_like(signals.position))
         for k, values in enumerate(terms):
             own[:, each, k, each] = values
         regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
-        columns = np.concatenate([regressor, own.reshape(len(signals), n, OWN * n)], axis=2)
+        columns = np.concatenate([regressor, own.reshape(len(signals), n, PER_JOINT * n)], axis=2)
         weights = signals.smooth(np.eye(len(signals)))[rows]
         return np.asarray(np.tensordot(weights, columns, axes=1))
 
