@@ -20,7 +20,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
 DIFFERENCE = 1e-5
-"""Step of the central difference of a prior's M that gives no derivative of its own [rad]."""
+"""Step of central differences by position [rad]: of a prior's M that gives no derivative of its own, of gravity."""
 
 
 class Core(Protocol):

@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.bdnn.cores import prior_derivative
+from bdnn_ros.bdnn.cores import DIFFERENCE, prior_derivative
 from bdnn_ros.dynamics import Dynamics
 
 POSES = 500
 PATH_STEPS = 20
 """Points of the line integral of gravity that gives the potential energy."""
-STEP = 1e-5
-"""Of central differences by position [rad]."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(PATH_STEPS)
 
 
@@ -204,8 +202,10 @@ def _gravity_slope(model: Dynamics, position: np.ndarray) -> np.ndarray:
     columns = []
     for k in range(position.shape[1]):
         change = np.zeros(position.shape[1])
-        change[k] = STEP
-        columns.append((model.gravity(position + change) - model.gravity(position - change)) / (2.0 * STEP))
+        change[k] = DIFFERENCE
+        columns.append(
+            (model.gravity(position + change) - model.gravity(position - change)) / (2.0 * DIFFERENCE)
+        )
     return np.stack(columns, axis=-1)
 
 

@@ -34,7 +34,7 @@ LONGEST_NAP = 0.2
 LOOP_PAUSE = 1_500_000_000
 """Stamps go on so much later in the next round [ns]: a listener sees a pause, not a clock that jumps back."""
 OPTIONS = {
-    "se --effort measured": "se an empty effort_commands_topic",
+    "--effort measured": "an empty effort_commands_topic",
     "--joint-states ": "joint_states_topic:=",
     "--effort-commands ": "effort_commands_topic:=",
     "--rename": "rename",

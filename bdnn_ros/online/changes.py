@@ -208,7 +208,7 @@ class Monitor:
     def _is_push(self, found: Explanation, now: float) -> bool:
         """Whether it is too strong and too long for a jolt of the robot's own, and over: a payload stays."""
         over = now - found.end > 0.5 * BLOCK_SECONDS or len(self._suspects) >= LONGEST - 1
-        strong = float(np.linalg.norm(found.value[:3])) >= LEAST_PUSH * 9.81 * self.scene.load
+        strong = float(np.linalg.norm(found.value[:3])) >= LEAST_PUSH * self.scene.weight
         return over and strong and found.end - found.start >= LEAST_PUSHING
 
 

@@ -11,7 +11,7 @@ from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.online.feed import Samples
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT
-from bdnn_ros.signals import CUTOFF_PER_RATE, DEFAULT_CUTOFF, SAMPLES_PER_CUTOFF
+from bdnn_ros.signals import SAMPLES_PER_CUTOFF, usual_cutoff
 from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std
 
 EVEN = 1e-3
@@ -129,7 +129,7 @@ class Smoother:
             return
         self._period = period
         rate = 1.0 / period
-        chosen = min(DEFAULT_CUTOFF, rate * CUTOFF_PER_RATE) if self.cutoff is None else self.cutoff
+        chosen = usual_cutoff(rate) if self.cutoff is None else self.cutoff
         steps = max(int(np.ceil(SAMPLES_PER_CUTOFF * chosen / rate)), 1)
         self._step = period / steps
         self._kernels = np.array(gaussian_kernel(gaussian_std(chosen), 1.0 / self._step))

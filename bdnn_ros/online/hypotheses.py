@@ -16,9 +16,8 @@ from types import MappingProxyType
 import numpy as np
 
 from bdnn_ros.online.scene import Block, Kind, Scene, inverse
+from bdnn_ros.online.usual import CORRELATION
 
-LEAST_CORRELATION = 3.0
-"""Rows that say as much as one independent row under the low-pass alone."""
 ALIKE = 0.03
 """Pushes or payloads on two links explain alike when they differ by less than this share."""
 NEGATIVE = 2.0
@@ -286,7 +285,7 @@ def energy(block: Block, mean: np.ndarray) -> float:
 
 def misfit(data: Sequence[Block], left: float) -> float:
     """How many times the noise is left of the weighted square, at least 1 (Birge 1932)."""
-    return max(LEAST_CORRELATION * left / sum(block.count for block in data), 1.0)
+    return max(CORRELATION[0] * left / sum(block.count for block in data), 1.0)
 
 
 def _best_run(gains: Sequence[float]) -> tuple[int, int]:

@@ -14,7 +14,7 @@ from bdnn_ros.online.chunks import Chunks
 from bdnn_ros.physical.dictionary import Scales
 from bdnn_ros.physical.handover import physical_model
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import Prior, Spread, prior
+from bdnn_ros.physical.parameters import Prior, Spread, prior, usual_velocity
 from bdnn_ros.physical.possible import Possible
 from bdnn_ros.physical.presliding import Directions
 from bdnn_ros.physical.recursive import Posterior
@@ -39,8 +39,6 @@ FIRST_SET_UP = 4
 """Chunks after which it is first asked how the robot is set up, again whenever they have doubled, until terms are chosen."""
 ITERATIONS = 10
 """Of noise and parameters, where there is time."""
-VELOCITY = 2.0
-"""Velocity limit of a joint whose URDF has none [rad/s]: only a unit."""
 Progress = Callable[[float, str], None]
 """(share done, what is being done)."""
 
@@ -79,8 +77,7 @@ class Identifier:
     ) -> None:
         self.robot = self._described = robot
         self.belief = belief or prior(robot, spread)
-        limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, VELOCITY)
-        self.scales = Scales(self.belief.effort_scale, limit)
+        self.scales = Scales(self.belief.effort_scale, usual_velocity(robot))
         self.structure = Structure.plain(self.belief)
         self.version = 0
         self.samples = 0

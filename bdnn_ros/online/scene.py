@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from bdnn_ros.physical.parameters import PER_JOINT, Parameters, of_robot, prior
+from bdnn_ros.physical.parameters import PER_JOINT, Parameters, of_robot, prior, usual_velocity
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.mounting import STANDARD_GRAVITY
 from bdnn_ros.signals import Signals
 
 BLOCK_SECONDS = 0.25
@@ -65,7 +66,7 @@ class Scene:
         self.information = inverse(belief.covariance + ridge)[0]
         self.links = [robot.moving_link(joint) for joint in robot.joints]
         self.load = float(np.mean(np.maximum(robot.inertials[:, 0], 1e-3)))
-        velocity = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 2.0)
+        velocity = usual_velocity(robot)
         self._friction = FRICTION * np.stack([self.scale / velocity, self.scale, self.scale / 3.0])
 
     def columns(self, signals: Signals, rows: np.ndarray) -> np.ndarray:
@@ -98,8 +99,12 @@ class Scene:
     @property
     def wrench(self) -> np.ndarray:
         """Prior covariance of a push, (6, 6)."""
-        force = 9.81 * self.load
-        return np.diag([force**2] * 3 + [(LEVER * force) ** 2] * 3)
+        return np.diag([self.weight**2] * 3 + [(LEVER * self.weight) ** 2] * 3)
+
+    @property
+    def weight(self) -> float:
+        """Of a link, on average [N]."""
+        return -STANDARD_GRAVITY[2] * self.load
 
 
 def blocks(
