@@ -58,8 +58,8 @@ class Beside:
 
 
 @pytest.fixture
-def beside() -> Iterator[Beside]:
-    made = Beside(cutoff=100.0)
+def beside(request: pytest.FixtureRequest) -> Iterator[Beside]:
+    made = Beside(cutoff=getattr(request, "param", 100.0))
     yield made
     made.here.close()
     made.session.stop()
@@ -117,6 +117,19 @@ def test_a_stream_that_is_slower_after_a_pause_is_learned_from():
     time, position, effort = _columns(motion(REAL, 12.0, 15.0, seed=1))
     assert list(learning.take(100.0 + time, position, effort))
     assert learning.identifier.left_out == 0
+
+
+@pytest.mark.parametrize("beside", [10.0], indirect=True)
+def test_after_a_reset_nothing_was_missed_yet(beside):
+    """The count came back with the next version."""
+    beside.send(motion(REAL, 20.0, 250.0), 10**12)  # 5000 samples at once, where 4000 are kept
+    beside.learn()
+    assert beside.session.counts.overrun > 900
+    beside.session.reset()
+    beside.begin()
+    beside.send(motion(REAL, 4.0, 250.0), 10**12 + 30 * 10**9)
+    (*_, last) = (message for message in beside.learn() if message.kind == "version")
+    assert last.info["missed"] == 0 and beside.session.counts.overrun == 0
 
 
 def _columns(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
