@@ -17,7 +17,6 @@ from bdnn_ros.simulation.excitation import (
     fourier,
     position_range,
     smooth_step,
-    velocity_limits,
 )
 
 TRIALS = 200
@@ -120,4 +119,4 @@ def planned(name: str, robot: Robot, time: np.ndarray, rng: np.random.Generator)
 def _room(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middle and half of each joint's range [rad], and its largest speed [rad/s], (n,) each."""
     lower, upper = position_range(robot)
-    return 0.5 * (lower + upper), np.minimum(0.4 * (upper - lower), WIDEST), velocity_limits(robot)
+    return 0.5 * (lower + upper), np.minimum(0.4 * (upper - lower), WIDEST), robot.limits.usual_velocity

@@ -16,7 +16,7 @@ from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.cli.main import main
 from bdnn_ros.effects.registry import parse_spec
-from bdnn_ros.extension.effects_file import read_effects
+from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.physical.model import PhysicalModel
@@ -83,7 +83,9 @@ def test_a_physical_model_as_urdf_and_effects(tmp_path: Path) -> None:
     save_model(tmp_path / "model.bdnn", model)
     assert main(["export", str(tmp_path / "model.bdnn"), "--out", str(tmp_path)]) == 0
     robot = Robot.from_file(tmp_path / "model.urdf")
-    again = ExtendedModel(robot, tuple(read_effects(tmp_path / "effects.yaml", robot)), np.zeros(2))
+    again = ExtendedModel(
+        robot, tuple(EffectsFile.read(tmp_path / "effects.yaml").effects(robot)), np.zeros(2)
+    )
     state = [np.random.default_rng(k).uniform(-1, 1, (20, 2)) for k in range(3)]
     np.testing.assert_allclose(again.inverse_dynamics(*state), model.inverse_dynamics(*state), atol=1e-9)
     assert "model.mjcf.xml" in (tmp_path / "effects.yaml").read_text()

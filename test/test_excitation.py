@@ -112,7 +112,7 @@ def test_a_motion_settles_what_was_open(robot: Robot, tmp_path: Path) -> None:
     told: list[str] = []
     found = excite(robot, case, bounds=bounds, duration=20.0, seed=3, progress=told.append)
     assert len(found.separations) == 3 and all(one.settled for one in found.separations)
-    assert bounds.kept_by(found.trajectory, robot, 2e-2)
+    assert bounds.kept_by(found.trajectory, 2e-2)
     assert 12.0 < found.trajectory.time[-1] <= 20.5
     assert told
     again = excite(robot, case, bounds=bounds, duration=20.0, seed=3)
@@ -139,7 +139,7 @@ def test_a_short_motion_takes_its_time_and_tells_more_than_what_is_joined(name: 
     found = excite(robot, duration=duration, seed=2).trajectory
     assert found.time[-1] == pytest.approx(duration, abs=0.02)
     bounds = Bounds.of(robot)
-    assert bounds.kept_by(found, robot, 1e-2)
+    assert bounds.kept_by(found, 1e-2)
     joined = excite_joined(robot, bounds, duration)
     assert expected_error(robot, found) < 0.7 * expected_error(robot, joined)
 

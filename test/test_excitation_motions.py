@@ -24,23 +24,23 @@ def robot(request) -> Robot:
     return Robot.bundled(request.param)
 
 
-def pieces(robot: Robot, bounds: Bounds, count: int, seed: int = 0):
+def pieces(bounds: Bounds, count: int, seed: int = 0):
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):
-        piece = drawn(robot, bounds, 4.0, np.ones(robot.width), rng)
+        piece = drawn(bounds, 4.0, np.ones(bounds.width), rng)
         if piece is not None:
-            found += [piece, changed(robot, bounds, piece, rng)]
+            found += [piece, changed(bounds, piece, rng)]
     return [piece for piece in found if piece is not None]
 
 
-def swings(robot: Robot, bounds: Bounds, count: int):
+def swings(bounds: Bounds, count: int):
     """Motions of one piece, and each with a joint or two moving otherwise."""
     rng, found = np.random.default_rng(1), []
     for duration in np.tile([1.5, 6.0, 24.0], count):
-        piece = swinging(robot, bounds, duration, rng)
+        piece = swinging(bounds, duration, rng)
         if piece is not None:
-            found += [piece, retouched(robot, bounds, piece, 1.0, rng)]
+            found += [piece, retouched(bounds, piece, 1.0, rng)]
     return [piece for piece in found if piece is not None]
 
 
@@ -56,12 +56,12 @@ def consistent(motion: Trajectory) -> None:
 @pytest.mark.parametrize("made", [pieces, swings])
 def test_pieces_keep_all_limits_and_rest_at_their_ends(robot: Robot, made) -> None:
     bounds = Bounds.of(robot)
-    found = made(robot, bounds, 12)
+    found = made(bounds, 12)
     assert len(found) >= 12
     moving = np.zeros(robot.width, bool)
     for piece in found:
         motion = piece.at(np.linspace(0.0, piece.duration, 2001))
-        assert bounds.kept_by(motion, robot, 1e-2)
+        assert bounds.kept_by(motion, 1e-2)
         consistent(motion)
         np.testing.assert_allclose(motion.velocity[[0, -1]], 0.0, atol=1e-9)
         np.testing.assert_allclose(motion.acceleration[[0, -1]], 0.0, atol=1e-6)
@@ -71,7 +71,7 @@ def test_pieces_keep_all_limits_and_rest_at_their_ends(robot: Robot, made) -> No
 
 def test_pieces_are_of_many_tempos(robot: Robot) -> None:
     """Friction needs slow stretches and fast ones, small reversals and wide ones."""
-    found = pieces(robot, Bounds.of(robot), 40)
+    found = pieces(Bounds.of(robot), 40)
     peaks = np.concatenate([np.abs(p.coarse.velocity).max(axis=0) for p in found])
     widths = np.concatenate([np.ptp(p.coarse.position, axis=0) for p in found])
     peaks, widths = peaks[peaks > 1e-9], widths[peaks > 1e-9]
@@ -81,11 +81,11 @@ def test_pieces_are_of_many_tempos(robot: Robot) -> None:
 
 def test_joined_pieces_are_one_smooth_motion(robot: Robot) -> None:
     bounds = Bounds.of(robot, velocity=0.5, acceleration=4.0)
-    trajectory = joined(robot, bounds, pieces(robot, bounds, 6)[:4], 200.0)
+    trajectory = joined(bounds, pieces(bounds, 6)[:4], 200.0)
     assert trajectory is not None
     np.testing.assert_allclose(np.diff(trajectory.time), 0.005, atol=1e-9)
     consistent(trajectory)
-    assert bounds.kept_by(trajectory, robot, 2e-2)
+    assert bounds.kept_by(trajectory, 2e-2)
     np.testing.assert_allclose(trajectory.velocity[[0, -1]], 0.0, atol=1e-6)
     assert np.abs(trajectory.velocity).max() <= 0.5 * robot.limits.velocity.max()
 
@@ -93,7 +93,7 @@ def test_joined_pieces_are_one_smooth_motion(robot: Robot) -> None:
 def test_a_narrow_range_is_kept(robot: Robot) -> None:
     joint = robot.joints[1]
     bounds = Bounds.of(robot, margin=0.0, ranges={joint: (0.1, 0.3)})
-    for piece in pieces(robot, bounds, 6):
+    for piece in pieces(bounds, 6):
         assert piece.coarse.position[:, 1].min() >= 0.1 - 1e-6
         assert piece.coarse.position[:, 1].max() <= 0.3 + 1e-6
 
@@ -120,7 +120,7 @@ def test_a_robot_too_weak_to_hold_itself_gets_no_piece() -> None:
     robot = Robot.bundled("arm7")
     bounds = Bounds.of(robot, effort=0.01)
     rng = np.random.default_rng(0)
-    assert all(drawn(robot, bounds, 4.0, np.ones(7), rng) is None for _ in range(5))
+    assert all(drawn(bounds, 4.0, np.ones(7), rng) is None for _ in range(5))
 
 
 def test_room_is_what_the_description_gives() -> None:
@@ -152,7 +152,7 @@ def test_limits_of_effort_are_kept_by_all_that_the_model_knows() -> None:
     model = ExtendedModel(robot, tuple(parse_spec(spec, robot) for spec in specs), np.zeros(2))
     asked = []
     for bounds in (Bounds.of(robot, effort=0.6, model=model), Bounds.of(robot, effort=0.6)):
-        motions = [piece.coarse for piece in swings(robot, bounds, 2)]
+        motions = [piece.coarse for piece in swings(bounds, 2)]
         efforts = [model.inverse_dynamics(one.position, one.velocity, one.acceleration) for one in motions]
         asked.append(np.abs(np.concatenate(efforts)).max(axis=0) / robot.limits.effort)
     assert (asked[0] <= 0.6 * 1.01).all() and (asked[1] > 0.65).any()

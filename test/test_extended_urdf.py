@@ -11,7 +11,7 @@ from cli_cases import sliding_arm
 
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError, RobotError, UsageError
-from bdnn_ros.extension.effects_file import as_recorded, effects_text, read_effects
+from bdnn_ros.extension.effects_file import EffectsFile, effects_text
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.extension.urdf_text import UrdfText
@@ -177,7 +177,7 @@ def test_urdf_and_effects_are_the_whole_model(robot: Robot, tmp_path) -> None:
     path = tmp_path / "effects.yaml"
     path.write_text(effects_text(beside_urdf(model), robot))
     read = Robot.from_urdf(urdf)
-    again = ExtendedModel(read, tuple(read_effects(path, read)), model.noise)
+    again = ExtendedModel(read, tuple(EffectsFile.read(path).effects(read)), model.noise)
     state = states(robot)
     wanted = model.inverse_dynamics(*state)
     np.testing.assert_allclose(again.inverse_dynamics(*state), wanted, atol=1e-9 * np.abs(wanted).max())
@@ -191,7 +191,7 @@ def test_a_push_is_along_the_axes_of_the_base_that_is_written(robot: Robot, tmp_
     path = tmp_path / "effects.yaml"
     path.write_text(effects_text(beside_urdf(model), robot))
     read = Robot.from_urdf(extended_urdf(model))
-    again = ExtendedModel(read, tuple(read_effects(path, read)), model.noise)
+    again = ExtendedModel(read, tuple(EffectsFile.read(path).effects(read)), model.noise)
     time = np.arange(100) / 100.0
     position = np.sin(time[:, None] + np.arange(robot.width))
     signals = prepare(Recording(time, robot.joints, position, None, np.zeros_like(position), name="swing"))
@@ -207,12 +207,12 @@ def test_joints_that_were_held_are_held_again(robot: Robot, tmp_path) -> None:
     model = model_of(some, "payload@arm7_link7:mass=1,com_z=0.1")
     path = tmp_path / "effects.yaml"
     path.write_text(effects_text(beside_urdf(model), some))
-    again = as_recorded(path, Robot.from_urdf(extended_urdf(model)))
+    again = EffectsFile.read(path).robot(Robot.from_urdf(extended_urdf(model)))
     assert again.joints == chosen and dict(again.held) == {"arm7_joint3": 0.9}
     same_rigid_effort(model, again)
     path.write_text("{joints: [arm7_joint1], held: {arm7_joint3: askew}, effects: []}")
     with pytest.raises(UsageError, match="held is no number"):
-        as_recorded(path, robot)
+        EffectsFile.read(path).robot(robot)
 
 
 @pytest.mark.parametrize(
@@ -274,7 +274,7 @@ def test_joints_that_were_held_are_held_again(robot: Robot, tmp_path) -> None:
 def test_bad_effects_are_refused(robot: Robot, tmp_path, text: str, says: str) -> None:
     (tmp_path / "effects.yaml").write_text(text)
     with pytest.raises(UsageError, match=says):
-        read_effects(tmp_path / "effects.yaml", robot)
+        EffectsFile.read(tmp_path / "effects.yaml").effects(robot)
 
 
 FOUND = (
@@ -298,7 +298,7 @@ def test_what_a_diagnosis_writes_is_read_again(robot: Robot, tmp_path, spec: str
     found = replace(asked, values={**asked.values, **values})
     path = tmp_path / "effects.yaml"
     path.write_text(effects_text([found], robot))
-    assert read_effects(path, robot) == [found]
+    assert EffectsFile.read(path).effects(robot) == [found]
     model = ExtendedModel(robot, (found,), np.zeros(robot.width))
     assert ExtendedModel.from_state(*model.to_state()).effects == (found,)
 
@@ -313,7 +313,7 @@ def test_a_model_with_an_effect_nowhere_is_refused(robot: Robot) -> None:
 def test_a_joint_of_an_effects_file_stands_for_the_link_it_moves(robot: Robot, tmp_path) -> None:
     path = tmp_path / "effects.yaml"
     path.write_text("effects: [{effect: payload, joint: arm7_joint7, parameters: {mass: 1}}]")
-    assert read_effects(path, robot) == [parse_spec("payload@arm7_joint7:mass=1", robot)]
+    assert EffectsFile.read(path).effects(robot) == [parse_spec("payload@arm7_joint7:mass=1", robot)]
 
 
 def test_text_edits_keep_every_other_character() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.effects.registry import parse_spec
-from bdnn_ros.extension.effects_file import read_effects
+from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.robot import Robot
@@ -49,7 +49,7 @@ def test_simulated_again_the_gap_is_closed(name: str, tmp_path: Path) -> None:
     write_model_files(model, tmp_path)
 
     extended = Robot.from_file(tmp_path / "extended.urdf")
-    effects = read_effects(tmp_path / "effects.yaml", extended)
+    effects = EffectsFile.read(tmp_path / "effects.yaml").effects(extended)
     again = ExtendedModel(extended, tuple(effects), np.zeros(robot.width))
     signals = prepare(truth.recording)
     assert signals.effort is not None
@@ -78,4 +78,4 @@ def test_files_are_whole_and_readable_by_all(tmp_path: Path) -> None:
     os.umask(mask)
     assert all(path.stat().st_mode & 0o777 == 0o666 & ~mask for path in paths)
     assert sorted(os.listdir(tmp_path / "deep" / "er")) == sorted(path.name for path in paths)
-    assert read_effects(paths[2], robot) == []
+    assert EffectsFile.read(paths[2]).effects(robot) == []

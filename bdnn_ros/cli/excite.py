@@ -20,7 +20,8 @@ from bdnn_ros.excitation.choice import DECISIVE, Excitation, Progress, excite
 from bdnn_ros.excitation.rivals import Case, joints_of, read_case
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.robot import BUNDLED, Robot
-from bdnn_ros.simulation.excitation import OPEN_VELOCITY, Trajectory
+from bdnn_ros.robot.urdf import OPEN_VELOCITY
+from bdnn_ros.simulation.excitation import Trajectory
 
 MOST_SAID = 1000.0
 """Larger expected evidence says no more than that it is large [nats]."""

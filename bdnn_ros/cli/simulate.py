@@ -13,7 +13,7 @@ from bdnn_ros.cli import options, outputs
 from bdnn_ros.cli.options import counted
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import UsageError, listed
-from bdnn_ros.extension.effects_file import as_recorded, read_effects
+from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.simulation.possible import never_acting
 from bdnn_ros.simulation.scenario import Scenario
@@ -84,15 +84,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate, write the bag and the truth, say where."""
     outputs.require_directory(args.out)
-    robot = _robot(args)
+    robot, found = _robot(args), None
     if args.effects:
-        robot = as_recorded(args.effects, robot)
+        found = EffectsFile.read(args.effects)
+        robot = found.robot(robot)
         if robot.held:
             held = listed(f"{joint} at {position:.4g}" for joint, position in robot.held)
             options.say(f"Held as {args.effects} has it: {held}.")
     require_mass(robot)
     options.say_mimics(robot)
-    installed = read_effects(args.effects, robot) if args.effects else []
+    installed = found.effects(robot) if found else []
     scenario = Scenario(
         robot,
         effects=args.effect,

@@ -24,6 +24,8 @@ RARE_COST = 2.0
 """Log prior odds against kinds that a simpler one may stand for."""
 TIMES_COST = 9.0
 """What it costs more to act between two times that are sought: each is one of a hundred."""
+PERIODS_COST = 4.0
+"""What it costs more to wind with a period that is sought: a joint's range tells some fifty apart."""
 LINK_COST = 3.5
 """The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
 PAYLOAD_COST = 5.5
@@ -56,6 +58,7 @@ def log_odds(term: Term, having: dict[str, set[int]], carried: np.ndarray) -> fl
     alone = term.effect.on == "all" and term.target >= 0  # on one joint of what mostly all have
     cost += RARE_COST if alone or term.effect.name in RARE else 0.0
     cost += TIMES_COST if term.effect.timed else 0.0
+    cost += PERIODS_COST if term.effect.winding else 0.0
     if term.effect.name == "payload" and carried[term.target]:
         cost += INNER_COST if carried[term.target] < width - 1 else FIRST_COST
     if term.effect.name not in COMMON or width <= 2:

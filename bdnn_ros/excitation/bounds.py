@@ -10,7 +10,7 @@ import numpy as np
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
-from bdnn_ros.simulation.excitation import ACCELERATION_PER_VELOCITY, Trajectory, velocity_limits
+from bdnn_ros.simulation.excitation import ACCELERATION_PER_VELOCITY, Trajectory
 
 TURN = 2.0 * np.pi
 
@@ -20,7 +20,7 @@ class Bounds:
     """What a motion must keep, (n,) each: positions, and magnitudes of velocity, acceleration, effort.
 
     Attributes:
-        model: what tells the effort; None takes the robot's own description.
+        model: what tells the effort.
     """
 
     lower: np.ndarray
@@ -28,7 +28,12 @@ class Bounds:
     velocity: np.ndarray
     acceleration: np.ndarray
     effort: np.ndarray
-    model: Dynamics | None = None
+    model: Dynamics
+
+    @property
+    def width(self) -> int:
+        """Number of joints n."""
+        return len(self.lower)
 
     @classmethod
     def of(
@@ -77,21 +82,20 @@ class Bounds:
         if (low >= high).any():
             joint = robot.joints[int(np.argmax(low >= high))]
             raise UsageError(f"{joint} has no room to move.", "Widen its range, or lower the margin.")
-        speed = velocity * velocity_limits(robot)
+        speed = velocity * robot.limits.usual_velocity
         quick = ACCELERATION_PER_VELOCITY * speed
         if acceleration is not None:
             quick = np.full_like(speed, acceleration)
-        return cls(low, high, speed, quick, effort * robot.limits.effort, model)
+        return cls(low, high, speed, quick, effort * robot.limits.effort, robot if model is None else model)
 
-    def kept_by(self, motion: Trajectory, robot: Robot, slack: float = 1e-6) -> bool:
+    def kept_by(self, motion: Trajectory, slack: float = 1e-6) -> bool:
         """Whether a motion stays inside."""
         inside = (motion.position >= self.lower - slack) & (motion.position <= self.upper + slack)
         slow = np.abs(motion.velocity) <= self.velocity * (1.0 + slack)
         gentle = np.abs(motion.acceleration) <= self.acceleration * (1.0 + slack)
         if not (inside & slow & gentle).all():
             return False
-        model = robot if self.model is None else self.model
-        effort = model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        effort = self.model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
         return bool((np.abs(effort) <= self.effort * (1.0 + slack)).all())
 
 

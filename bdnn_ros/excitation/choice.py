@@ -98,9 +98,9 @@ def excite(
     search = _Search(robot, bounds, design, duration, np.random.default_rng(seed), say)
     pieces = search.run()
     if not design.asked and duration <= LONGEST:
-        pieces = _better(design, pieces, whole(robot, bounds, design, duration, search.rng, say))
+        pieces = _better(design, pieces, whole(bounds, design, duration, search.rng, say))
     say("joining")
-    trajectory = joined(robot, bounds, pieces, rate)
+    trajectory = joined(bounds, pieces, rate)
     if trajectory is None:
         raise DataError("No way between the motion's parts keeps the effort limits.", "Widen the limits.")
     gram = sum(design.gram(piece) for piece in pieces)
@@ -155,7 +155,7 @@ class _Search:
         for k in range(DRAWS):
             if k % 20 == 0:
                 self.say(f"drawing motions {k}/{DRAWS}")
-            self._take(drawn(self.robot, self.bounds, self.length, focus, self.rng))
+            self._take(drawn(self.bounds, self.length, focus, self.rng))
         if not self.pieces:
             raise DataError(
                 "No motion was found that keeps the limits.",
@@ -166,7 +166,7 @@ class _Search:
         chosen = self._exchanged(self._grown(count))
         self.say("refining")
         for k in range(CHANGES):
-            self._take(changed(self.robot, self.bounds, self.pieces[chosen[k % len(chosen)]], self.rng))
+            self._take(changed(self.bounds, self.pieces[chosen[k % len(chosen)]], self.rng))
         chosen = self._exchanged(chosen)
         return self._short_enough(chosen)
 
@@ -228,7 +228,7 @@ class _Search:
 
     def _ordered(self, pieces: list[Piece]) -> tuple[list[Piece], float]:
         """The pieces, each followed by the nearest one left, from the best start, and their time [s]."""
-        ways = [[way(self.robot, self.bounds, a.end, b.centre)[0] for b in pieces] for a in pieces]
+        ways = [[way(self.bounds, a.end, b.centre)[0] for b in pieces] for a in pieces]
         best, shortest = pieces, np.inf
         for start in range(len(pieces)):
             order, left, time = [start], set(range(len(pieces))) - {start}, 0.0

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bdnn_ros.excitation.bounds import Bounds
-from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import (
     LONGEST_PERIOD,
     STEEPNESS,
@@ -99,9 +98,7 @@ class Piece:
         return self.at(np.arange(0.0, self.duration + 0.5 * COARSE, COARSE))
 
 
-def drawn(
-    robot: Robot, bounds: Bounds, duration: float, focus: np.ndarray, rng: np.random.Generator
-) -> Piece | None:
+def drawn(bounds: Bounds, duration: float, focus: np.ndarray, rng: np.random.Generator) -> Piece | None:
     """A random piece inside the limits: joints swing, go to and fro steadily, or make small reversals.
 
     Nearly all joints move in every piece: one at rest tells nothing, not even of its neighbours.
@@ -112,7 +109,7 @@ def drawn(
     Returns:
         None where the pose or the motion asks for more effort than there is.
     """
-    width = robot.width
+    width = bounds.width
     centre = bounds.lower + rng.beta(1.5, 1.5, width) * (bounds.upper - bounds.lower)
     special = rng.random(width) < 0.15 + 0.5 * focus / focus.max()
     ramping, small = special & (rng.random(width) < 0.6), np.zeros(width, bool)
@@ -131,12 +128,12 @@ def drawn(
         blend,
     )
     share = np.where(ramping | small, 0.0, rng.uniform(0.3, 1.0, width))
-    return fitted(robot, bounds, piece, share)
+    return fitted(bounds, piece, share)
 
 
-def swinging(robot: Robot, bounds: Bounds, duration: float, rng: np.random.Generator) -> Piece | None:
+def swinging(bounds: Bounds, duration: float, rng: np.random.Generator) -> Piece | None:
     """A random Fourier series inside the limits in which all joints swing, from rest to rest; None as of `drawn`."""
-    width, period = robot.width, float(np.clip(duration, SHORTEST_PERIOD, LONGEST_PERIOD))
+    width, period = bounds.width, float(np.clip(duration, SHORTEST_PERIOD, LONGEST_PERIOD))
     harmonics = np.arange(1, max(int(rng.choice(HIGHEST) * period), 2) + 1)
     room = bounds.upper - bounds.lower
     centre = bounds.lower + room * (0.5 + ABOUT_THE_MIDDLE * rng.uniform(-1.0, 1.0, width))
@@ -146,18 +143,16 @@ def swinging(robot: Robot, bounds: Bounds, duration: float, rng: np.random.Gener
     frequency = np.tile(harmonics / period, (width, 1))
     still = np.zeros((1, width))
     piece = Piece(duration, centre, amplitude, frequency, phase, still[:, 0], still, BLEND)
-    return fitted(robot, bounds, piece, rng.uniform(*FILLED, width))
+    return fitted(bounds, piece, rng.uniform(*FILLED, width))
 
 
-def retouched(
-    robot: Robot, bounds: Bounds, piece: Piece, step: float, rng: np.random.Generator
-) -> Piece | None:
+def retouched(bounds: Bounds, piece: Piece, step: float, rng: np.random.Generator) -> Piece | None:
     """A swinging piece in which one joint or two move otherwise, about another pose; None as of `drawn`.
 
     Args:
         step: how far away, about 1.
     """
-    width = robot.width
+    width = bounds.width
     moved = rng.random(width) < 1.5 / width
     moved[rng.integers(width)] = True
     away = 0.15 * step * (bounds.upper - bounds.lower) * rng.standard_normal(width)
@@ -169,7 +164,7 @@ def retouched(
         * np.where(moved[:, None], np.exp(0.4 * step * rng.standard_normal(shape)), 1.0),
         phase=piece.phase + np.where(moved[:, None], 0.8 * step * rng.standard_normal(shape), 0.0),
     )
-    return fitted(robot, bounds, other, np.where(moved, rng.uniform(*FILLED, width), 0.0))
+    return fitted(bounds, other, np.where(moved, rng.uniform(*FILLED, width), 0.0))
 
 
 def _sines(
@@ -202,9 +197,9 @@ def _ramps(
     return np.append(when[:-1], duration - blend), np.vstack([signed, np.zeros(len(most))]), float(blend)
 
 
-def changed(robot: Robot, bounds: Bounds, piece: Piece, rng: np.random.Generator) -> Piece | None:
+def changed(bounds: Bounds, piece: Piece, rng: np.random.Generator) -> Piece | None:
     """A piece not far from another one: pose, sizes and tempo moved a little."""
-    width = robot.width
+    width = bounds.width
     moved = piece.centre + 0.15 * (bounds.upper - bounds.lower) * rng.standard_normal(width)
     other = replace(
         piece,
@@ -212,10 +207,10 @@ def changed(robot: Robot, bounds: Bounds, piece: Piece, rng: np.random.Generator
         frequency=piece.frequency * np.exp(0.2 * rng.standard_normal(piece.frequency.shape)),
         phase=piece.phase + 0.5 * rng.standard_normal(piece.phase.shape),
     ).resized(np.exp(0.4 * rng.standard_normal(width)))
-    return fitted(robot, bounds, other)
+    return fitted(bounds, other)
 
 
-def fitted(robot: Robot, bounds: Bounds, piece: Piece, share: np.ndarray | float = 0.0) -> Piece | None:
+def fitted(bounds: Bounds, piece: Piece, share: np.ndarray | float = 0.0) -> Piece | None:
     """The piece made so small that it keeps all limits, None where it cannot.
 
     Args:
@@ -233,7 +228,7 @@ def fitted(robot: Robot, bounds: Bounds, piece: Piece, share: np.ndarray | float
     room = np.where(np.isfinite(room), room, 1.0) * RESERVE
     piece = piece.resized(np.where(np.asarray(share) > 0.0, share * room, np.minimum(room, 1.0)))
     for _ in range(ATTEMPTS):
-        if bounds.kept_by(piece.coarse, robot, 1e-3):
+        if bounds.kept_by(piece.coarse, 1e-3):
             return piece
         piece = piece.resized(0.8)
     return None

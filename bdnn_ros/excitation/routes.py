@@ -9,11 +9,10 @@ import numpy as np
 
 from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.motions import ATTEMPTS, Piece
-from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory, smooth_step
 
 
-def way(robot: Robot, bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool]:
+def way(bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool]:
     """Time of a straight way between two poses (n,) from rest to rest [s], and whether effort suffices."""
     distance = np.abs(end - start)
     time = max(
@@ -22,7 +21,7 @@ def way(robot: Robot, bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tup
         0.3,
     )
     for _ in range(ATTEMPTS):
-        if bounds.kept_by(straight(start, end, time, np.linspace(0.0, time, 25)), robot, 1e-3):
+        if bounds.kept_by(straight(start, end, time, np.linspace(0.0, time, 25)), 1e-3):
             return time, True
         time *= 1.3
     return time, False
@@ -40,13 +39,13 @@ def straight(start: np.ndarray, end: np.ndarray, duration: float, time: np.ndarr
     )
 
 
-def joined(robot: Robot, bounds: Bounds, pieces: Sequence[Piece], rate: float) -> Trajectory | None:
+def joined(bounds: Bounds, pieces: Sequence[Piece], rate: float) -> Trajectory | None:
     """Pieces one after the other with straight ways between, at `rate` [Hz]; None where no way is found."""
     parts: list[Trajectory] = []
     begin, here = 0.0, pieces[0].centre
     spans: list[tuple[float, Piece | tuple[np.ndarray, np.ndarray], float]] = []
     for piece in pieces:
-        time, possible = way(robot, bounds, here, piece.centre)
+        time, possible = way(bounds, here, piece.centre)
         if not possible:
             return None
         if (here != piece.centre).any():

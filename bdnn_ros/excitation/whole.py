@@ -13,7 +13,6 @@ import numpy as np
 from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.motions import Piece, retouched, swinging
 from bdnn_ros.excitation.separation import Design
-from bdnn_ros.robot import Robot
 
 LONGEST = 25.0
 """Longer motions are joined of pieces, which show more of what friction does [s]."""
@@ -25,7 +24,6 @@ WIDER, NARROWER, STEPS = 1.5, 0.93, (0.15, 1.5)
 
 
 def whole(
-    robot: Robot,
     bounds: Bounds,
     design: Design,
     duration: float,
@@ -40,13 +38,13 @@ def whole(
             say(f"a motion in one piece {count}/{drawn + near}")
         return -np.inf if piece is None else float(design.value(design.gram(piece)))
 
-    first = [swinging(robot, bounds, duration, rng) for _ in range(drawn)]
+    first = [swinging(bounds, duration, rng) for _ in range(drawn)]
     values = [value(piece, k) for k, piece in enumerate(first)]
     best, highest, step = first[int(np.argmax(values))], max(values), 1.0
     if best is None:
         return None
     for k in range(drawn, drawn + near):
-        piece = retouched(robot, bounds, best, step, rng)
+        piece = retouched(bounds, best, step, rng)
         found = value(piece, k)
         step = float(np.clip(step * (WIDER if found > highest else NARROWER), *STEPS))
         if piece is not None and found > highest:

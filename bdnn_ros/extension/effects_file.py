@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -120,52 +121,71 @@ def effects_text(
     return preamble(urdf, mjcf) + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
 
 
-def read_effects(path: str | Path, robot: Robot) -> list[Installed]:
-    """The effects of an effects.yaml (or a truth.yaml), for a robot.
+@dataclass(frozen=True)
+class EffectsFile:
+    """An effects.yaml, or a truth.yaml.
 
-    Raises:
-        UsageError: the file cannot be read, is of another format, or does not fit the robot.
+    Attributes:
+        path: where it was read, for sentences.
+        content: as YAML has it.
     """
-    document = _document(path)
-    try:
-        return from_entries(document["effects"], robot)
-    except UsageError as error:
-        raise UsageError(f"{path}: {error.problem}", error.remedy) from None
 
+    path: Path
+    content: Mapping[str, Any]
 
-def as_recorded(path: str | Path, robot: Robot) -> Robot:
-    """The robot with the joints of an effects.yaml, where that was written of some of them: the others held as they were.
+    @classmethod
+    def read(cls, path: str | Path) -> EffectsFile:
+        """The file at a path.
 
-    Raises:
-        UsageError: the file cannot be read, or names joints that the robot does not have.
-    """
-    document = _document(path)
-    held, joints = document.get(HELD), document.get("joints")
-    if not held:
-        return robot
-    if not isinstance(held, dict) or not isinstance(joints, list):
-        raise UsageError(
-            f"{path}: joints and where others are held cannot be read.", "Give it as it was written."
-        )
-    try:
-        return Robot.from_urdf(robot.urdf, [*map(str, joints)], {str(j): float(at) for j, at in held.items()})
-    except (TypeError, ValueError):
-        raise UsageError(
-            f"{path}: where joints are held is no number.", "Give it as it was written."
-        ) from None
+        Raises:
+            UsageError: it cannot be read, or is of another format.
+        """
+        try:
+            content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            reason = str(error).splitlines()[0]
+            raise UsageError(
+                f"The effects file {path} cannot be read ({reason}).", "Check the path."
+            ) from None
+        if not isinstance(content, dict) or not isinstance(content.get("effects"), list):
+            raise UsageError(
+                f"{path} is not an effects file: it has no list of effects.", "Give effects.yaml."
+            )
+        if content.get("format") == FORMAT and content.get("version") != VERSION:
+            raise UsageError(
+                f"{path} has version {content.get('version')}, this program reads version {VERSION}.",
+                "Use the release that wrote it.",
+            )
+        return cls(Path(path), content)
 
+    def robot(self, described: Robot) -> Robot:
+        """The described robot with the joints of the file, where that was written of some: the others held as they were.
 
-def _document(path: str | Path) -> dict[str, Any]:
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = str(error).splitlines()[0]
-        raise UsageError(f"The effects file {path} cannot be read ({reason}).", "Check the path.") from None
-    if not isinstance(document, dict) or not isinstance(document.get("effects"), list):
-        raise UsageError(f"{path} is not an effects file: it has no list of effects.", "Give effects.yaml.")
-    if document.get("format") == FORMAT and document.get("version") != VERSION:
-        raise UsageError(
-            f"{path} has version {document.get('version')}, this program reads version {VERSION}.",
-            "Use the release that wrote it.",
-        )
-    return document
+        Raises:
+            UsageError: the file names joints that the robot does not have, or cannot be understood.
+        """
+        held, joints = self.content.get(HELD), self.content.get("joints")
+        if not held:
+            return described
+        if not isinstance(held, dict) or not isinstance(joints, list):
+            raise UsageError(
+                f"{self.path}: joints and where others are held cannot be read.", "Give it as it was written."
+            )
+        try:
+            stands = {str(joint): float(at) for joint, at in held.items()}
+        except (TypeError, ValueError):
+            raise UsageError(
+                f"{self.path}: where joints are held is no number.", "Give it as it was written."
+            ) from None
+        return Robot.from_urdf(described.urdf, [*map(str, joints)], stands)
+
+    def effects(self, robot: Robot) -> list[Installed]:
+        """What the file has, for a robot.
+
+        Raises:
+            UsageError: something in it is not complete, or does not fit the robot.
+        """
+        try:
+            return from_entries(self.content["effects"], robot)
+        except UsageError as error:
+            raise UsageError(f"{self.path}: {error.problem}", error.remedy) from None

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import types
-from collections.abc import Callable, Generator
+from collections.abc import Awaitable, Callable, Generator
 from concurrent.futures import Future as Later
 from typing import Any, TypeVar
 
 import numpy as np
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -66,12 +66,12 @@ class Services:
             node.create_service(Trigger, "~/reset", self._reset),
             node.create_service(SetBool, "~/set_training", self._set_training),
         ]
-        # these wait for the disk or the trainer; others go on meanwhile
+        # others go on meanwhile
         beside = ReentrantCallbackGroup()
         self._patient = [
-            node.create_service(Diagnose, "~/diagnose", self._diagnose, callback_group=beside),
-            node.create_service(SaveModel, "~/save_model", self._save, callback_group=beside),
-            node.create_service(LoadModel, "~/load_model", self._load, callback_group=beside),
+            self._in_time(Diagnose, "~/diagnose", self._diagnose, beside),
+            self._in_time(SaveModel, "~/save_model", self._save, beside),
+            self._in_time(LoadModel, "~/load_model", self._load, beside),
         ]
 
     def close(self) -> None:
@@ -109,6 +109,21 @@ class Services:
         service = self._node.create_service(kind, name, callback, callback_group=self._lane.group())
         self._lane.answer(service, callback)
         return service
+
+    def _in_time(
+        self, kind: Any, name: str, callback: Callable[[Any, Any], Awaitable[Any]], group: CallbackGroup
+    ) -> Any:
+        """A service that waits for the disk or the trainer, and refuses what comes once the session has ended."""
+
+        async def answer(request: Any, response: Any) -> Any:
+            try:
+                if self._closed:
+                    raise CLEANED_UP
+                return await callback(request, response)
+            except BdnnError as error:
+                return _refused(response, error)
+
+        return self._node.create_service(kind, name, answer, callback_group=group)
 
     # -- dynamics --------------------------------------------------------------------------------
 
@@ -181,16 +196,12 @@ class Services:
         return _done(response, told)
 
     async def _diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> Diagnose.Response:
-        try:
-            self._require_open()
-            if not 0.0 <= request.window < float("inf"):
-                raise UsageError(f"window is {request.window:g}; it must be zero or more seconds.")
-            answer = await self._until(self._session.diagnose(request.window))
-            if "error" in answer.info:
-                response.success, response.message = False, str(answer.info["error"])
-                return response
-        except BdnnError as error:
-            return _refused(response, error)
+        if not 0.0 <= request.window < float("inf"):
+            raise UsageError(f"window is {request.window:g}; it must be zero or more seconds.")
+        answer = await self._until(self._session.diagnose(request.window))
+        if "error" in answer.info:
+            response.success, response.message = False, str(answer.info["error"])
+            return response
         now = self._node.get_clock().now().to_msg()
         response.findings = findings_message(answer.info["diagnosis"], now)
         return _done(response, response.findings.verdict)
@@ -198,33 +209,18 @@ class Services:
     # -- files -----------------------------------------------------------------------------------
 
     async def _save(self, request: SaveModel.Request, response: SaveModel.Response) -> SaveModel.Response:
-        try:
-            self._require_open()
-            directory = self._directory()
-            place = model_place(directory, request.name) if request.name else self._kept.place()
-            path = await self._until(self._session.save(place))
-        except BdnnError as error:
-            return _refused(response, error)
+        place = model_place(self._directory(), request.name) if request.name else self._kept.place()
+        path = await self._until(self._session.save(place))
         return _done(response, f"Saved to {path}.")
 
     async def _load(self, request: LoadModel.Request, response: LoadModel.Response) -> LoadModel.Response:
-        try:
-            self._require_open()
-            place = model_to_load(self._directory(), request.name)
-            model = await self._until(self._session.load(place))
-        except BdnnError as error:
-            return _refused(response, error)
+        model = await self._until(self._session.load(model_to_load(self._directory(), request.name)))
         note = "training goes on from it"
         if not self._session.training:
             note = "training is switched off"
         elif not self._session.learning:
             note = PAUSED
         return _done(response, f"A {model.kind} model serves; {note}.")
-
-    def _require_open(self) -> None:
-        """Refuse what comes while refusals are sent: the session has ended."""
-        if self._closed:
-            raise CLEANED_UP
 
     async def _until(self, later: Later[Result]) -> Result:
         """Wait for a thread's result without holding up the executor."""

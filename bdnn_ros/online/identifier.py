@@ -14,7 +14,7 @@ from bdnn_ros.online.chunks import Chunks
 from bdnn_ros.physical.dictionary import Scales
 from bdnn_ros.physical.handover import physical_model
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import Prior, Spread, prior, usual_velocity
+from bdnn_ros.physical.parameters import Prior, Spread, prior
 from bdnn_ros.physical.possible import Possible
 from bdnn_ros.physical.presliding import Directions
 from bdnn_ros.physical.recursive import Posterior
@@ -77,7 +77,7 @@ class Identifier:
     ) -> None:
         self.robot = self._described = robot
         self.belief = belief or prior(robot, spread)
-        self.scales = Scales(self.belief.effort_scale, usual_velocity(robot))
+        self.scales = Scales(self.belief.effort_scale, robot.limits.usual_velocity)
         self.structure = Structure.plain(self.belief)
         self.version = 0
         self.samples = 0

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from bdnn_ros.physical.parameters import PER_JOINT, Parameters, of_robot, prior, usual_velocity
+from bdnn_ros.physical.parameters import PER_JOINT, Parameters, of_robot, prior
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import STANDARD_GRAVITY
 from bdnn_ros.signals import Signals
@@ -66,7 +66,7 @@ class Scene:
         self.information = inverse(belief.covariance + ridge)[0]
         self.links = [robot.moving_link(joint) for joint in robot.joints]
         self.load = float(np.mean(np.maximum(robot.inertials[:, 0], 1e-3)))
-        velocity = usual_velocity(robot)
+        velocity = robot.limits.usual_velocity
         self._friction = FRICTION * np.stack([self.scale / velocity, self.scale, self.scale / 3.0])
 
     def columns(self, signals: Signals, rows: np.ndarray) -> np.ndarray:

@@ -12,8 +12,6 @@ from bdnn_ros.robot import PER_LINK, Robot
 
 INERTIAL_NAMES = ("mass", "mass_x", "mass_y", "mass_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """m [kg], m·c [kg·m], inertia about the link frame's origin [kg·m²], in the order of `Robot.inertials`."""
-OPEN_VELOCITY = 2.0
-"""Of a joint without a limit [rad/s]."""
 JOINT_NAMES = ("armature", "viscous", "coulomb", "offset")
 """[kg·m²], [N·m·s/rad], [N·m], [N·m] of each joint."""
 PER_JOINT = len(JOINT_NAMES)
@@ -196,11 +194,6 @@ def _unknown_body(robot: Robot, share: float) -> np.ndarray:
     return mass * np.diag([0.1**2, 0.1**2, 0.1**2, 1.0])
 
 
-def usual_velocity(robot: Robot) -> np.ndarray:
-    """Velocity limits, (n,) [rad/s] ([m/s]); where the description gives none, what joints usually reach."""
-    return np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, OPEN_VELOCITY)
-
-
 def usual_motion(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Random positions, velocities and accelerations over all that the limits allow, (N, n) each."""
     generator = np.random.default_rng(0)
@@ -208,7 +201,7 @@ def usual_motion(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     low = np.maximum(robot.limits.lower, -np.pi)
     high = np.minimum(robot.limits.upper, np.pi)
     position = generator.uniform(low, np.maximum(high, low + 1e-6), (count, robot.width))
-    limit = usual_velocity(robot)
+    limit = robot.limits.usual_velocity
     acceleration = generator.normal(size=(count, robot.width)) * 2.0 * limit
     return position, generator.uniform(-1.0, 1.0, (count, robot.width)) * limit, acceleration
 
@@ -216,7 +209,7 @@ def usual_motion(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _scales(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Typical effort [N·m], diagonal of M [kg·m²] and velocity [rad/s] of each joint by URDF, (n,)."""
     position, motion, acceleration = usual_motion(robot)
-    velocity = usual_velocity(robot)
+    velocity = robot.limits.usual_velocity
     inertia = np.diagonal(robot.mass_matrix(position), axis1=1, axis2=2).mean(axis=0)
     effort = np.sqrt(np.mean(robot.rigid_effort(position, motion, acceleration) ** 2, axis=0))
     # what a drive adds hardly shrinks with the link it moves: a wrist's gear may outweigh the whole hand

@@ -19,6 +19,8 @@ from bdnn_ros.errors import RobotError, listed
 from bdnn_ros.robot.arrays import ReadOnlyArrays
 from bdnn_ros.robot.mimics import mimicking
 
+OPEN_VELOCITY = 2.0
+"""Velocity that joints usually reach, where a description names no limit [rad/s] ([m/s])."""
 UNLIMITED = 1e9
 """Limit that stands for none: of the position [rad] while Pinocchio has the robot, in SI units wherever a URDF has one."""
 Held = Mapping[str, float]
@@ -38,6 +40,11 @@ class Limits(ReadOnlyArrays):
     upper: np.ndarray
     velocity: np.ndarray
     effort: np.ndarray
+
+    @property
+    def usual_velocity(self) -> np.ndarray:
+        """Velocity limits, and what joints usually reach where there is none, (n,) [rad/s] ([m/s])."""
+        return np.where(np.isfinite(self.velocity), self.velocity, OPEN_VELOCITY)
 
 
 def limits_of(model: pin.Model, order: np.ndarray) -> Limits:

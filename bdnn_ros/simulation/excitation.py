@@ -27,8 +27,6 @@ ACCELERATION_PER_VELOCITY = 3.0
 """Acceleration limit per velocity limit [1/s]: URDFs give none."""
 WIDEST = 1.6
 """Largest amplitude of a joint, also where the limits allow more [rad]."""
-OPEN_VELOCITY = 2.0
-"""Velocity limit of a joint whose URDF names none [rad/s]."""
 CANDIDATES = 12
 ABOUT_THE_MIDDLE, ANYWHERE = 0.15, 0.4
 """How far from the middle of its range a joint may move about, per range: the second where an arm cannot hold the first."""
@@ -80,7 +78,7 @@ def poor(robot: Robot, time: np.ndarray, rng: np.random.Generator, joint: int | 
     """
     lower, upper = position_range(robot)
     chosen = int(rng.integers(robot.width)) if joint is None else joint
-    room, speed = 0.5 * (upper - lower)[chosen], velocity_limits(robot)[chosen]
+    room, speed = 0.5 * (upper - lower)[chosen], robot.limits.usual_velocity[chosen]
     series = _Series.drawn(robot, float(time[-1]), rng)
     amplitude = np.zeros(robot.width)
     amplitude[chosen] = min(0.15, 0.3 * room, 0.1 * speed / (2.0 * np.pi * 0.1))
@@ -136,7 +134,7 @@ def _scaled(robot: Robot, time: np.ndarray, series: _Series) -> _Series | None:
     lower, upper = position_range(robot)
     room = POSITION_SHARE * np.minimum(upper - series.centre, series.centre - lower)
     motion = series.at(time)
-    velocity = VELOCITY_SHARE * velocity_limits(robot)
+    velocity = VELOCITY_SHARE * robot.limits.usual_velocity
     acceleration = ACCELERATION_PER_VELOCITY * velocity
     reach = np.abs(motion.position - series.centre).max(axis=0)
     factor = np.minimum(room, WIDEST) / reach
@@ -172,12 +170,6 @@ def position_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     if stuck:
         raise UsageError(f"The URDF's limits leave {', '.join(stuck)} no room to move.", "Widen them.")
     return lower, upper
-
-
-def velocity_limits(robot: Robot) -> np.ndarray:
-    """Velocity limits, a usual one where there are none, (n,) [rad/s]."""
-    limits = robot.limits.velocity
-    return np.where(np.isfinite(limits), limits, OPEN_VELOCITY)
 
 
 def smooth_step(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -35,7 +35,7 @@ def worn_robot(robot: Robot, effort: np.ndarray, rng: np.random.Generator) -> Ro
     """
     n = robot.width
     limit = np.where(np.isfinite(robot.limits.effort), robot.limits.effort, 4.0 * effort)
-    speed = 0.5 * np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 2.0)
+    speed = 0.5 * robot.limits.usual_velocity
     return robot.with_joint_parameters(
         armature=robot.armature + rng.uniform(*ARMATURE_SHARE, n) * limit,
         viscous=robot.viscous + rng.uniform(*FRICTION_SHARE, n) * limit / speed,
