@@ -57,6 +57,25 @@ def test_the_newest_instant_is_what_the_offline_low_pass_gives(rate, jitter):
         np.testing.assert_allclose(mine, theirs, atol=tolerance * (1.0 + 5.0 * jitter), err_msg=name)
 
 
+def test_stamps_that_scatter_do_not_make_the_effort_worse():
+    """A stamp late by a fraction of a millisecond, as without a real-time kernel, is no acceleration."""
+    recording, rng = motion(real_robot(ARM), 4.0, 500.0), np.random.default_rng(2)
+    scattered = np.sort(recording.time + 3e-4 * rng.standard_normal(len(recording)))
+    smoother = Smoother()
+    smoother.settle(0.002)
+    errors = {"even": list[np.ndarray](), "scattered": list[np.ndarray]()}
+    for name, time in (("even", recording.time), ("scattered", scattered)):
+        for end in range(500, len(time), 40):
+            last = slice(end - smoother.count, end)
+            q, u = recording.position[last], recording.effort[last]
+            instant = smoother.at(Samples(time[last], q, q, u), np.arange(smoother.count))
+            assert instant is not None
+            told = parts(MODEL, instant.position, instant.velocity, instant.acceleration)
+            errors[name].append(told.effort - instant.effort)
+    even, late = (np.sqrt(np.mean(np.square(errors[name]), axis=0)) for name in errors)
+    assert (late < 1.3 * even + 2e-3 * np.std(recording.effort, axis=0)).all()
+
+
 def test_there_is_none_across_a_gap_or_too_early():
     smoother = Smoother()
     smoother.settle(0.01)

@@ -12,6 +12,7 @@ from bdnn_ros.online.feed import Samples
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.signals import SAMPLES_PER_CUTOFF, usual_cutoff
+from bdnn_ros.signals.jitter import taken_at
 from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std
 
 EVEN = 1e-3
@@ -148,8 +149,9 @@ class Smoother:
             samples: the latest of the stream, `count` or more.
             stamps: of those samples [ns].
         """
-        time = samples.time
-        reach = self._half * self._step
+        time, reach = samples.time, self._half * self._step
+        if np.abs(np.diff(time) - self._period).max() > EVEN * self._period:
+            time = taken_at(time, samples.position, 1.0 / self._period, [slice(0, len(time))])
         centre = int(np.searchsorted(time, time[-1] - reach, side="right")) - 1
         if centre < 0 or time[centre] - time[0] < reach or np.diff(time).max() > 5.0 * self._period + 0.05:
             return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,21 +39,33 @@ def without_jitter(recording: Recording) -> Recording:
     """
     if len(recording) < FEWEST:
         return recording
-    time, even = recording.time.copy(), recording.time.copy()
-    for rows in recording.segments():
-        even[rows] = _evened(recording.time[rows])
-    late = np.abs(time - even) > UNEVEN / recording.rate
-    for moved in (late, even != time):
-        tried = np.where(moved, even, time)
-        if _smoother(recording, time, tried):
-            time = tried
+    time = taken_at(recording.time, recording.position, recording.rate, recording.segments())
     off = recording.time - time
     if off.any():
         told = f"stamps scatter by {1e3 * off.std():.2g} ms about the even rate that positions were taken at; put right."
-        if not off[~late].any():
+        if np.abs(off[off != 0.0]).min() > UNEVEN / recording.rate:
             told = f"{np.count_nonzero(off)} of {len(off)} stamps are late, by up to {1e3 * off.max():.2g} ms; put right."
         recording = replace(recording, time=time, notes=(*recording.notes, f"{recording.name}: {told}"))
     return _spread_out(recording)
+
+
+def taken_at(stamps: np.ndarray, position: np.ndarray, rate: float, segments: Sequence[slice]) -> np.ndarray:
+    """When samples were taken, (N,) [s]: at even times where their positions say so, else at their stamps.
+
+    Args:
+        stamps: increasing, (N,) [s].
+        position: (N, n).
+        rate: samples a second [Hz].
+        segments: rows without gaps.
+    """
+    time, even = stamps, stamps.copy()
+    for rows in segments:
+        even[rows] = _evened(stamps[rows])
+    for moved in (np.abs(stamps - even) > UNEVEN / rate, even != stamps):
+        tried = np.where(moved, even, stamps)
+        if _smoother(position, segments, time, tried):
+            time = tried
+    return time
 
 
 def _spread_out(recording: Recording) -> Recording:
@@ -103,27 +116,35 @@ def _drift(behind: np.ndarray, around: int, late: float) -> np.ndarray:
 
 def _line_by_line(values: np.ndarray, around: int) -> np.ndarray:
     """Each value (N,) on the straight line that is nearest to the odd number around it (Savitzky and Golay 1964)."""
-    half, at = around // 2, np.arange(around)
+    half = around // 2
     result = uniform_filter1d(values, around)
     if half:
-        result[:half] = np.polyval(np.polyfit(at, values[:around], 1), at[:half])
-        result[-half:] = np.polyval(np.polyfit(at, values[-around:], 1), at[-half:])
+        result[:half], result[-half:] = _line(values[:around])[:half], _line(values[-around:])[-half:]
     return np.asarray(result)
 
 
-def _smoother(recording: Recording, stamps: np.ndarray, tried: np.ndarray) -> bool:
+def _line(values: np.ndarray) -> np.ndarray:
+    """The straight line nearest to values (N,)."""
+    at = np.arange(len(values)) - 0.5 * (len(values) - 1)
+    return np.asarray(values.mean() + (at @ values / (at @ at)) * at)
+
+
+def _smoother(position: np.ndarray, segments: Sequence[slice], stamps: np.ndarray, tried: np.ndarray) -> bool:
     """Whether positions depart less from a smooth course by the times that are tried, around those that are others."""
     rough, smooth = [], []
-    for rows in recording.segments():
+    for rows in segments:
         other = np.convolve(stamps[rows] != tried[rows], np.ones(5), mode="valid") > 0.0
         if other.any():
-            rough.append(_roughness(stamps[rows], recording.position[rows])[other])
-            smooth.append(_roughness(tried[rows], recording.position[rows])[other])
+            rough.append(_roughness(stamps[rows], position[rows])[other])
+            smooth.append(_roughness(tried[rows], position[rows])[other])
     if not rough:
         return False
     before, after = (np.concatenate(each).mean(axis=0) for each in (rough, smooth))
     moving = before > TINY
-    return bool(moving.any() and np.log(after[moving] / before[moving]).mean() <= 2.0 * np.log(SMOOTHER))
+    return bool(
+        moving.any()
+        and np.log(np.maximum(after, TINY)[moving] / before[moving]).mean() <= 2.0 * np.log(SMOOTHER)
+    )
 
 
 def _roughness(time: np.ndarray, values: np.ndarray) -> np.ndarray:
