@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.nodes.parameters import IDENTIFICATION
+from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros
@@ -133,6 +134,18 @@ def test_every_verb(tmp_path):
         ):
             assert ros.call(ChangeState, f"{NODE}/change_state", transition=Transition(id=number)).success
             assert ros.call(GetState, f"{NODE}/get_state").current_state.label == label
+
+
+def test_what_was_learned_outlives_a_node_that_is_killed(tmp_path):
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "save_period": 1.0}
+    with node_process(tmp_path, 183, diagnosis_period=0.0, **parameters) as node, Robotics(183) as ros:
+        ros.stream(motion(REAL, 5.0, 200.0, noise=0.002))
+        wait_until(lambda: (tmp_path / "model.bdnn").exists())
+        node.process.kill()
+        node.process.wait()
+    model = load_model(tmp_path / "model.bdnn")
+    assert model.joints == ARM.joints and model.kind == "physical"
+    assert [path.name for path in tmp_path.glob("*.bdnn*")] == ["model.bdnn"]
 
 
 def test_training_resumes_from_the_model_that_was_kept(tmp_path):

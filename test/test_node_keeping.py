@@ -96,11 +96,34 @@ def test_what_was_learned_is_not_lost_to_another_kind_that_serves_at_the_end(tmp
     assert load_model(learned).kind == "physical" and load_model(other).kind == "bdnn"
 
 
+def test_what_was_learned_meanwhile_is_kept_once(tmp_path, session):
+    log = Log()
+    kept = Kept(str(tmp_path), session, log)
+    path = tmp_path / "model.bdnn"
+
+    def kept_meanwhile() -> bool:
+        kept.save_meanwhile()
+        session.save(lambda: tmp_path / "after.bdnn").result()  # one file after the other
+        written = path.exists()
+        path.unlink(missing_ok=True)
+        return written
+
+    assert not kept_meanwhile()  # the description serves: nothing was learned
+    session.load_now(save_model(tmp_path / "other", nominal(ARM)))
+    assert kept_meanwhile() and not kept_meanwhile() and log == []
+    session.load_now(tmp_path / "other")
+    (tmp_path / "blocked").write_text("a file")
+    Kept(str(tmp_path / "blocked"), session, log).save_meanwhile()
+    session.save(lambda: tmp_path / "after.bdnn").result()
+    assert len(log) == 1 and "cannot be written" in log[0]
+
+
 def test_nothing_is_kept_without_a_directory(session):
     log = Log()
     kept = Kept("", session, log)
     kept.resume()
     kept.save()
+    kept.save_meanwhile()
     assert log == []
     with pytest.raises(UsageError, match="not set"):
         kept.place()

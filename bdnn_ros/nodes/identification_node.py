@@ -122,6 +122,9 @@ class IdentificationNode(Lifecycle):
         )
         self._set_up.callback(self._offered.close)
         self._set_up.callback(self.destroy_timer, self._every(HOUSEKEEPING, self._keep_house))
+        if settings["save_period"] > 0.0:
+            saving = self._every(settings["save_period"], self._kept.save_meanwhile)
+            self._set_up.callback(self.destroy_timer, saving)
         if not settings["urdf_file"]:
             heard = Hearing(self, String, "robot_description", self._on_description, LATCHED, NOT_LATCHED)
             self._description = heard

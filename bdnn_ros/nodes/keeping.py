@@ -1,8 +1,9 @@
-"""The model that `model_directory` keeps: gone on from at start, saved at the end."""
+"""The model that `model_directory` keeps: gone on from at start, saved now and then and at the end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ class Kept:
         self._session = session
         self._logger = logger
         self._found = False
+        self._saved = 0
 
     def serve(self, robot: Robot) -> None:
         """Serve this robot, and until joint states say which joints are in use, the model that is kept of all."""
@@ -85,10 +87,22 @@ class Kept:
         for sentence in sentences:
             self._logger().warning(sentence)
 
-    def save(self) -> None:
-        """Keep what was learned; a model that learning cannot go on from is in the file it came from."""
+    def save_meanwhile(self) -> None:
+        """Keep what was learned since the last time, without waiting for the disk: who ends without an end loses no more."""
         served = self._session.served
-        if not self._directory or not (served is None or isinstance(served.model, PhysicalModel)):
+        if not self._keeps() or served is None or served.number in (0, self._saved):
+            return
+        self._saved = served.number
+        self._session.save(self.place).add_done_callback(self._tell_failure)
+
+    def _tell_failure(self, saved: Future[Path]) -> None:
+        error = None if saved.cancelled() else saved.exception()
+        if error is not None:
+            self._logger().error(str(error))
+
+    def save(self) -> None:
+        """Keep what was learned at the end."""
+        if not self._keeps():
             return
         try:
             self._logger().info(f"model saved to {self._session.save_now(self.place())}")
@@ -103,6 +117,11 @@ class Kept:
         """
         self._session.known()
         return next(path for path in self._places() if not path.exists() or self._usable(path))
+
+    def _keeps(self) -> bool:
+        """Whether what serves is to be kept: a model that learning cannot go on from is in the file it came from."""
+        served = self._session.served
+        return bool(self._directory) and (served is None or isinstance(served.model, PhysicalModel))
 
     def _places(self) -> Iterator[Path]:
         first = model_place(self._directory, "")

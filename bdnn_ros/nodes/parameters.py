@@ -103,6 +103,13 @@ IDENTIFICATION = (
         "Where models are saved and loaded; the one in it is loaded at start and saved at the end. "
         "Empty: nothing is kept.",
     ),
+    Setting(
+        "save_period",
+        60.0,
+        "Time between saves of what was learned meanwhile [s], in model_directory; 0 saves at the end only.",
+        0.0,
+        86400.0,
+    ),
     Setting("autostart", True, "Configure and activate at start, without a lifecycle manager."),
     Setting("training", True, "Learn from the stream; false only serves the model.", live=True),
     Setting("cutoff", 0.0, "-3 dB frequency of the low-pass [Hz]; 0 chooses by the rate.", 0.0, 500.0),

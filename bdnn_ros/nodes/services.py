@@ -5,6 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Awaitable, Callable, Generator
 from concurrent.futures import Future as Later
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -209,7 +210,8 @@ class Services:
     # -- files -----------------------------------------------------------------------------------
 
     async def _save(self, request: SaveModel.Request, response: SaveModel.Response) -> SaveModel.Response:
-        place = model_place(self._directory(), request.name) if request.name else self._kept.place()
+        directory = self._directory()
+        place = partial(model_place, directory, request.name) if request.name else self._kept.place
         path = await self._until(self._session.save(place))
         return _done(response, f"Saved to {path}.")
 

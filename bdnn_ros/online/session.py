@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -219,10 +219,10 @@ class Session:
         self.supervisor.send(Message("diagnose", {"window": window, "request": number}))
         return future
 
-    def save(self, path: Path) -> Future[Path]:
-        """Write the model that serves, in its own order of joints; the future raises ModelFileError."""
+    def save(self, place: Callable[[], Path]) -> Future[Path]:
+        """Write the model that serves, in its own order of joints, to a place; the future raises what finding that does."""
         self.known()
-        return self._files.submit(self.save_now, path)
+        return self._files.submit(lambda: self.save_now(place()))
 
     def save_now(self, path: Path) -> Path:
         """As `save`, waiting for the disk."""
