@@ -11,7 +11,7 @@ import pytest
 
 from bdnn_ros.diagnosis.creep import creeping, undisturbed
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.effects.friction import bristle
+from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.extension.extend import extend

@@ -14,7 +14,7 @@ from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.softness import Softness, softened, softness
-from bdnn_ros.effects.friction import bristle
+from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -11,7 +11,7 @@ from effect_cases import SPECS, linear, motion, robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bdnn_ros.effects.friction import bristle
+from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.effects.rigid import slots

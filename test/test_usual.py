@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from live_support import real_robot
 
-from bdnn_ros.effects.friction import bristle
+from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.online.hypotheses import Explanation
 from bdnn_ros.online.learning import Learning
 from bdnn_ros.online.scene import Kind

@@ -77,9 +77,12 @@ class Candidates:
         kept = [
             term for term in every.terms if not (term.effect.changing or term.effect.winding) or shows(term)
         ]
+        robot = every.robot
         if since:
-            kept = [replace(t, effect=t.effect.since(every.robot, t.target, t.link)) for t in kept]
-        return cls(tuple(kept), every.robot)
+            kept = [replace(t, effect=t.effect.since(robot, t.target, t.link)) for t in kept]
+        else:
+            kept = [replace(t, effect=t.effect.against(robot, t.target)) for t in kept]
+        return cls(tuple(kept), robot)
 
     def common(self) -> list[Term]:
         """The commonest effects on all joints."""

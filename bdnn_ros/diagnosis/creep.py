@@ -15,7 +15,7 @@ import numpy as np
 
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.leftover import basis, beyond
-from bdnn_ros.effects.friction import bristles
+from bdnn_ros.effects.bristles import bristles
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -14,7 +14,7 @@ import numpy as np
 from bdnn_ros.checks.alternatives import explained
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.leftover import basis, beyond, regret
-from bdnn_ros.effects.friction import bristles
+from bdnn_ros.effects.bristles import bristles
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, mended

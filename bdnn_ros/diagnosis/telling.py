@@ -37,6 +37,8 @@ USUAL_LINK_ERROR = 0.1
 """Spread of the links' relative errors that any description may have."""
 MUCH_LEFT = 0.5
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
+GROWS = 1.02
+"""What is larger by no more than this factor may as well be the same."""
 EXPLAINED = 1.3
 """An extended model within this factor of the noise floor explains the recording."""
 
@@ -130,17 +132,18 @@ def _unfit(
 ) -> np.ndarray:
     """Joints of which nothing is named, (n,) bool: what was found does not say what happens there.
 
-    That is all of them where held-out errors grow above the noise, and a joint that moves now and then where much of its
-    error is left: its causes may stand for a push or a drift.
+    That is all of them where held-out errors grow above the noise, by share of each joint's effort or in all, and a
+    joint that moves now and then where much of its error is left: its causes may stand for a push or a drift.
 
     Args:
         simulation, extended: held-out errors of either model, (n,) [N·m].
         near: whether the extended one's is near the noise, (n,) bool.
     """
-    before, after = (np.sum((error / equations.effort_scale) ** 2) for error in (simulation, extended))
+    scaled = (np.sum((error / equations.effort_scale) ** 2) for error in (simulation, extended))
+    plain = (GROWS**2 * np.sum(simulation**2), np.sum(extended**2))
     seldom = equations.moving < least_motion(equations.motion.signals)
     # what acted outside the held-out rows alone leaves them as they were, at the noise
-    worse = after > before and not near.all()
+    worse = any(after > before for before, after in (scaled, plain)) and not near.all()
     return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | worse)
 
 

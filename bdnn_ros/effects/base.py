@@ -122,6 +122,8 @@ class Effect(ABC):
     """Parameters of which a motion may show some without the others; a sentence is given NaN for what is not shown."""
     kinematic: ClassVar[bool] = False
     """It shows in the reported velocity, not in the effort."""
+    may_be_gone: bool = False
+    """Whether there may be nothing at all of what the robot is described with: a tag in a URDF is often a guess."""
 
     shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     """Range of each shape parameter that a search may refine; a shape parameter not named here is given."""
@@ -196,7 +198,9 @@ class Effect(ABC):
         """
         pairs = zip(coefficients, self.coefficient_bounds, strict=True)
         return not any(
-            end and math.isclose(value, end, rel_tol=1e-3) for value, ends in pairs for end in ends
+            end and math.isclose(value, end, rel_tol=1e-3)
+            for value, ends in pairs
+            for end in ends[self.may_be_gone :]
         )
 
     def shown(self, values: Values, stds: Values) -> bool:
@@ -258,9 +262,23 @@ class Effect(ABC):
         sliding.slides = True
         return sliding
 
+    def had(self, robot: Robot, target: int) -> float:
+        """How much of its first coefficient a robot has."""
+        return 0.0
+
     def since(self, robot: Robot, target: int, link: str | None) -> Effect:
         """The effect as a change from an earlier model of a robot, which may have had more of it."""
-        return self
+        had = self.had(robot, target)
+        return self.with_less(had) if had else self
+
+    def against(self, robot: Robot, target: int) -> Effect:
+        """The effect beside a robot that is described with some of it: there may be less, or none."""
+        had = self.had(robot, target)
+        if not had:
+            return self
+        changed = self.with_less(had)
+        changed.may_be_gone = True
+        return changed
 
     def with_less(self, had: float) -> Effect:
         """The effect where there may also be less of its first coefficient than there was, by up to all of it."""

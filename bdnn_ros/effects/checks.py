@@ -28,9 +28,11 @@ def having(choices: tuple[Effect, ...], given: Iterable[str]) -> tuple[Effect, .
 
 
 def as_found(effect: Effect, parameter: Parameter) -> Parameter:
-    """A parameter with the bounds of what a fit may find: of what an earlier model had there may be less."""
+    """A parameter with the bounds of what a fit may find: of what a description or an earlier model had there may be less."""
     lower, upper = FOUND.get(parameter.name, (parameter.lower, parameter.upper))
-    if type(effect).since is not Effect.since and parameter is effect.parameters[0]:
+    first = effect.parameters[0]
+    described = type(effect).had is not Effect.had and parameter.unit == first.unit
+    if described or (type(effect).since is not Effect.since and parameter is first):
         lower = -math.inf
     return replace(parameter, lower=lower, upper=upper)
 

@@ -8,10 +8,10 @@ from types import MappingProxyType
 import numpy as np
 
 from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.bristles import bristles
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals
 
 ARMSTRONG = (
     "Armstrong-Hélouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and compensation methods "
@@ -26,13 +26,21 @@ KNOWN = 4.0
 """Standard deviations by which a bristle's force and travel must exceed nothing: a joint that creeps looks like a short one."""
 
 
-class CoulombFriction(Effect):
+class DryFriction(Effect):
+    """What stands for all of a joint's dry friction, also that which it is described with."""
+
+    on = "joint"
+    in_drive = True
+
+    def had(self, robot: Robot, target: int) -> float:
+        return float(robot.coulomb[target])
+
+
+class CoulombFriction(DryFriction):
     """Constant dry friction: `coulomb` against the direction of motion, sticking at rest."""
 
     name = "coulomb_friction"
     title = "Coulomb friction"
-    on = "joint"
-    in_drive = True
     parameters = (Parameter("coulomb", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),)
     equation = "coulomb * sign(qd)"
     confused_with = ("asymmetric_friction", "stribeck_friction", "hysteresis", "viscous_friction", "backlash")
@@ -52,9 +60,6 @@ class CoulombFriction(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["coulomb"]]), {}
-
-    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
-        return self.with_less(float(robot.coulomb[target]))
 
 
 class ViscousFriction(Effect):
@@ -85,17 +90,15 @@ class ViscousFriction(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["viscous"]]), {}
 
-    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
-        return self.with_less(float(robot.viscous[target]))
+    def had(self, robot: Robot, target: int) -> float:
+        return float(robot.viscous[target])
 
 
-class StribeckFriction(Effect):
+class StribeckFriction(DryFriction):
     """Dry friction that falls from `static` at rest to `coulomb` within some multiples of `velocity`."""
 
     name = "stribeck_friction"
     title = "Stribeck friction"
-    on = "joint"
-    in_drive = True
     parameters = (
         Parameter("coulomb", "N*m", 0.0, plausible=(0.05, 0.25), of_effort=True),
         Parameter("static", "N*m", 0.0, plausible=(0.15, 0.5), of_effort=True),
@@ -144,13 +147,11 @@ class StribeckFriction(Effect):
         return np.array([values["coulomb"], extra]), {"velocity": values["velocity"]}
 
 
-class AsymmetricFriction(Effect):
+class AsymmetricFriction(DryFriction):
     """Dry friction that differs between the two directions."""
 
     name = "asymmetric_friction"
     title = "asymmetric Coulomb friction"
-    on = "joint"
-    in_drive = True
     parameters = (
         Parameter("positive", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
         Parameter("negative", "N*m", 0.0, plausible=(0.0, 0.4), of_effort=True),
@@ -163,6 +164,11 @@ class AsymmetricFriction(Effect):
     contains = ("coulomb_friction",)
     settles_into = "coulomb_friction"
     excess = np.array((1.0, -1.0))
+
+    def with_less(self, had: float) -> Effect:
+        changed = super().with_less(had)
+        changed.coefficient_bounds = ((-had, np.inf), (-had, np.inf))  # type: ignore[misc]
+        return changed
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         positive, negative = values["positive"], values["negative"]
@@ -293,26 +299,3 @@ class Hysteresis(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["force"]]), {"breakaway": values["breakaway"]}
-
-
-def bristle(position: np.ndarray, breakaway: float) -> np.ndarray:
-    """Bend of a Dahl bristle along positions (N,), in [-1, 1], from 0; exact while the direction stays."""
-    if len(position) < 2:
-        return np.zeros(len(position))
-    direction = np.sign(np.diff(position))
-    turns = np.flatnonzero(np.diff(direction)) + 1
-    starts, ends = np.array([0, *turns]), np.array([*turns, len(direction)])
-    ways, counts = direction[starts], ends - starts
-    fade = np.exp(-np.abs(position[1:] - np.repeat(position[starts], counts)) / breakaway)
-    bends, bend = np.empty(len(starts)), 0.0
-    for k, (way, last) in enumerate(zip(ways.tolist(), fade[ends - 1].tolist(), strict=True)):
-        bends[k] = bend
-        bend = way + (bend - way) * last if way else bend
-    way = np.repeat(ways, counts)
-    bent = way + (np.repeat(bends, counts) - way) * np.where(way, fade, 1.0)
-    return np.concatenate([[0.0], bent])
-
-
-def bristles(motion: Signals, joint: int, breakaway: float) -> np.ndarray:
-    """Bend of a joint's bristle along a motion, (N,): each gap-free segment begins unbent."""
-    return np.concatenate([bristle(motion.position[rows, joint], breakaway) for rows in motion.segments])

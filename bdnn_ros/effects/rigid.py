@@ -60,8 +60,8 @@ class Armature(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["armature"]]), {}
 
-    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
-        return self.with_less(float(robot.armature[target]))
+    def had(self, robot: Robot, target: int) -> float:
+        return float(robot.armature[target])
 
 
 class OnBody(Effect):

@@ -82,10 +82,19 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
 
 def kinds(findings: Sequence[Finding]) -> str:
     """The kinds of many findings in one line: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
-    counts = Counter(title(finding.effect) for finding in findings)
+    counts = Counter(
+        ("Less " + decapitalised(title(finding.effect))) if says_less(finding) else title(finding.effect)
+        for finding in findings
+    )
     parts = [f"{decapitalised(name)} at {n} place{'s' if n > 1 else ''}" for name, n in counts.most_common()]
     text = ", ".join(parts)
     return text[:1].upper() + text[1:]
+
+
+def says_less(finding: Finding) -> bool:
+    """Whether there is less of a cause than the model has."""
+    lower = {p.name: p.lower for p in get(finding.effect, finding.variant).parameters}
+    return any(quantity.value < lower[name] for name, quantity in finding.parameters.items())
 
 
 def decapitalised(text: str) -> str:
