@@ -27,7 +27,7 @@ from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS, Scale
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.robot import Robot
+from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals, prepare
 from bdnn_ros.simulation.simulate import simulate
 
@@ -191,6 +191,17 @@ def test_a_damaged_file_is_refused(robot: Robot, tmp_path) -> None:
     modelfile.save(tmp_path, "extended", arrays, info)
     with pytest.raises(ModelFileError, match=r"damaged: effect 1 of 1: .* no joint 'elbow'"):
         load_model(tmp_path)
+
+
+def test_a_link_is_possible_without_what_hangs_from_it() -> None:
+    """A payload is written as a body of its own."""
+    arm = Robot.bundled("arm2")
+    payload = parse_spec("payload@arm2_link2:mass=2,com_x=0.2,com_y=0.2,com_z=0.2", arm)
+    errors = np.zeros(20)
+    errors[[14, 16, 19]] = -1.5 * arm.inertials[1, [4, 6, 9]] - 0.01
+    corrected = corrected_links(arm, [payload], np.eye(20), errors, np.diag(np.full(20, 0.01**2)))
+    assert not feasible(arm.inertials + errors.reshape(2, PER_LINK))
+    assert feasible(corrected.inertials)
 
 
 def test_corrected_links_stay_feasible(robot: Robot) -> None:

@@ -36,6 +36,18 @@ def test_turns_are_put_back_and_told():
     )
 
 
+def test_in_a_pause_a_joint_may_go_as_far_as_a_turn():
+    """Or a slide as many metres."""
+    recording = turning()
+    later = np.arange(len(recording)) >= 1000
+    paused = replace(
+        recording,
+        time=recording.time + 20.0 * later,
+        position=np.sin(recording.time)[:, None] + 2.0 * np.pi * later[:, None] * np.ones(2),
+    )
+    assert without_wraps(paused) is paused
+
+
 def test_what_does_not_jump_by_whole_turns_is_kept():
     recording = turning()
     stepping = recording.position.copy()

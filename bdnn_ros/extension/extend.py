@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ExtendedModel", "corrected_links", "extend", "of_physical"]
 
+SURE = 2.0
+"""A lead of dry friction is worth keeping at so many standard deviations."""
+
 
 def extend(examination: Examination) -> ExtendedModel:
     """The extended model of a diagnosis: links corrected, every finding installed, and what is not sure enough for a name.
@@ -52,7 +55,8 @@ def extend(examination: Examination) -> ExtendedModel:
             stds.append({name: q.std for name, q in finding.parameters.items()})
     found = _tilted_further(robot, found)
     links = equations.rigid.shape[2]
-    errors, covariance = fit.coefficients[:links], fit.covariance[:links, :links]
+    # all else stays as it was found: the links move as little as the effort beside that allows
+    errors, covariance = fit.coefficients[:links], np.linalg.inv((fit.factor @ fit.factor.T)[:links, :links])
     turning = robot.with_inertials(robot.inertials + _own_inertias(robot, examination.estimates))
     corrected = corrected_links(turning, found, equations.relative, errors, covariance)
     if equations.jointwise is not None:
@@ -65,7 +69,7 @@ def extend(examination: Examination) -> ExtendedModel:
     effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
     late = examination.late
     lead = earlier.lead + parted(examination.pool, fit)[0] - late.delay
-    sticking = examination.pool.nuisances(fit)[equations.sticking]
+    sticking = _sticking(examination, corrected, found)
     creep = equations.motion.signals.creep
     if earlier.sticking:
         sticking = sticking + earlier.sticking
@@ -114,6 +118,20 @@ def of_physical(model: PhysicalModel) -> ExtendedModel:
     return ExtendedModel(model.robot, tuple(offsets), model.noise, stds, beyond=model)
 
 
+def _sticking(examination: Examination, robot: Robot, effects: Sequence[Installed]) -> np.ndarray:
+    """Each joint's lead of its dry friction [N·m·s], (n,); zero where a joint has none, or the data do not show it.
+
+    The fit has one for every joint, and hardly any row says anything of it where no dry friction turns round.
+    """
+    equations, fit = examination.equations, examination.fit
+    links = equations.rigid.shape[2]
+    rows = np.arange(links + equations.sticking.start, links + equations.sticking.stop)
+    found, stds = fit.coefficients[rows], np.sqrt(np.diag(fit.covariance)[rows])
+    dry = robot.coulomb > 0.0
+    dry[[joint for joint, _ in plant_of(robot, effects).dry]] = True
+    return np.where(dry & (np.abs(found) > SURE * stds), found, 0.0)
+
+
 def corrected_links(
     robot: Robot,
     effects: Sequence[Installed],
@@ -121,13 +139,14 @@ def corrected_links(
     errors: np.ndarray,
     covariance: np.ndarray,
 ) -> Robot:
-    """A robot with its links' errors added, feasible together with the effects on its bodies.
+    """A robot with its links' errors added, feasible together with the effects on its bodies, and without its payloads.
 
     Args:
         relative: from relative errors to inertial parameters, (n · PER_LINK, U).
         errors, covariance: belief in the relative errors, (U,) and (U, U).
     """
-    bodies = plant_of(robot, [e for e in effects if e.effect.name in IN_BODIES]).robot.inertials
+    of_links = [e for e in effects if e.effect.name in IN_BODIES and not _hangs(e)]
+    bodies = plant_of(robot, of_links).robot.inertials
     added = (bodies - robot.inertials).ravel()
     mean = robot.inertials.ravel() + relative @ errors + added
     triangle = np.linalg.qr((relative @ np.linalg.cholesky(covariance)).T, mode="r")
@@ -135,6 +154,11 @@ def corrected_links(
     information = back @ back.T
     total = consistent(mean, 0.5 * (information + information.T), robot.width, np.array([], dtype=int))
     return robot.with_inertials((total - added).reshape(-1, PER_LINK))
+
+
+def _hangs(effect: Installed) -> bool:
+    """Whether it is a body of its own: what it hangs from is a link that can exist without it."""
+    return effect.effect.name == Payload.name and effect.values["mass"] > 0.0
 
 
 def _told(push: Estimate, examination: Examination) -> bool:

@@ -47,20 +47,20 @@ def _runs(recording: Recording) -> list[tuple[int, int, bool]]:
     witness = _witness(recording)
     if witness is not None:
         same[1:] &= (witness[1:] == witness[:-1]).all(axis=1)
-    starts = np.flatnonzero(same & ~np.roll(same, 1))
+    edges = np.diff(np.concatenate([[False], same, [False]]).astype(int))
+    starts, stops = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     if not len(starts):
         return []
     noise = NOISE_WIDTHS * position_noise(recording)
     runs = []
-    for start in starts:
-        stop = start + int(np.argmin(np.append(same[start:], False)))
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
         if start < 2 or stop >= len(same):
             continue
         before, after = steps[start - 1], steps[stop]
         moves = (np.minimum(np.abs(before), np.abs(after)) > noise) & (before * after > 0.0)
         if moves.any():
             ratio = float(np.median(after[moves] / before[moves]))
-            runs.append((int(start), stop, ratio > 1.0 + (CATCHING_UP - 1.0) * (stop - start)))
+            runs.append((start, stop, ratio > 1.0 + (CATCHING_UP - 1.0) * (stop - start)))
     repeated = sum(stop - start for start, stop, _ in runs)
     return runs if repeated <= MOST_REPEATS * len(recording) else []
 

@@ -21,6 +21,7 @@ def without_wraps(recording: Recording) -> Recording:
     turns = np.diff(recording.position, axis=0, prepend=recording.position[:1]) / (2.0 * np.pi)
     whole = np.round(turns)
     jumps = (whole != 0.0) & (np.abs(turns - whole) < NEAR)
+    jumps[[rows.start for rows in recording.segments()]] = False  # in a pause a joint may go anywhere
     if not jumps.any():
         return recording
     position = recording.position - 2.0 * np.pi * np.cumsum(np.where(jumps, whole, 0.0), axis=0)
