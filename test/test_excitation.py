@@ -87,6 +87,17 @@ def test_slow_motion_tells_stribeck_from_the_coulomb_friction_it_contains(
     assert slow > 10.0 * fast
 
 
+def test_a_rival_has_the_same_columns_in_every_piece(robot: Robot, tmp_path: Path) -> None:
+    """Which Stribeck velocities can be looked for depends on how quick a piece is: Gram matrices differed in size."""
+    question = finding(COULOMB, {"coulomb": 0.3}, place("stribeck_friction", JOINTS[0]))
+    design = Design(robot, np.array([0.05, 0.05]), case_of(robot, tmp_path, question))
+    gentle, quick = ramps(0.2), ramps(1.0, 5.0, 5.0, 5.0)
+    tried = [get("stribeck_friction").shapes(motion_of(robot, piece), 0) for piece in (gentle, quick)]
+    assert len(tried[0]) > len(tried[1])
+    total = design.gram(gentle) + design.gram(quick)
+    assert np.isfinite(design.evidence(total)).all() and np.isfinite(design.value(total))
+
+
 def test_information_adds_up(robot: Robot, tmp_path: Path) -> None:
     question = finding(COULOMB, {"coulomb": 0.3}, place("viscous_friction", JOINTS[0]))
     design = Design(robot, np.array([0.05, 0.05]), case_of(robot, tmp_path, question))

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.term import COMMON
-from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots as of_body
@@ -98,6 +97,7 @@ class Design:
         self.asked = any(_tellable(r) for q in self.questions for r in q.rivals)
         if not self.asked:
             self.suspects += [s for s in _common(robot) if not _listed(s, self.suspects)]
+        self._shapes: list[Sequence[Mapping[str, float]]] = []
         self._slots: list[np.ndarray] = []
         self._own: list[int] = []
         self.pairs: list[Pair] = []
@@ -116,8 +116,12 @@ class Design:
         smooth = motion.signals.smooth
         parts = [smooth(motion.regressor @ self.relative), smooth(motion.load_rate)[..., None]]
         slots, own, at = [], [], parts[0].shape[2] + 1
-        for suspect in self.suspects:
-            raw, combined = _suspect_columns(suspect, motion)
+        if (
+            not self._slots
+        ):  # of the first piece: what is tried depends on the motion, and Gram matrices of all add up
+            self._shapes = [_shapes(suspect, motion) for suspect in self.suspects]
+        for suspect, shapes in zip(self.suspects, self._shapes, strict=True):
+            raw, combined = _suspect_columns(suspect, shapes, motion)
             slots.append(np.arange(at, at + raw.shape[2]))
             own.append(at + raw.shape[2])
             at += raw.shape[2] + 1
@@ -211,7 +215,19 @@ def motion_of(robot: Robot, piece: Piece) -> Motion:
     return Motion(signals, robot, load + robot.drive_effort(path.velocity, path.acceleration, signals.sign))
 
 
-def _suspect_columns(suspect: Suspect, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def _shapes(suspect: Suspect, motion: Motion) -> list[Mapping[str, float]]:
+    """The shapes that stand for a suspect of unknown values in every piece: some of those a motion lets one look for."""
+    effect = suspect.effect
+    if suspect.values is not None or (suspect.link and effect.general(motion.robot, suspect.link)):
+        return []
+    shapes: Sequence[Mapping[str, float]] = effect.shapes(motion, suspect.target, suspect.link)
+    chosen = np.unique(np.linspace(0, len(shapes) - 1, MOST_SHAPES).round().astype(int))
+    return [shapes[k] for k in chosen]
+
+
+def _suspect_columns(
+    suspect: Suspect, shapes: Sequence[Mapping[str, float]], motion: Motion
+) -> tuple[np.ndarray, np.ndarray]:
     """Columns of a suspect (N, n, k) and the effort of its values (N, n), zero where they are unknown."""
     effect, target, link = suspect.effect, suspect.target, suspect.link
     if suspect.values is not None:
@@ -222,15 +238,8 @@ def _suspect_columns(suspect: Suspect, motion: Motion) -> tuple[np.ndarray, np.n
     if body is not None:  # wherever on its link it is: what is beyond any body there tells them apart
         columns = motion.regressor[:, :, of_body(body[0])] @ body[1]
     else:
-        shapes = _spread_out(effect, motion, target, link)
         columns = np.concatenate([effect.columns(motion, target, shape, link) for shape in shapes], axis=2)
     return columns, np.zeros(columns.shape[:2])
-
-
-def _spread_out(effect: Effect, motion: Motion, target: int, link: str | None) -> list[Mapping[str, float]]:
-    shapes: Sequence[Mapping[str, float]] = effect.shapes(motion, target, link)
-    chosen = np.unique(np.linspace(0, len(shapes) - 1, MOST_SHAPES).round().astype(int))
-    return [shapes[k] for k in chosen]
 
 
 def _tellable(suspect: Suspect) -> bool:
