@@ -136,6 +136,26 @@ def test_room_is_what_the_description_gives() -> None:
     np.testing.assert_allclose(bounds.upper, [1.0, 6.0, 2.0, 1.0 + turn, np.pi, np.pi])
 
 
+@pytest.mark.parametrize(
+    ("limit", "asked", "room"),
+    [
+        (6.28, (3.5, 5.0), (3.5, 5.0)),
+        (6.28, (2.0, 6.0), (2.0, 6.0)),
+        (6.28, (-4.0, 4.0), (-4.0, 4.0)),
+        (6.28, (2.0, 9.0), (2.0, 6.28)),
+        (np.inf, (3.5, 5.0), (3.5, 5.0)),
+        (np.inf, (3.5, np.inf), (3.5, 3.5 + 2.0 * np.pi)),
+    ],
+)
+def test_a_range_may_be_anywhere_inside_the_limits(limit, asked, room) -> None:
+    """It was cut to the turn about the middle that is taken where no range is given: 3.5 to 5 of ±6.28 was no room."""
+    robot = Robot.bundled("arm2")
+    limits = replace(robot.limits, lower=np.full(2, -limit), upper=np.full(2, limit))
+    bounds = Bounds.of(replace(robot, limits=limits), margin=0.0, ranges={robot.joints[0]: asked})
+    np.testing.assert_allclose([bounds.lower[0], bounds.upper[0]], room)
+    np.testing.assert_allclose([bounds.lower[1], bounds.upper[1]], [-np.pi, np.pi])
+
+
 def test_a_long_axis_has_all_its_room() -> None:
     robot = sliding_arm()
     wide = np.where(robot.slides, 20.0, 1.0)

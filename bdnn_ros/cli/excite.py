@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="JOINT=LOW:HIGH",
         action="append",
         default=[],
-        help="narrower range of a joint [rad], repeatable: collisions are not looked at",
+        help="range of a joint inside its limits [rad], repeatable: collisions are not looked at",
     )
 
 
@@ -120,7 +120,7 @@ def _say_open(robot: Robot) -> None:
     for known, taken in (
         (
             within,
-            "position limits: a turn (or 2π m) about zero, or from the limit that it has, is taken; --range narrows it.",
+            "position limits: a turn (or 2π m) about zero, or from the limit that it has, is taken unless --range gives others.",
         ),
         (np.isfinite(limits.velocity), f"velocity limit: {OPEN_VELOCITY:g} rad/s (or m/s) is taken."),
     ):

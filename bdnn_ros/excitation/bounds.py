@@ -47,13 +47,13 @@ class Bounds:
         ranges: Mapping[str, tuple[float, float]] | None = None,
         model: Dynamics | None = None,
     ) -> Bounds:
-        """The robot's limits, less what is kept in reserve; of more than a turn, one about the middle.
+        """The robot's limits, less what is kept in reserve; of more than a turn, one about the middle unless a range is given.
 
         Args:
             margin: share of each joint's range kept free at both ends.
             velocity, effort: share of the limits that may be used.
             acceleration: [rad/s²] of every joint; None takes a multiple of its velocity.
-            ranges: narrower position ranges by joint [rad].
+            ranges: position ranges by joint, of which what is inside the limits counts [rad].
             model: tells the effort, where more is known than the robot's description.
 
         Raises:
@@ -64,7 +64,8 @@ class Bounds:
                 raise UsageError(f"A {name} of {share:g} makes no sense.", f"Use a share up to {most}.")
         if acceleration is not None and not acceleration > 0.0:
             raise UsageError(f"An acceleration of {acceleration:g} makes no sense.", "Use rad/s² above zero.")
-        low, high = _room(robot)
+        low, high = robot.limits.lower.copy(), robot.limits.upper.copy()
+        narrowed = np.zeros(robot.width, bool)
         for joint, (least, most_) in (ranges or {}).items():
             if joint not in robot.joints:
                 raise UsageError(
@@ -76,7 +77,8 @@ class Bounds:
                     "Give a lower and a higher number.",
                 )
             k = robot.joints.index(joint)
-            low[k], high[k] = max(low[k], least), min(high[k], most_)
+            low[k], high[k], narrowed[k] = max(low[k], least), min(high[k], most_), True
+        low, high = _room(low, high, robot.slides | narrowed)
         reserve = margin * (high - low)
         low, high = low + reserve, high - reserve
         if (low >= high).any():
@@ -99,17 +101,20 @@ class Bounds:
         return bool((np.abs(effort) <= self.effort * (1.0 + slack)).all())
 
 
-def _room(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+def _room(low: np.ndarray, high: np.ndarray, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest position of each joint, (n,) each [rad] ([m]).
 
     Where a limit is missing it is half a turn (π m) from zero, or a whole one from the other limit; a joint that may turn
-    further than once turns once about the middle of its range.
+    further than once turns once about the middle of its range, unless all of it was asked for.
+
+    Args:
+        low, high: limits, infinite where there are none, (n,) each.
+        whole: joints that may use all of their range, however long, (n,) bool.
     """
-    low, high = robot.limits.lower.copy(), robot.limits.upper.copy()
     neither = np.isinf(low) & np.isinf(high)
-    low[neither], high[neither] = -np.pi, np.pi
+    low, high = np.where(neither, -np.pi, low), np.where(neither, np.pi, high)
     low = np.where(np.isinf(low), high - TURN, low)
     high = np.where(np.isinf(high), low + TURN, high)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    half = np.where(robot.slides, half, np.minimum(half, 0.5 * TURN))
+    half = np.where(whole, half, np.minimum(half, 0.5 * TURN))
     return middle - half, middle + half
