@@ -10,13 +10,14 @@ import pytest
 import yaml
 from excitation_cases import finding, place, write_diagnosis
 
-from bdnn_ros.cli.excite import yaml_lines
+from bdnn_ros.cli.excite import csv_lines, yaml_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.excitation import choice
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import save_model
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
+from bdnn_ros.simulation.trajectory_file import read_trajectory
 
 JOINTS = ("arm2_joint1", "arm2_joint2")
 
@@ -80,6 +81,16 @@ def test_any_name_of_a_joint_is_read_again() -> None:
     still = np.zeros((1, 3))
     lines = yaml_lines(Trajectory(np.zeros(1), still, still, still), names)
     assert tuple(yaml.safe_load("".join(lines))["joint_names"]) == names
+
+
+def test_joints_with_commas_and_quotes_in_their_names_are_simulated_again(tmp_path: Path) -> None:
+    name = 'left,1 "a"'
+    robot = Robot.from_urdf(Robot.bundled("arm2").urdf.replace(JOINTS[0], name.replace('"', "&quot;")))
+    assert robot.joints == (name, JOINTS[1])
+    still, path = np.tile([0.1, 0.2], (3, 1)), tmp_path / "trajectory.csv"
+    motion = Trajectory(np.arange(3.0), still, 0.0 * still, 0.0 * still)
+    path.write_text("".join(csv_lines(motion, robot.joints)))
+    np.testing.assert_allclose(read_trajectory(path, robot, 50.0).position[0], [0.1, 0.2])
 
 
 def test_the_same_seed_gives_the_same_files(diagnosis: Path, tmp_path: Path) -> None:

@@ -58,6 +58,16 @@ def test_predict_writes_a_row_for_every_joint_state(tmp_path: Path, pendulum: Ro
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["effort.csv"]
 
 
+def test_a_name_with_a_comma_and_quotes_is_one_column(tmp_path: Path, monkeypatch) -> None:
+    name = 'left,1 "a"'
+    model = Pendulum.from_urdf(PENDULUM.replace("pivot", name.replace('"', "&quot;")))
+    monkeypatch.setattr("bdnn_ros.cli.predict.load_model", lambda path: model)
+    bag = bags.write(replace(swing(model, 1.0), urdf=None), tmp_path / "bag")
+    assert main(["predict", "model", str(bag), "--out", str(tmp_path / "effort.csv")]) == 0
+    header, rows = rows_of(tmp_path / "effort.csv")
+    assert header == ["time", f"{name}.effort", f"{name}.measured"] and {len(row) for row in rows} == {3}
+
+
 def test_predict_prints_without_a_file(
     tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from bdnn_ros.cli import options, outputs
+from bdnn_ros.cli.tables import csv_header
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.excitation.bounds import Bounds
@@ -132,7 +133,7 @@ def _say_open(robot: Robot) -> None:
 def csv_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:
     """A header and one line a point: time [s], then position, velocity, acceleration of each joint."""
     names = [f"{joint}.{what}" for what in ("position", "velocity", "acceleration") for joint in joints]
-    yield ",".join(["time", *names]) + "\n"
+    yield csv_header(["time", *names])
     for row in np.column_stack([motion.time, motion.position, motion.velocity, motion.acceleration]):
         yield ",".join(f"{value:.9g}" for value in row) + "\n"
 

@@ -16,6 +16,7 @@ from scipy.interpolate import PchipInterpolator
 
 from bdnn_ros.bags import EveryState, Progress
 from bdnn_ros.cli import loading, options, outputs
+from bdnn_ros.cli.tables import csv_header
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.recording import Recording
@@ -148,7 +149,7 @@ def _acceleration_at(piece: Recording, end: int, window: float) -> np.ndarray:
 def _lines(every: EveryState, effort: np.ndarray) -> Iterator[str]:
     """The CSV in blocks: stamps are the bag's, to the nanosecond; a cell is empty where nothing is known."""
     kinds = ("effort", "measured")
-    yield ",".join(["time", *(f"{joint}.{kind}" for joint in every.motion.joints for kind in kinds)]) + "\n"
+    yield csv_header(["time", *(f"{joint}.{kind}" for joint in every.motion.joints for kind in kinds)])
     for start in range(0, len(every), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
         cells = [[f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in every.stamp[rows].tolist()]]

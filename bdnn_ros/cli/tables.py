@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Sequence
 
@@ -9,6 +11,13 @@ from bdnn_ros.cli.options import counted
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import along, printed
 from bdnn_ros.scores import Scores
+
+
+def csv_header(names: Sequence[str]) -> str:
+    """The first line of a CSV; joints may have commas and quotes in their names."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(names)
+    return line.getvalue()
 
 
 def cell(value: float, width: int, digits: str) -> str:
