@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bdnn_ros import bags
-from bdnn_ros.checks.handling import handling, unloaded
+from bdnn_ros.checks.handling import Handling, handling, unloaded
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.recording import Recording
@@ -69,6 +70,18 @@ def test_no_load_one_that_stays_and_one_or_two_pushes_are_none(recording, period
 )
 def test_no_other_cause_is_taken_for_one(effect):
     assert handling(prepare(worn(effect, duration=16.0, rate=100.0)), ARM) is None
+
+
+def test_when_it_is_there_takes_no_memory_for_each_time() -> None:
+    """A mask for each time took 10 GB in two hours."""
+    time = np.arange(0.0, 400.0, 0.01)
+    times = tuple((2.0 * k + 0.25, 2.0 * k + 0.75) for k in range(200))
+    tracemalloc.start()
+    there = Handling("hand", 1.0, 0.9, times).there(time)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(there, np.round(time % 2.0, 6) <= 1.0)
+    assert peak < 10 * len(time)
 
 
 def test_what_was_recorded_without_it_is_diagnosed(tmp_path, capsys):

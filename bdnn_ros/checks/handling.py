@@ -56,8 +56,13 @@ class Handling:
     times: tuple[tuple[float, float], ...]
 
     def there(self, time: np.ndarray) -> np.ndarray:
-        """Whether it is, or is just being picked up or put down, (N,) bool."""
-        return np.any([(start - BLOCK <= time) & (time <= end + BLOCK) for start, end in self.times], axis=0)
+        """Whether it is, or is just being picked up or put down, at times that increase (N,) [s], (N,) bool."""
+        there, (starts, ends) = np.zeros(len(time), bool), np.reshape(self.times, (-1, 2)).T
+        firsts = np.searchsorted(time, starts - BLOCK)
+        lasts = np.searchsorted(time, ends + BLOCK, side="right")
+        for first, last in zip(firsts, lasts, strict=True):
+            there[first:last] = True
+        return there
 
     @property
     def words(self) -> str:
