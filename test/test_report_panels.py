@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -78,6 +79,18 @@ def test_sliding_joints_have_their_units() -> None:
     shown = view(examined(robot, worn(robot, [], fourier_motion(robot, 12.0)), []))
     assert shown.units == (("N·m", "rad"), ("N", "m"))
     assert panels.effort_panel(shown, 1).y_label.endswith("N]")
+
+
+@pytest.mark.parametrize(("sliding", "unit"), [((), "N·m"), ((0,), "N, N·m"), ((0, 1), "N")])
+def test_the_error_of_all_joints_has_their_units(sliding: tuple[int, ...], unit: str) -> None:
+    urdf = Robot.bundled("arm2").urdf
+    for joint in sliding:
+        before, name, after = urdf.partition(f'name="arm2_joint{joint + 1}"')
+        urdf = before + name + after.replace('"revolute"', '"prismatic"', 1)
+    robot = Robot.from_urdf(urdf)
+    html = render(examined(robot, worn(robot, [], fourier_motion(robot, 12.0)), []))
+    tiles = html[html.index('class="tiles"') : html.index("</dl>")]
+    assert re.findall('<span class="to">(N.*?)</span>', tiles) == [unit, unit]
 
 
 def test_a_function_of_its_input_is_explained_and_noise_is_not() -> None:

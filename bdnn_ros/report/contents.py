@@ -58,7 +58,7 @@ class Contest:
 
 @dataclass(frozen=True)
 class JointError:
-    """Held-out errors of a joint [N·m]; `*_width` are bar lengths in per cent, all joints on one scale."""
+    """Held-out errors of a joint, in its unit; `*_width` are bar lengths in per cent, all joints on one scale."""
 
     joint: str
     index: int
@@ -141,7 +141,7 @@ def joint_errors(shown: View) -> list[JointError]:
 
 
 def overall(diagnosis: Diagnosis) -> dict[str, float]:
-    """Held-out RMS error over all joints [N·m]."""
+    """Held-out RMS error over all joints, in the units of their efforts."""
     return {key: float(np.sqrt(np.mean(np.square(v)))) for key, v in diagnosis.effort_rmse.items()}
 
 
