@@ -15,6 +15,7 @@ from bdnn_ros.cli.main import main
 from bdnn_ros.online.models import load_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.scores import score_model
 from bdnn_ros.simulation.excitation import fourier
 
 RATE = 200.0
@@ -96,6 +97,19 @@ def test_several_bags_are_one_model_and_their_agreement_is_told(bag, tmp_path, c
     assert all(len(one["values"]) == len(one["stds"]) == 2 for one in parameters["agreement"])
     assert not any(one["differs"] for one in parameters["agreement"])
     assert f"The recordings agree on {count} of {count} parameters." in capsys.readouterr().err
+
+
+def test_bags_of_different_rates_are_scored_behind_one_low_pass(bag, tmp_path, monkeypatch, capsys):
+    """Each had its own, and that of the first was said of all."""
+    slow = str(bags.write(recorded(2).part(slice(None, None, 10)), tmp_path / "slow"))
+    scored = []
+    monkeypatch.setattr(
+        "bdnn_ros.cli.identify.score_model",
+        lambda model, parts: scored.append([part.cutoff for part in parts]) or score_model(model, parts),
+    )
+    assert main(["identify", bag["first"], slow, "--out", str(tmp_path / "out")]) == 0
+    np.testing.assert_allclose(scored, 20.0 / 6.0)
+    assert "low-passed alike at 3.33 Hz." in capsys.readouterr().out
 
 
 def test_recordings_that_differ_are_never_joined_unseen(bag, tmp_path, capsys):

@@ -19,7 +19,7 @@ from bdnn_ros.physical.parameters import Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Scores, score_description, score_model
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import Signals, usual_cutoff
 
 if TYPE_CHECKING:
     from bdnn_ros.physical.agreement import Agreement
@@ -109,12 +109,14 @@ def run(args: argparse.Namespace) -> int:
         fitness.require_measured(recording)
     parts = fitness.parted(recordings, args.holdout)
     training = [first for first, _ in parts]
+    # scores of all bags are one number, so all pass one low-pass: that of the slowest; each is learned from behind its own
+    alike = min(usual_cutoff(one.rate) for one in recordings) if args.cutoff is None else args.cutoff
     tested = [
-        fitness.prepared_last(last, whole, args.cutoff, args.holdout)
+        fitness.prepared_last(last, whole, alike, args.holdout)
         for whole, (_, last) in zip(recordings, parts, strict=True)
     ]
     seen = [
-        fitness.prepared(first, whole, args.cutoff, "what is left to learn from")
+        fitness.prepared(first, whole, alike, "what is left to learn from")
         for whole, first in zip(recordings, training, strict=True)
     ]
     if args.prior == "none":
@@ -140,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
         _remove_parameters(path.with_name(PARAMETERS))
     elif told is not None:
         _tell(told, path.with_name(PARAMETERS))
-    _print(metrics, tested[0].cutoff, path, robot)
+    _print(metrics, alike, path, robot)
     return 0
 
 
