@@ -67,6 +67,25 @@ def belief(n: int = N) -> Belief:
     return Belief(bodies(rng, n), rng.uniform(0.1, 1.0, (3, n)), np.ones(n), 2.0, 0.5)
 
 
+def test_a_body_whose_thickness_is_rounding_is_at_the_edge():
+    """Its pseudo-inertia's smallest eigenvalue is above zero by chance: the curvature there is noise."""
+    believed = belief(1)
+    thin = believed.reference.copy()
+    thin[:PER_LINK] = [1.0, 0.0, 0.0, 0.0, 1e-15, 0.0, 1.0, 0.0, 0.0, 1.0]
+    assert np.linalg.eigvalsh(pseudo_inertias(thin[None, :PER_LINK]))[0, 0] > 0.0
+    assert believed.nats(thin) == np.inf
+    thin[4] = 1e-9
+    assert np.isfinite(believed.nats(thin))
+
+
+def test_newton_stops_where_curvature_is_lost():
+    believed = belief(1)
+    size = believed.reference.size
+    none = quadratic(np.zeros((1, 1, size)), np.zeros((1, 1)), np.ones(1))
+    lost = replace(none, gram=-1e9 * np.eye(size))
+    np.testing.assert_array_equal(fit(lost, believed, believed.reference), believed.reference)
+
+
 def test_slopes_of_the_belief_are_its_derivatives():
     believed = belief()
     theta = believed.reference * 1.2

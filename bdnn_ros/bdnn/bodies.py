@@ -24,6 +24,8 @@ CONTINUATION = (1e6, 1e4, 1e2, 1.0)
 NEWTON_STEPS = 60
 DONE = 1e-4
 """Newton's decrement that counts as arrived [nats]."""
+ROUNDING = 1e-13
+"""Share of a pseudo-inertia's largest eigenvalue up to which its smallest is rounding: such a body is at the edge."""
 
 
 def _pseudo_basis() -> np.ndarray:
@@ -75,7 +77,8 @@ class Belief:
         edge, last = PER_LINK * n, (PER_LINK + 3) * n
         positive = theta[edge:last]
         pseudo = pseudo_inertias(theta[:edge].reshape(n, PER_LINK))
-        if (positive <= 0.0).any() or (np.linalg.eigvalsh(pseudo)[:, 0] <= 0.0).any():
+        sizes = np.linalg.eigvalsh(pseudo)
+        if (positive <= 0.0).any() or (sizes[:, 0] <= ROUNDING * np.maximum(sizes[:, -1], 0.0)).any():
             return np.inf
         reference = pseudo_inertias(self.inertials)
         ratio = np.linalg.solve(reference, pseudo)
@@ -166,7 +169,10 @@ def _newton(error: Quadratic, belief: Belief, theta: np.ndarray) -> np.ndarray:
         gradient, hessian = belief.slopes(theta)
         gradient += error.gram @ theta - error.right
         hessian += error.gram
-        size = 1.0 / np.sqrt(np.diag(hessian))
+        diagonal = np.diag(hessian)
+        if not (np.isfinite(diagonal) & (diagonal > 0.0)).all():
+            break  # curvature is lost in rounding: there is no step to take from here
+        size = 1.0 / np.sqrt(diagonal)
         scaled = hessian * np.outer(size, size) + 1e-12 * np.eye(len(size))
         step = -size * np.linalg.solve(scaled, size * gradient)
         decrement = -0.5 * float(gradient @ step)
