@@ -12,8 +12,10 @@ from test_bdnn_dynamics import Opaque
 
 from bdnn_ros.bdnn import mechanics, modelfile, training
 from bdnn_ros.bdnn.chain_training import ChainTraining
+from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.correction import Task
 from bdnn_ros.bdnn.local import LocalNetworks
+from bdnn_ros.bdnn.local_training import fit_local, sums_of
 from bdnn_ros.bdnn.network_training import NetworkTraining, Rollouts, effort_loss
 from bdnn_ros.bdnn.networks import Network
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
@@ -237,6 +239,19 @@ def test_nonsense_is_refused_by_name(arm2):
     with pytest.raises(RecordingError, match="no effort"):
         identify(replace(train, effort=None), validation)
     assert robot.joints == train.joints
+
+
+@pytest.mark.parametrize("count", [14, 18])
+def test_networks_of_hardly_any_samples_are_fitted_to_those_there_are_or_silent(arm2, count):
+    """Of 14 samples none is far from the ends, of 18 fewer than there are to be blocks of them."""
+    robot, train, *_ = arm2
+    core = PriorCore(robot, LocalNetworks.silent(np.ones(2), np.ones(2)), None, np.full(2, 0.05))
+    few = train.rows(np.arange(len(train)) < count)
+    assert np.count_nonzero(few.interior) == {14: 0, 18: 4}[count]
+    assert len(sums_of(core, [few])[0]) == np.count_nonzero(few.interior)
+    weights = fit_local(core, [few]).output_weights
+    assert np.isfinite(weights).all()
+    assert count > 14 or not weights.any()
 
 
 def test_no_time_at_all_is_said(arm2):

@@ -89,14 +89,18 @@ def _joint_sums(
     ]
     features = signals.smooth(np.concatenate(pieces))
     result = []
-    for rows in np.array_split(np.flatnonzero(signals.interior), blocks):
+    # signals of a few samples give fewer blocks, or none
+    inside = np.flatnonzero(signals.interior)
+    for rows in np.array_split(inside, min(blocks, len(inside))) if len(inside) else []:
         x, y = features[rows], residual[rows]
         result.append(Sums(x.T @ x, x.T @ y, float(y @ y), len(rows)))
     return result
 
 
 def _chosen(blocks: list[Sums], penalty: np.ndarray) -> np.ndarray:
-    """Output weights (F,) of one joint."""
+    """Output weights (F,) of one joint; silent where there is nothing to learn from."""
+    if not blocks:
+        return np.zeros_like(penalty)
     everything = sum(blocks[1:], blocks[0])
     plain = _left_out(blocks, everything, _offset)
     trials = {s: _left_out(blocks, everything, _Ridge(penalty, s)) for s in STRENGTHS}
