@@ -78,6 +78,44 @@ def test_what_is_missing_is_named(kind: str) -> None:
         assert not re.search(r"Error|[()'\[\]]", refused.value.problem)
 
 
+@pytest.mark.parametrize("kind", list(models()))
+def test_an_array_of_another_shape_is_named(kind: str) -> None:
+    arrays, info = models()[kind].to_state()
+    for key, array in arrays.items():
+        if not array.size:
+            continue
+        for other in (array[:-1], array[..., None], np.zeros(0)):
+            with pytest.raises(ModelFileError) as refused:
+                build_model(kind, {**arrays, key: other}, info)
+            # a network's size is told by one of its arrays: another may then seem the wrong one
+            there = key.split(".")[-1].split("_")[0] if key[:2] not in ("h.", "r.") else ""
+            assert there in refused.value.problem
+            assert re.search(r"damaged at or near its entry \S+\.$", refused.value.problem)
+
+
+@pytest.mark.parametrize("kind", ["physical", "extended", "bdnn_on_prior"])
+def test_a_robot_of_what_is_no_number_is_refused(kind: str) -> None:
+    arrays, info = models()[kind].to_state()
+    key = next(name for name in arrays if name.endswith("armature"))
+    with pytest.raises(ModelFileError, match="armature"):
+        build_model(kind, {**arrays, key: np.full(2, np.nan)}, info)
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value"),
+    [
+        ("physical", "breakaway", [0]),
+        ("extended", "sticking", [0.1]),
+        ("extended", "creep", [[0.1, 0.1], [0.1, 0.1]]),
+        ("bdnn", "h", {"activation": "none of these", "bound": 1.0}),
+    ],
+)
+def test_an_entry_that_does_not_fit_the_joints_is_named(kind: str, key: str, value: object) -> None:
+    arrays, info = models()[kind].to_state()
+    with pytest.raises(ModelFileError, match=f"at or near its entry {key}\\. "):
+        build_model(kind, arrays, {**info, key: value})
+
+
 def test_the_kind_of_the_refusal_is_the_readers() -> None:
     with (
         pytest.raises(UsageError, match=r"x.json is incomplete: it lacks b. Write it again."),

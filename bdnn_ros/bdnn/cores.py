@@ -14,9 +14,10 @@ import pinocchio as pin
 
 from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.bdnn.local import LocalNetworks
-from bdnn_ros.bdnn.networks import Network, spd_derivative, spd_factor, spd_matrix
+from bdnn_ros.bdnn.networks import ACTIVATIONS, Network, spd_derivative, spd_factor, spd_matrix, vector_size
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.entries import require_shapes
 from bdnn_ros.signals import Signals
 
 DIFFERENCE = 1e-5
@@ -87,8 +88,11 @@ class NetworkCore:
         cls, joints: tuple[str, ...], arrays: dict[str, np.ndarray], info: dict[str, Any]
     ) -> NetworkCore:
         """The core of `to_state`."""
+        n = len(joints)
+        require_shapes(arrays, {f"scales.{k}": (n,) for k in Scales.__dataclass_fields__})
         scales = Scales(*(arrays[f"scales.{k}"] for k in Scales.__dataclass_fields__))
-        return cls(joints, Field(get_network("h", arrays, info), get_network("r", arrays, info), scales))
+        h = get_network("h", arrays, info, 2 * n, vector_size(n))
+        return cls(joints, Field(h, get_network("r", arrays, info, 4 * n, n), scales))
 
 
 @dataclass(frozen=True)
@@ -227,7 +231,19 @@ def put_network(name: str, network: Network, arrays: dict[str, np.ndarray], info
     info[name] = {"activation": network.activation, "bound": network.bound}
 
 
-def get_network(name: str, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Network:
-    """The network of `put_network`."""
+def get_network(
+    name: str, arrays: dict[str, np.ndarray], info: dict[str, Any], inputs: int, outputs: int
+) -> Network:
+    """The network of `put_network`, which has so many inputs and outputs.
+
+    Raises:
+        KeyError, TypeError, ValueError: something is missing or does not fit.
+    """
+    (hidden,) = arrays[f"{name}.b1"].shape
+    shapes = {"w1": (hidden, inputs), "b1": (hidden,), "w2": (outputs, hidden), "b2": (outputs,)}
+    require_shapes(arrays, {f"{name}.{key}": shape for key, shape in shapes.items()})
     w1, b1, w2, b2 = (arrays[f"{name}.{key}"] for key in ("w1", "b1", "w2", "b2"))
-    return replace(Network(w1, b1, w2, b2), **info[name])
+    network = replace(Network(w1, b1, w2, b2), **info[name])
+    if network.activation not in ACTIVATIONS:
+        raise ValueError(name)
+    return network

@@ -14,8 +14,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from bdnn_ros.robot.entries import require_shapes
+
 HARMONICS = 20
 HIDDEN = 24
+INPUTS = 5
 PLAIN = 10
 """Features that are neither harmonics nor hidden units."""
 STEEPEST = 30.0
@@ -45,7 +48,7 @@ class LocalNetworks:
     def silent(cls, velocity: np.ndarray, load: np.ndarray) -> LocalNetworks:
         """Networks that add nothing yet."""
         n, rng = len(velocity), np.random.default_rng(0)
-        weights = rng.normal(size=(n, HIDDEN, 5)) * np.array([1.0, 1.0, 1.0, 0.5, 0.5])
+        weights = rng.normal(size=(n, HIDDEN, INPUTS)) * np.array([1.0, 1.0, 1.0, 0.5, 0.5])
         weights[:, :, 2] *= np.exp(rng.uniform(0.0, np.log(STEEPEST), (n, HIDDEN)))
         bias = rng.normal(size=(n, HIDDEN))
         return cls(weights, bias, np.zeros((n, PLAIN + 2 * HARMONICS + HIDDEN)), velocity, load)
@@ -104,10 +107,25 @@ class LocalNetworks:
         return arrays, {"harmonics": self.harmonics}
 
     @classmethod
-    def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> LocalNetworks:
-        """The networks of `to_state`."""
+    def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any], width: int) -> LocalNetworks:
+        """The networks of `to_state`, of n = `width` joints.
+
+        Raises:
+            KeyError, TypeError, ValueError: something is missing or does not fit.
+        """
+        harmonics = int(info["harmonics"])
+        _, hidden = arrays["local.hidden_bias"].shape
+        features = PLAIN + 2 * harmonics + hidden
+        shapes: dict[str, tuple[int, ...]] = {
+            "hidden_bias": (width, hidden),
+            "hidden_weights": (width, hidden, INPUTS),
+            "output_weights": (width, features),
+            "velocity": (width,),
+            "load": (width,),
+        }
+        require_shapes(arrays, {f"local.{name}": shape for name, shape in shapes.items()})
         held: dict[str, Any] = {name: arrays[f"local.{name}"] for name in cls.array_names}
-        return cls(**held, harmonics=int(info["harmonics"]))
+        return cls(**held, harmonics=harmonics)
 
 
 def penalties(networks: LocalNetworks) -> np.ndarray:

@@ -9,9 +9,11 @@ import numpy as np
 
 from bdnn_ros.bdnn.cores import PriorCore, get_network, put_network
 from bdnn_ros.bdnn.local import LocalNetworks
+from bdnn_ros.bdnn.networks import vector_size
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.entries import require_robot, require_shapes
 from bdnn_ros.robot.state import robot_from_state, robot_state
 
 Build = Callable[[str, dict[str, np.ndarray], dict[str, Any]], Dynamics]
@@ -41,10 +43,12 @@ def prior_core(arrays: dict[str, np.ndarray], info: dict[str, Any], build: Build
 
     Raises:
         ModelFileError: the prior is of a kind that `build` is needed for.
+        KeyError, TypeError, ValueError: something is missing or does not fit.
     """
     held = {key[len("prior.") :]: value for key, value in arrays.items() if key.startswith("prior.")}
     kind, told = info["prior"]["kind"], info["prior"]["info"]
     if kind == "robot":
+        require_robot(arrays, len(told["joints"]), "prior.")
         prior: Dynamics = robot_from_state(held, told)
     elif build is None:
         raise ModelFileError(
@@ -52,8 +56,10 @@ def prior_core(arrays: dict[str, np.ndarray], info: dict[str, Any], build: Build
         )
     else:
         prior = build(kind, held, told)
-    h = get_network("h", arrays, info) if "h" in info else None
-    return PriorCore(prior, LocalNetworks.from_state(arrays, info), h, arrays["slow"])
+    n = len(prior.joints)
+    h = get_network("h", arrays, info, 2 * n, vector_size(n)) if "h" in info else None
+    require_shapes(arrays, {"slow": (n,)})
+    return PriorCore(prior, LocalNetworks.from_state(arrays, info, n), h, arrays["slow"])
 
 
 def _prior_state(prior: Dynamics) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:

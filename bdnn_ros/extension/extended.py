@@ -19,7 +19,7 @@ from bdnn_ros.errors import BdnnError, ModelFileError
 from bdnn_ros.extension.effects_file import entry, from_entries
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.entries import reading
+from bdnn_ros.robot.entries import reading, require_robot, require_shapes
 from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
@@ -258,6 +258,9 @@ class ExtendedModel:
         """
         with reading("The extended model", "Diagnose again.", arrays, info) as (arrays, info):
             held = {key[len("beyond.") :]: v for key, v in arrays.items() if key.startswith("beyond.")}
+            width = len(info["joints"])
+            require_robot(arrays, width)
+            require_shapes(arrays, {"noise": (width,)})
             try:
                 robot = robot_from_state(arrays, info)
                 effects = tuple(from_entries(info["effects"], robot))
@@ -266,6 +269,14 @@ class ExtendedModel:
                 raise ModelFileError(
                     f"The extended model is damaged: {error.problem}", "Diagnose again."
                 ) from None
+            if beyond is not None and beyond.joints != robot.joints:
+                raise ValueError("beyond")
+            sticking = tuple(float(value) for value in info.get("sticking", ()))
+            if len(sticking) not in (0, width):
+                raise ValueError("sticking")
+            creep = tuple(tuple(map(float, ways)) for ways in info.get("creep", ()))
+            if np.shape(creep) not in ((0,), (width, 3)):
+                raise ValueError("creep")
             return cls(
                 bare=robot,
                 effects=effects,
@@ -273,8 +284,8 @@ class ExtendedModel:
                 stds=tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
                 lead=float(info["lead"]),
                 lag=float(info.get("lag", 0.0)),
-                sticking=tuple(float(value) for value in info.get("sticking", ())),
-                creep=tuple(tuple(map(float, ways)) for ways in info.get("creep", ())),
+                sticking=sticking,
+                creep=creep,
                 beyond=beyond,
             )
 

@@ -9,12 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bdnn_ros.physical.couplings import CoupledMotors
+from bdnn_ros.physical.dictionary import FEATURES
 from bdnn_ros.physical.local import LocalResiduals
-from bdnn_ros.physical.parameters import Parameters, parameter_names
+from bdnn_ros.physical.parameters import PER_JOINT, Parameters, parameter_names
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
-from bdnn_ros.robot import Robot
+from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
-from bdnn_ros.robot.entries import reading
+from bdnn_ros.robot.entries import reading, require_robot, require_shapes
 from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.robot.units import along
@@ -232,12 +233,17 @@ class PhysicalModel(ReadOnlyArrays):
         """
         with reading("The physical model", "Identify it again.", arrays, info) as (arrays, info):
             motors, learned = (_under(arrays, name) for name in ("motors.", "learned."))
+            width = len(info["joints"])
+            require_robot(arrays, width)
+            require_shapes(arrays, _shapes(width, bool(learned)))
             breakaway = tuple(int(index) for index in info["breakaway"])
+            if len(breakaway) not in (0, width):
+                raise ValueError("breakaway")
             if breakaway and not 0 <= min(breakaway) <= max(breakaway) < len(BREAKAWAYS):
                 raise ValueError("breakaway")
             roll, pitch = map(float, info.get("tilt_std", (0.0, 0.0)))
             zeros_std = tuple(map(float, info.get("zeros_std", ())))
-            if len(zeros_std) not in (0, len(info["joints"])):
+            if len(zeros_std) not in (0, width):
                 raise ValueError("zeros_std")
             return cls(
                 robot=robot_from_state(arrays, info),
@@ -254,6 +260,16 @@ class PhysicalModel(ReadOnlyArrays):
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
             )
+
+
+def _shapes(width: int, learned: bool) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays of a model of n = `width` joints that are not its robot's."""
+    count = width * (PER_LINK + PER_JOINT)
+    shapes: dict[str, tuple[int, ...]] = {"offset": (width,), "covariance": (count, count), "noise": (width,)}
+    if learned:
+        shapes |= {"learned.weights": (width, FEATURES), "learned.straight": (width, 3)}
+        shapes |= {"learned.scale_effort": (width,), "learned.scale_velocity": (width,)}
+    return shapes
 
 
 def _under(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:

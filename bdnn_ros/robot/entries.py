@@ -6,7 +6,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 from bdnn_ros.errors import BdnnError, ModelFileError
+from bdnn_ros.robot.robot import PER_LINK
 
 
 class Entries(dict[str, Any]):
@@ -48,3 +51,34 @@ def reading(
     except (TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError):
         where = f" at or near its entry {seen[-1]}" if seen else ""
         raise error(f"{what} is damaged{where}.", remedy) from None
+
+
+def require_shapes(arrays: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Refuses, within `reading`, arrays that would not fit one another later, where nobody expects it.
+
+    Args:
+        shapes: of the arrays that there must be, by name.
+
+    Raises:
+        KeyError: one is missing.
+        ValueError: one has another shape.
+    """
+    for name, shape in shapes.items():
+        if np.shape(arrays[name]) != shape:
+            raise ValueError(name)
+
+
+def require_robot(arrays: Mapping[str, np.ndarray], width: int, prefix: str = "") -> None:
+    """The same for the arrays of a robot of n = `width` joints, which must be finite, too.
+
+    Args:
+        prefix: begins their names.
+    """
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("armature", "viscous", "coulomb"), (width,))
+    shapes |= {"inertials": (width, PER_LINK), "gravity_vector": (3,)}
+    if f"{prefix}zeros" in arrays:  # files of before have none
+        shapes["zeros"] = (width,)
+    for name, shape in shapes.items():
+        require_shapes(arrays, {prefix + name: shape})
+        if not np.isfinite(arrays[prefix + name]).all():
+            raise ValueError(name)
