@@ -455,11 +455,20 @@ def test_commands_need_their_topic(tmp_path: Path) -> None:
         bags.read(path, effort="felt")
 
 
+METADATA_OF_NO_USE = (
+    "relative_file_paths: 5",
+    "relative_file_paths: bag.mcap",
+    "starting: 2024-13-45",
+    "compression_mode: [file]",
+)
+
+
 def test_a_directory_without_metadata_or_with_other_profiles_reads(tmp_path: Path) -> None:
     recording = motion(joints=ARM)
     path = write_bag(tmp_path / "bag", states(recording))
     text_before = (path / "metadata.yaml").read_text()
-    for content in (text_before.replace("reliable", "best_effort"), "nonsense: [", None):
+    wrong = [f"rosbag2_bagfile_information: {{{entry}}}" for entry in METADATA_OF_NO_USE]
+    for content in (text_before.replace("reliable", "best_effort"), "nonsense: [", *wrong, None):
         (path / "metadata.yaml").unlink()
         if content is not None:
             (path / "metadata.yaml").write_text(content)
@@ -639,6 +648,14 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     plain = bags.write(motion(), tmp_path / "a.mcap")
     bags.write(motion(seed=2), plain, overwrite=True)
     assert_equal(bags.read(plain), motion(seed=2))
+
+
+@pytest.mark.parametrize("name", ["old", "made", "old.mcap", "made.mcap"])
+def test_a_bag_of_any_name_is_overwritten(tmp_path: Path, name: str) -> None:
+    path = bags.write(motion(), tmp_path / name)
+    bags.write(motion(seed=2), path, overwrite=True)
+    assert_equal(bags.read(path), motion(seed=2))
+    assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
 def test_a_bag_appears_whole_or_not_at_all(tmp_path: Path) -> None:

@@ -175,7 +175,8 @@ def _parts(path: Path) -> tuple[list[Path], bool]:
     information = _information(path)
     if information.get("compression_mode") in ("file", "FILE", "message", "MESSAGE"):
         return [path], True
-    named = [path / Path(str(name)).name for name in information.get("relative_file_paths") or []]
+    paths = information.get("relative_file_paths")
+    named = [path / Path(str(name)).name for name in paths] if isinstance(paths, list) else []
     found = sorted((part for part in path.iterdir() if part.suffix in SUFFIXES), key=_natural)
     missing = [part.name for part in named if not part.exists()]
     if missing:
@@ -231,6 +232,6 @@ def _information(path: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
         information = content["rosbag2_bagfile_information"]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
-        return {}
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError):
+        return {}  # a ValueError is of a date that no calendar has
     return information if isinstance(information, dict) else {}

@@ -62,7 +62,9 @@ def write(
     refuse_existing(path, overwrite)
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as scratch:
-        inner = Path(scratch) / path.stem if path.suffix == ".mcap" else Path(scratch) / path.name
+        made = Path(scratch) / "made"  # a directory of its own: the bag's name may be any
+        inner = made / path.stem if path.suffix == ".mcap" else made / path.name
+        made.mkdir()
         _write_directory(recording, inner, joint_states, commands, effort_commands)
         _take_place(inner / f"{path.stem}.mcap" if path.suffix == ".mcap" else inner, path, Path(scratch))
     return path
