@@ -140,7 +140,8 @@ def neural_ode(data: Data, budget: float, seed: int, settings: Settings | None =
     def windows(step: int, share: float) -> Tensor | None:
         if share < MATCH_SHARE or step % WINDOWS_EVERY:
             return None
-        return rollout_loss(module, rollouts.draw(WINDOWS, rng))
+        drawn = rollouts.draw(WINDOWS, rng)
+        return None if drawn is None else rollout_loss(module, drawn)
 
     fit(
         module,

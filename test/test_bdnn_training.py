@@ -291,6 +291,37 @@ def test_the_gradient_of_the_correction_is_its_slope():
     assert (ahead - behind) / (2.0 * step) == pytest.approx(gradient @ direction, rel=1e-6)
 
 
+def test_windows_drawn_together_have_one_step(arm2):
+    """Recordings of two rates: a window's motion is what its velocity says, whichever it is of."""
+    _, train, validation, _ = arm2
+    other = replace(
+        train,
+        time=2.0 * train.time,
+        velocity=0.5 * train.velocity,
+        acceleration=0.25 * train.acceleration,
+        rate=0.5 * train.rate,
+    )
+    rollouts, rng = Rollouts([train, other, validation], np.ones(2)), np.random.default_rng(0)
+    steps = set()
+    for _ in range(20):
+        windows = rollouts.draw(5, rng)
+        moved = windows.states[2, :, :2] - windows.states[0, :, :2]
+        np.testing.assert_allclose(moved / windows.step, windows.states[1, :, 2:], atol=0.05)
+        steps.add(round(windows.step * train.rate))
+    assert steps == {2, 4}
+
+
+def test_networks_are_trained_where_no_window_fits(arm2):
+    """By effort alone: of segments of 20 samples, as jitter may leave them."""
+    _, train, validation, _ = arm2
+    short = replace(
+        train, segments=tuple(slice(k, min(k + 20, len(train))) for k in range(0, len(train), 20))
+    )
+    assert Rollouts([short], np.ones(2)).draw(5, np.random.default_rng(0)) is None
+    model = identify(short, validation, budget=0.5, architecture="networks", clock=Clock(0.01))
+    assert np.isfinite(model.predict(validation)).all()
+
+
 def test_windows_are_pieces_of_the_motion(arm2):
     _, train, _, _ = arm2
     windows = Rollouts([train], np.ones(2)).draw(5, np.random.default_rng(0))

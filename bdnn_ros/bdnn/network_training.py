@@ -26,6 +26,8 @@ FORWARD_WEIGHT = 0.1
 FORWARD_EVERY = 24
 """Steps between two with rollouts."""
 WINDOWS, WINDOW_STEPS = 32, 10
+SAME_RATE = 0.01
+"""Recordings whose working rates differ by less than this share have one step."""
 WARM_STEPS = 100
 POLISH_JOINTS = 3
 POLISH_SHARE = 0.4
@@ -113,8 +115,11 @@ class NetworkTraining:
 
     def _add_forward(self, gradient: np.ndarray) -> None:
         """Add the gradient of some rollouts; one that runs away must not drown the rest."""
+        windows = self._rollouts.draw(WINDOWS, self._rng)
+        if windows is None:
+            return
         with np.errstate(over="ignore", invalid="ignore"):
-            _, forward = discrete_gradient(self._field, self._rollouts.draw(WINDOWS, self._rng))
+            _, forward = discrete_gradient(self._field, windows)
             size = float(np.linalg.norm(forward))
         if 0.0 < size < np.inf:
             gradient += min(FORWARD_WEIGHT * FORWARD_EVERY, float(np.linalg.norm(gradient)) / size) * forward
@@ -179,36 +184,37 @@ class _TimeUp(Exception):
 
 
 class Rollouts:
-    """Windows of measured motion to roll out from, drawn at random.
-
-    Attributes:
-        step: h [s]: two working samples.
-    """
+    """Windows of measured motion to roll out from, drawn at random; those drawn together are of one rate, so of one step."""
 
     def __init__(self, parts: Sequence[Signals], velocity: np.ndarray) -> None:
         self._states = [np.concatenate([s.position, s.velocity], axis=1).astype(np.float32) for s in parts]
         self._efforts = [np.asarray(s.effort, np.float32) for s in parts]
+        self._velocity = velocity
         length = 2 * WINDOW_STEPS
-        starts = [
-            (k, start)
-            for k, s in enumerate(parts)
-            for rows in s.segments
-            for start in range(rows.start, rows.stop - length)
-        ]
-        self._starts = np.array(starts).reshape(-1, 2)
-        self.step = 2.0 / parts[0].rate
-        # an error of position weighs like the velocity's error that made it within the window
-        horizon = self.step * WINDOW_STEPS
-        weights = np.concatenate([1.0 / (velocity * horizon) ** 2, 1.0 / velocity**2])
-        self._weights = weights.astype(np.float32)
+        starts: dict[float, list[tuple[int, int]]] = {}
+        for k, s in enumerate(parts):
+            rate = next((known for known in starts if abs(s.rate / known - 1.0) < SAME_RATE), s.rate)
+            starts.setdefault(rate, []).extend(
+                (k, start) for rows in s.segments for start in range(rows.start, rows.stop - length)
+            )
+        self._starts = [(2.0 / rate, np.array(found)) for rate, found in starts.items() if found]
 
-    def draw(self, count: int, rng: np.random.Generator) -> Windows:
-        """Some windows."""
+    def draw(self, count: int, rng: np.random.Generator) -> Windows | None:
+        """Some windows, two working samples a step; None where no segment is long enough for one."""
+        if not self._starts:
+            return None
+        step, starts = self._starts[0]
+        if len(self._starts) > 1:
+            sizes = np.array([len(found) for _, found in self._starts])
+            step, starts = self._starts[rng.choice(len(sizes), p=sizes / sizes.sum())]
         span = np.arange(2 * WINDOW_STEPS + 1)
-        chosen = self._starts[rng.integers(len(self._starts), size=count)]
+        chosen = starts[rng.integers(len(starts), size=count)]
         states = np.stack([self._states[k][start + span] for k, start in chosen], axis=1)
         efforts = np.stack([self._efforts[k][start + span] for k, start in chosen], axis=1)
-        return Windows(states, efforts, self.step, self._weights)
+        # an error of position weighs like the velocity's error that made it within the window
+        horizon = step * WINDOW_STEPS
+        weights = np.concatenate([1.0 / (self._velocity * horizon) ** 2, 1.0 / self._velocity**2])
+        return Windows(states, efforts, step, weights.astype(np.float32))
 
 
 def effort_loss(field: Field, columns: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
