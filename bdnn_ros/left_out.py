@@ -8,6 +8,7 @@ import numpy as np
 
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mimics import mimicking, ratios
 from bdnn_ros.robot.urdf import Held
 from bdnn_ros.signals import prepare
 
@@ -16,13 +17,32 @@ MATTERS = 0.02
 MOST_ROWS = 500
 
 
-def standing(recordings: Sequence[Recording], joints: Sequence[str]) -> Held:
-    """Where those of some joints stand that a recording holds, in the middle of all their samples."""
+def standing(recordings: Sequence[Recording], joints: Sequence[str], urdf: str) -> Held:
+    """Where those of some joints stand that a recording holds, in the middle of all their samples, or whose leader one holds.
+
+    Args:
+        urdf: says which joints mimic others.
+    """
     seen = {
         joint: [r.position[:, r.joints.index(joint)] for r in recordings if joint in r.joints]
         for joint in joints
     }
-    return {joint: float(np.median(np.concatenate(parts))) for joint, parts in seen.items() if parts}
+    held = {joint: float(np.median(np.concatenate(parts))) for joint, parts in seen.items() if parts}
+    by = ratios(urdf)
+    for joint, leader in mimicking(urdf).items():
+        if joint in joints and joint not in held and leader in held:
+            held[joint] = by[joint][0] * held[leader] + by[joint][1]
+    return held
+
+
+def led(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
+    """Joints of a robot that move while another mimics them that no recording holds, and which does: both are one drive."""
+    found = {}
+    for joint, leader in mimicking(robot.urdf).items():
+        held = [r for r in recordings if leader in r.joints and joint not in r.joints]
+        if leader in robot.joints and any(moving(r)[r.joints.index(leader)] for r in held):
+            found[leader] = joint
+    return found
 
 
 def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
@@ -37,6 +57,7 @@ def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
     out = [joint for joint in whole.joints if joint not in robot.joints and moves.get(joint)]
     if not out:
         return []
+    out_of_it = {joint for joint in whole.joints if joint not in (*robot.joints, *recording.joints)}
     signals = prepare(recording)
     rows = slice(None, None, max(len(signals) // MOST_ROWS, 1))
     looked_at = [recording.joints.index(joint) for joint in robot.joints]
@@ -48,10 +69,17 @@ def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
     usual = whole.rigid_effort(*motion)[:, own]
     effort = usual if signals.effort is None else signals.effort[rows][:, looked_at]
     limit = MATTERS * np.std(effort, axis=0)
+    by = ratios(whole.urdf)
 
     def felt(joint: str) -> bool:
         moved = motion.copy()
-        moved[:, :, whole.joints.index(joint)] = recorded[:, :, recording.joints.index(joint)]
+        course = recorded[:, :, recording.joints.index(joint)]
+        moved[:, :, whole.joints.index(joint)] = course
+        for follower, leader in mimicking(whole.urdf).items():
+            if leader == joint and follower in out_of_it:
+                multiplier, offset = by[follower]
+                moved[:, :, whole.joints.index(follower)] = multiplier * course
+                moved[0, :, whole.joints.index(follower)] += offset
         return bool((np.std(whole.rigid_effort(*moved)[:, own] - usual, axis=0) > limit).any())
 
     return [joint for joint in out if felt(joint)]

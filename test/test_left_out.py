@@ -31,8 +31,8 @@ def recording() -> Recording:
 
 
 def test_they_stand_where_the_recording_has_them(recording):
-    assert standing([recording], WRIST) == pytest.approx(HELD)
-    assert standing([recording.select(CHOSEN)], WRIST) == {}
+    assert standing([recording], WRIST, ARM.urdf) == pytest.approx(HELD)
+    assert standing([recording.select(CHOSEN)], WRIST, ARM.urdf) == {}
 
 
 def test_only_those_count_that_others_feel(recording):

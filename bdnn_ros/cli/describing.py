@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from bdnn_ros.cli.options import say
 from bdnn_ros.errors import RobotError, UsageError, listed
-from bdnn_ros.left_out import disturbing, standing
+from bdnn_ros.left_out import disturbing, led, standing
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import held_mimics, standing_still, with_mimics
@@ -58,9 +58,11 @@ def unusable(recordings: Sequence[Recording]) -> str | None:
 
 
 def unheld(robot: Robot | None, recording: Recording) -> list[str]:
-    """Joints that a robot's description has move by themselves, and that a recording lacks."""
-    joints = () if robot is None else Robot.from_urdf(robot.urdf).joints
-    return [joint for joint in joints if joint not in recording.joints]
+    """Joints that a robot's description has move by themselves, that a recording lacks, and of which nobody knows where they are."""
+    if robot is None:
+        return []
+    known = {*recording.joints, *dict(robot.held)}
+    return [joint for joint in Robot.from_urdf(robot.urdf).joints if joint not in known]
 
 
 def of_the_unheld(joints: Sequence[str]) -> list[str]:
@@ -72,6 +74,19 @@ def of_the_unheld(joints: Sequence[str]) -> list[str]:
         f"{listed(joints)} of the URDF {are} in no message that is used: the other joints feel {their} motion, "
         f"which cannot be known, and {it} at zero for the model."
     ]
+
+
+def without_led(robot: Robot, joints: Sequence[str], recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Some joints but those that move a gripper's other finger as well, which is said; all of them where nothing else is left."""
+    leading = {leader: joint for leader, joint in led(robot, recordings).items() if leader in joints}
+    others = tuple(joint for joint in joints if joint not in leading)
+    if not leading or not others:
+        return tuple(joints)
+    for leader, joint in leading.items():
+        say(
+            f"{leader} is left out: it moves, and {joint}, which mimics it, is in no message (--joints takes it in)."
+        )
+    return others
 
 
 def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool) -> Robot:
@@ -86,7 +101,7 @@ def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording],
     """
     complete = Robot.from_urdf(robot.urdf, with_mimics(robot))
     out = [joint for joint in complete.joints if joint not in chosen]
-    held = standing(whole, out)
+    held = standing(whole, out, robot.urdf)
     looked_at = Robot.from_urdf(robot.urdf, chosen, held)
     mimics = {joint: leader for joint, leader in held_mimics(looked_at).items() if leader in chosen}
     if mimics:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from bdnn_ros import bags
-from bdnn_ros.cli.describing import described_robot, unusable, with_joints
+from bdnn_ros.cli.describing import described_robot, unusable, with_joints, without_led
 from bdnn_ros.cli.fitness import require_motion
 from bdnn_ros.cli.options import progress, say
 from bdnn_ros.efforts import EffortConvention
@@ -209,6 +209,8 @@ def _common_joints(recordings: Sequence[Recording], robot: Robot | None) -> tupl
     """Joints of the robot, else of the first recording, that every recording has."""
     candidates = robot.joints if robot else recordings[0].joints
     chosen = tuple(joint for joint in candidates if all(joint in r.joints for r in recordings))
+    if robot is not None:
+        chosen = without_led(robot, chosen, recordings)
     if chosen:
         return chosen
     theirs = listed(dict.fromkeys(joint for r in recordings for joint in r.joints), 20)

@@ -13,11 +13,23 @@ if TYPE_CHECKING:
 
 def mimicking(urdf: str) -> dict[str, str]:
     """Joints of a URDF that mimic another, and which."""
+    return {joint: str(tag.get("joint")) for joint, tag in _tags(urdf).items()}
+
+
+def ratios(urdf: str) -> dict[str, tuple[float, float]]:
+    """Of each joint that mimics another: multiplier and offset [rad] ([m]) by which it follows."""
+    return {
+        joint: (float(tag.get("multiplier", 1.0)), float(tag.get("offset", 0.0)))
+        for joint, tag in _tags(urdf).items()
+    }
+
+
+def _tags(urdf: str) -> dict[str, ElementTree.Element]:
     joints = [(joint, joint.find("mimic")) for joint in ElementTree.fromstring(urdf).findall("joint")]
     return {
-        str(joint.get("name")): str(mimic.get("joint"))
-        for joint, mimic in joints
-        if mimic is not None and joint.get("type") != "fixed"
+        str(joint.get("name")): tag
+        for joint, tag in joints
+        if tag is not None and joint.get("type") != "fixed"
     }
 
 
