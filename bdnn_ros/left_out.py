@@ -36,12 +36,13 @@ def standing(recordings: Sequence[Recording], joints: Sequence[str], urdf: str) 
 
 
 def led(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
-    """Joints of a robot that move while another mimics them that no recording holds, and which does: both are one drive."""
+    """Joints of a robot that move, and what mimics them: both are one drive. Not where the other is seen to stand still."""
     found = {}
-    for joint, leader in mimicking(robot.urdf).items():
-        held = [r for r in recordings if leader in r.joints and joint not in r.joints]
-        if leader in robot.joints and any(moving(r)[r.joints.index(leader)] for r in held):
-            found[leader] = joint
+    for recording in recordings:
+        moves = dict(zip(recording.joints, moving(recording), strict=True))
+        for joint, leader in mimicking(robot.urdf).items():
+            if leader in robot.joints and moves.get(leader) and moves.get(joint, True):
+                found[leader] = joint
     return found
 
 

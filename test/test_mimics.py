@@ -15,6 +15,7 @@ from bdnn_ros.excitation import choice
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.mjcf import extended_mjcf
 from bdnn_ros.online.models import load_model
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import held_mimics, with_mimics
 
@@ -118,6 +119,28 @@ def test_they_stand_where_the_recording_has_them_and_are_told_to_move(tmp_path: 
     for moves, told in ((0.0, False), (1.0, True)):
         bag = recorded(tmp_path / f"bag{moves:g}", moves)
         assert main(["identify", bag, "--out", str(model), "--budget", "1"]) == 0
-        assert ("right moves and is left out" in capsys.readouterr().err) is told
+        assert ("left is left out: it moves right as well" in capsys.readouterr().err) is told
         robot = load_model(model).robot
-        assert robot.joints == FREE and dict(robot.held) == pytest.approx({"right": 0.03}, abs=0.025)
+        assert robot.joints == (ARM.joints if told else FREE)
+        stand = {"right": 0.03, **({"left": 0.025} if told else {})}
+        assert dict(robot.held) == pytest.approx(stand, abs=0.025)
+
+
+def test_a_gripper_that_moves_is_one_drive(tmp_path: Path, capsys) -> None:
+    """The arm feels both fingers, which go apart and together, and nothing is named for it."""
+    robot = Robot.from_urdf(with_fingers(), ALL)
+    time = np.arange(9000) / 300.0
+    arm = np.sin(time[:, None] * [1.3, 2.1]) + 0.5 * np.sin(time[:, None] * [3.1, 0.7])
+    finger = 0.025 + 0.01 * np.sin(2.9 * time)
+    position = np.column_stack([arm, finger, finger])
+    velocity = np.gradient(position, time, axis=0)
+    effort = robot.inverse_dynamics(position, velocity, np.gradient(velocity, time, axis=0))
+    noise = np.random.default_rng(0).standard_normal(effort.shape)
+    effort[:, 2] += effort[:, 3]
+    effort += 0.005 * effort.std(axis=0) * noise
+    recording = Recording(time, ALL, position, None, effort, urdf=with_fingers()).select(FREE)
+    bags.write(recording, tmp_path / "bag")
+    assert main(["diagnose", str(tmp_path / "bag"), "--out", str(tmp_path / "out")]) == 0
+    captured = capsys.readouterr()
+    assert "left is left out: it moves right as well" in captured.err
+    assert "Nothing wrong was found" in captured.out and "no message" not in captured.out

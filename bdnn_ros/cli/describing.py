@@ -58,7 +58,7 @@ def unusable(recordings: Sequence[Recording]) -> str | None:
 
 
 def unheld(robot: Robot | None, recording: Recording) -> list[str]:
-    """Joints that a robot's description has move by themselves, that a recording lacks, and of which nobody knows where they are."""
+    """Joints that a robot's description has move by themselves, and that stand nobody knows where: a recording lacks them."""
     if robot is None:
         return []
     known = {*recording.joints, *dict(robot.held)}
@@ -77,15 +77,13 @@ def of_the_unheld(joints: Sequence[str]) -> list[str]:
 
 
 def without_led(robot: Robot, joints: Sequence[str], recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Some joints but those that move a gripper's other finger as well, which is said; all of them where nothing else is left."""
+    """Some joints but those that move another, as a gripper's second finger, which is said; all where no other is left."""
     leading = {leader: joint for leader, joint in led(robot, recordings).items() if leader in joints}
     others = tuple(joint for joint in joints if joint not in leading)
     if not leading or not others:
         return tuple(joints)
     for leader, joint in leading.items():
-        say(
-            f"{leader} is left out: it moves, and {joint}, which mimics it, is in no message (--joints takes it in)."
-        )
+        say(f"{leader} is left out: it moves {joint} as well, which mimics it (--joints takes it in).")
     return others
 
 

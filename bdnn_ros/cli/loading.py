@@ -58,6 +58,12 @@ def load(
     robot = given or described_robot(recordings, args.robot, needs_robot)
     chosen = required or _common_joints(recordings, robot)
     whole = recordings
+    if robot is not None:
+        every = with_mimics(robot)
+        if set(chosen) < set(every) and (required or every != robot.joints):
+            whole = _of_all_joints(args, robot)
+        if not required:
+            chosen = without_led(robot, chosen, whole or recordings)
     recordings = [_with_notes(recording.select(chosen)) for recording in recordings]
     for recording in recordings:
         for note in recording.notes:
@@ -65,9 +71,6 @@ def load(
         if moves:
             require_motion(recording)
     if robot is not None:
-        every = with_mimics(robot)
-        if set(chosen) < set(every) and (required or every != robot.joints):
-            whole = _of_all_joints(args, robot)
         robot = _fitted(robot, chosen, whole, undisturbed, given is not None or needs_robot)
     convention = _convention(args, recordings, robot)
     return [convention.applied(recording) if convention else recording for recording in recordings], robot
@@ -209,8 +212,6 @@ def _common_joints(recordings: Sequence[Recording], robot: Robot | None) -> tupl
     """Joints of the robot, else of the first recording, that every recording has."""
     candidates = robot.joints if robot else recordings[0].joints
     chosen = tuple(joint for joint in candidates if all(joint in r.joints for r in recordings))
-    if robot is not None:
-        chosen = without_led(robot, chosen, recordings)
     if chosen:
         return chosen
     theirs = listed(dict.fromkeys(joint for r in recordings for joint in r.joints), 20)
