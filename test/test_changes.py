@@ -125,6 +125,8 @@ def test_a_push_is_no_payload():
     assert (change.finding["effect"], change.finding["link"]) == ("external_wrench", link)
     assert value(change, "start") == pytest.approx(MOMENT + 0.3, abs=0.4)
     assert value(change, "force_x") == pytest.approx(25.0, rel=0.3)
+    std = change.finding["parameters"]["force_x"]["std"]
+    assert f"with ({value(change, 'force_x'):.1f} ± {std:.1f}, " in change.finding["sentence"]
 
 
 WORN = REAL.with_joint_parameters(coulomb=3.0 * REAL.coulomb)

@@ -99,7 +99,9 @@ def _push(scene: Scene, found: Explanation) -> dict[str, Any]:
             for name, value, spread, unit in zip(names, found.value, std, units, strict=True)
         },
     }
-    force = ", ".join(f"{value:.1f}" for value in found.value[:3])
+    force = ", ".join(
+        f"{value:.1f} ± {spread:.1f}" for value, spread in zip(found.value[:3], std[:3], strict=True)
+    )
     link = scene.links[found.target]
     sentence = f"Something pushed {link} from {found.start:.1f} s to {found.end:.1f} s with ({force}) N."
     return {**_where(scene, found), "parameters": parameters, "sentence": sentence}
