@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of
 
-from bdnn_ros.diagnosis import diagnose, identifiability
+from bdnn_ros.diagnosis import diagnose, identifiability, telling
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
@@ -255,3 +255,22 @@ def pool_with_law(spec, *beside):
     terms[one] = terms[one].shaped({key: float(spec.rpartition("=")[2])} if key else {})
     noise = Noise(np.zeros((2, 3)), 1e-4 * equations.effort_scale)
     return Pool(equations, noise, terms, 0.02), one, names.index("coulomb_friction")
+
+
+@pytest.mark.parametrize(
+    "extended, named",
+    [
+        ((0.5, 0.02), True),
+        ((1.01, 0.02), True),  # a large joint's error is what it was, a small one's is explained
+        ((1.2, 0.02), False),  # as shares of their efforts both together are better, in N·m they are worse
+        ((0.5, 0.4), False),
+    ],
+)
+def test_nothing_is_named_where_held_out_errors_grow(extended, named):
+    """By share of each joint's effort, or in all: what helps a wrist is no cause where it harms the shoulder."""
+    equations = equations_of(duration=30.0)
+    equations.effort_scale = np.array([20.0, 0.5])
+    near = np.zeros(2, bool)
+    unfit = telling._unfit(equations, np.array([1.0, 0.1]), np.array(extended), near)
+    assert not unfit.any() if named else unfit.all()
+    assert not telling._unfit(equations, np.array([1.0, 0.1]), np.array(extended), ~near).any()
