@@ -134,3 +134,17 @@ def test_the_centre_of_a_payload_that_no_motion_shows_has_no_number() -> None:
     assert "com_z ? m" in EFFECTS["payload"].sentence(
         "hand", {"mass": 1.0, "com_x": 0.0, "com_z": float("nan")}
     )
+
+
+def test_what_is_less_than_described_is_called_so() -> None:
+    def found(viscous: float) -> Finding:
+        quantity = {"viscous": Quantity(viscous, 0.01, "N*m*s/rad")}
+        return Finding("viscous_friction", "joint", None, quantity, 0.5, 0.99, (), "")
+
+    assert [words.cause(found(value)) for value in (0.3, -0.3)] == [
+        "Viscous friction",
+        "Less viscous friction",
+    ]
+    assert words.kinds([found(-0.3), found(-0.1), found(0.2)]) == (
+        "Less viscous friction at 2 places, viscous friction at 1 place"
+    )

@@ -155,7 +155,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[ParameterRow]:
             value, interval = words.estimate(name, quantity, possible.get(name))
             rows.append(
                 ParameterRow(
-                    title=words.title(finding.effect),
+                    title=words.cause(finding),
                     where=words.place(finding.joint, finding.link, finding.effect),
                     first=len(finding.parameters) if k == 0 else 0,
                     name=words.label(name),
@@ -258,7 +258,7 @@ def method(shown: View) -> list[tuple[str, str]]:
 def _root(finding: Finding) -> Root:
     sure, of_that = words.certainty(finding)
     return Root(
-        title=words.title(finding.effect),
+        title=words.cause(finding),
         where=words.at(finding.joint, finding.link, finding.effect),
         amounts=tuple(words.amounts(finding)),
         sentence=finding.sentence,

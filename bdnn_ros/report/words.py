@@ -54,9 +54,9 @@ def at(joint: str | None, link: str | None, effect: str) -> str:
     return "" if where == "base" else f"at {where}"
 
 
-def named(cause: Finding | Rival) -> str:
+def named(one: Finding | Rival) -> str:
     """An effect with its place: "Coulomb friction at panda_joint4"."""
-    return f"{title(cause.effect)} {at(cause.joint, cause.link, cause.effect)}".rstrip()
+    return f"{title(one.effect)} {at(one.joint, one.link, one.effect)}".rstrip()
 
 
 def headline(diagnosis: Diagnosis, since: bool = False) -> str:
@@ -82,13 +82,16 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
 
 def kinds(findings: Sequence[Finding]) -> str:
     """The kinds of many findings in one line: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
-    counts = Counter(
-        ("Less " + decapitalised(title(finding.effect))) if says_less(finding) else title(finding.effect)
-        for finding in findings
-    )
+    counts = Counter(map(cause, findings))
     parts = [f"{decapitalised(name)} at {n} place{'s' if n > 1 else ''}" for name, n in counts.most_common()]
     text = ", ".join(parts)
     return text[:1].upper() + text[1:]
+
+
+def cause(finding: Finding) -> str:
+    """What a list calls a finding: its effect's title, after "Less" where there is less of it than the model has."""
+    plain = title(finding.effect)
+    return f"Less {decapitalised(plain)}" if says_less(finding) else plain
 
 
 def says_less(finding: Finding) -> bool:
