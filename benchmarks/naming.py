@@ -189,7 +189,8 @@ def real_recordings() -> list[str]:
 def write_document(results: Path) -> None:
     """docs/naming.md from every draw's latest record."""
     records = latest(results, lambda record: record["key"])
-    now = sum(r["code"] == fingerprint() for r in records)
+    sources = fingerprint()
+    now = sum(r["code"] == sources for r in records)
     commands = "\n".join(f"    {c}  # {k} draws" for c, k in Counter(r["command"] for r in records).items())
     parts = [
         HEAD,
@@ -202,8 +203,8 @@ def write_document(results: Path) -> None:
         markdown(by_effect(records)),
         "\n## By condition\n",
         markdown(by_condition(records)),
-        *readings(fingerprint()),
-        *section(fingerprint()),
+        *readings(sources),
+        *section(sources),
         *real_recordings(),
     ]
     with whole(DOCUMENT) as beside:
