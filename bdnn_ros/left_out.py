@@ -71,13 +71,14 @@ def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
     effort = usual if signals.effort is None else signals.effort[rows][:, looked_at]
     limit = MATTERS * np.std(effort, axis=0)
     by = ratios(whole.urdf)
+    follow = {joint: leader for joint, leader in mimicking(whole.urdf).items() if joint in out_of_it}
 
     def felt(joint: str) -> bool:
         moved = motion.copy()
         course = recorded[:, :, recording.joints.index(joint)]
         moved[:, :, whole.joints.index(joint)] = course
-        for follower, leader in mimicking(whole.urdf).items():
-            if leader == joint and follower in out_of_it:
+        for follower, leader in follow.items():
+            if leader == joint:
                 multiplier, offset = by[follower]
                 moved[:, :, whole.joints.index(follower)] = multiplier * course
                 moved[0, :, whole.joints.index(follower)] += offset

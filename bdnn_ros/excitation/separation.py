@@ -116,9 +116,8 @@ class Design:
         smooth = motion.signals.smooth
         parts = [smooth(motion.regressor @ self.relative), smooth(motion.load_rate)[..., None]]
         slots, own, at = [], [], parts[0].shape[2] + 1
-        if (
-            not self._slots
-        ):  # of the first piece: what is tried depends on the motion, and Gram matrices of all add up
+        if not self._slots:
+            # of the first piece: what is tried depends on the motion, and Gram matrices of all pieces add up
             self._shapes = [_shapes(suspect, motion) for suspect in self.suspects]
         for suspect, shapes in zip(self.suspects, self._shapes, strict=True):
             raw, combined = _suspect_columns(suspect, shapes, motion)
