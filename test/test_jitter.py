@@ -118,3 +118,23 @@ def test_what_comes_just_before_the_next_of_no_clock_is_left_out():
     mended = without_jitter(recorded(taken, stamps))
     assert len(mended) == len(taken) - 1 and stamps[100] not in mended.time
     assert "1 of 4000" in mended.notes[-1] and "left out" in mended.notes[-1]
+
+
+def test_messages_that_waited_in_a_queue_are_no_gap_that_turns_stamps_round():
+    """Each side of a gap has a clock of its own, and what came before it may be late."""
+    taken = 0.01 * np.arange(1000)
+    stamps = taken.copy()
+    stamps[399] += 0.02
+    stamps[400:408] = taken[407] + 1e-4 * np.arange(-7, 1)
+    recording = recorded(taken, stamps)
+    assert len(recording.segments()) == 2
+    assert (np.diff(without_jitter(recording).time) > 0.0).all()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_whatever_is_late_no_stamps_turn_round(seed):
+    generator = np.random.default_rng(seed)
+    taken = 0.01 * np.arange(3000)
+    waits = np.where(generator.random(3000) < 0.03, generator.exponential(0.03, 3000), 0.0)
+    stamps = np.maximum.accumulate(taken + waits + 0.003 * generator.random(3000)) + 1e-6 * np.arange(3000)
+    assert (np.diff(without_jitter(recorded(taken, stamps)).time) > 0.0).all()

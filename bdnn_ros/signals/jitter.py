@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -62,10 +63,22 @@ def taken_at(stamps: np.ndarray, position: np.ndarray, rate: float, segments: Se
     for rows in segments:
         even[rows] = _evened(stamps[rows])
     for moved in (np.abs(stamps - even) > UNEVEN / rate, even != stamps):
-        tried = np.where(moved, even, stamps)
-        if _smoother(position, segments, time, tried):
+        tried = _in_order(stamps, np.where(moved, even, stamps), segments)
+        if (np.diff(tried) > 0.0).all() and _smoother(position, segments, time, tried):
             time = tried
     return time
+
+
+def _in_order(stamps: np.ndarray, tried: np.ndarray, segments: Sequence[slice]) -> np.ndarray:
+    """The times that are tried (N,) [s], but the stamps on both sides of a gap that they would turn round.
+
+    Each segment has a clock of its own, and messages that waited in a queue make a gap that there is not.
+    """
+    result = tried.copy()
+    for before, after in pairwise(segments):
+        if result[after.start] <= result[before.stop - 1]:
+            result[before], result[after] = stamps[before], stamps[after]
+    return result
 
 
 def _spread_out(recording: Recording) -> Recording:
