@@ -50,3 +50,10 @@ def test_recordings_of_two_rates_go_together_by_one_cutoff():
     """They did up to the end, where the reported velocities were prepared as each by itself is."""
     found = diagnose([recorded(1, rate=50.0), recorded(2)], ARM, cutoff=8.0)
     assert found.verdict == "nothing_wrong"
+
+
+def test_recordings_of_one_rate_go_together_though_their_clocks_differ():
+    """Of slow ones the low-pass follows the rate that was measured, which is never twice the same."""
+    slow, other = recorded(1, rate=50.0), recorded(2, rate=50.0)
+    found = diagnose([slow, replace(other, time=1.0003 * other.time)], ARM)
+    assert found.verdict == "nothing_wrong"

@@ -17,7 +17,7 @@ from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
-from bdnn_ros.diagnosis.joining import concatenated
+from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
 from bdnn_ros.diagnosis.odds import contains
@@ -32,7 +32,7 @@ from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals, flattened, prepare
+from bdnn_ros.signals import Signals, flattened
 
 FEWEST_VALUES = 12.0
 """A low-pass has to leave so many independent values of the joint that moves longest: fewer suit any cause."""
@@ -219,7 +219,7 @@ def _too_short(recordings: Sequence[Recording]) -> RecordingError:
 
 def _signals(recordings: Sequence[Recording], robot: Robot, cutoff: float | None) -> Signals:
     lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
-    parts = [prepare(recording, cutoff) for recording in recordings]
+    parts = prepared_alike(recordings, cutoff)
     return flattened(concatenated(parts, [recording.time for recording in recordings]), lower)
 
 

@@ -9,10 +9,29 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.errors import UsageError
-from bdnn_ros.signals import Signals
+from bdnn_ros.recording import Recording
+from bdnn_ros.signals import Signals, prepare, usual_cutoff
 
 SAME_RATE = 0.02
 """Signals whose working rates differ by more than this share are not joined."""
+
+
+def prepared_alike(recordings: Sequence[Recording], cutoff: float | None = None) -> list[Signals]:
+    """Clean signals of several recordings, behind one low-pass where their rates hardly differ.
+
+    No two recordings have the same measured rate, on which the usual low-pass of slow ones depends.
+
+    Args:
+        cutoff: low-pass [Hz], None chooses.
+
+    Raises:
+        RecordingError: one is too short.
+        UsageError: the cut-off does not fit a rate.
+    """
+    slowest = min(recording.rate for recording in recordings)
+    if cutoff is None and all(recording.rate <= (1.0 + SAME_RATE) * slowest for recording in recordings):
+        cutoff = usual_cutoff(slowest)
+    return [prepare(recording, cutoff) for recording in recordings]
 
 
 def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = None) -> Signals:

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bdnn_ros.checks.sampling import brisk
-from bdnn_ros.diagnosis.joining import concatenated
+from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.recording import Recording, further
-from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.signals import Signals
 
 SAMPLES_OF_LAG = 1.5
 """A lag of up to so many sample periods is what differentiating does; more is a filter."""
@@ -28,7 +28,7 @@ def reported_velocity(recordings: Sequence[Recording], cutoff: float | None = No
     """
     if any(recording.velocity is None for recording in recordings):
         return []
-    signals = concatenated([prepare(recording, cutoff) for recording in recordings])
+    signals = concatenated(prepared_alike(recordings, cutoff))
     moving = np.flatnonzero(further(signals.position, signals.position_noise))
     return [finding for j in moving.tolist() if (finding := _filtered(signals, j)) is not None]
 
