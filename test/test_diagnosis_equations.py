@@ -114,7 +114,8 @@ def test_noise_of_the_position_is_weighed_down_by_itself(name, seed):
     recording = simulate(truth, duration=20.0, seed=seed).recording
     signals = flattened(prepare(recording), quiet_cutoff([recording], robot))
     equations = build(signals, robot)
-    terms = [one for one in Candidates.of(robot).terms if one.effect.name == "joint_elasticity"]
+    soft = [one for one in Candidates.of(robot).terms if one.effect.name == "joint_elasticity"]
+    terms = [one.shaped(one.effect.shapes(equations.motion, one.target)[0]) for one in soft]
     pool = Pool(equations, Noise(np.zeros((robot.width, 1)), 0.01 * equations.effort_scale), terms, 0.05)
     for _ in range(3):
         noise = noise_of(equations, pool.residual(pool.fit(())), np.full(robot.width, 1e-9))

@@ -49,6 +49,7 @@ def elastic_gain(equations: Equations, robot: Robot, joint: int) -> float:
     every = range(len(common))
     noise = noise_of(equations, pool.residual(pool.fit(every)), 1e-6 * equations.effort_scale)
     (term,) = (t for t in candidates.terms if (t.effect.name, t.target) == ("joint_elasticity", joint))
+    term = term.shaped(term.effect.shapes(equations.motion, joint)[0])
     pool = Pool(equations, noise, [*common, term], 0.05)
     return float(pool.gains(pool.fit(every), [len(common)])[0])
 
@@ -58,7 +59,7 @@ def test_noise_of_the_effort_is_not_taken_for_an_elastic_joint(monkeypatch):
     noisy = SensorNoise(position=0.0, velocity=0.0, effort=0.01)
     equations = seen(simulate(robot, seed=2, duration=20.0, noise=noisy), robot)
     assert max(elastic_gain(equations, robot, joint) for joint in range(2)) < 3.0
-    monkeypatch.setattr(Motion, "calmed", lambda self, values: values)
+    monkeypatch.setattr(Motion, "calm", equations.motion.signals.cutoff)
     monkeypatch.setattr(Equations, "echo", lambda self, term, width: np.zeros((self.blocks, width)))
     equations = seen(simulate(robot, seed=2, duration=20.0, noise=noisy), robot)
     assert max(elastic_gain(equations, robot, joint) for joint in range(2)) > COST, "the trap is not there"

@@ -28,8 +28,6 @@ IDENTIFIED = 0.01
 """One standard deviation of what was identified, where errors of a description's links are relative."""
 TURNING_WIDTHS = 2.0
 """The low-pass reaches so many of its standard deviations."""
-SLOW_SHARE = 0.02
-"""A joint creeps below this share of its usual speed."""
 DWELLING_WIDTHS, STICKING_WIDTHS = 0.5, 2.0
 """A joint that creeps for so many standard deviations of the low-pass dwells; it sticks after so many."""
 
@@ -141,7 +139,7 @@ def turns(signals: Signals) -> np.ndarray:
     A joint that sticks has any effort between both directions' friction; no motion tells which. When it turned is known to
     about what motion was softened by.
     """
-    turning = _creeps(signals) | (
+    turning = signals.hardly_moves | (
         np.abs(signals.velocity) < np.abs(signals.acceleration) * signals.motion_std
     )
     for rows in signals.segments:
@@ -154,20 +152,11 @@ def sticks(signals: Signals, widths: float) -> np.ndarray:
     """Samples near which a joint creeps for so many standard deviations of the low-pass, (N, n) bool."""
     width = signals.kernel_std * signals.rate
     reach = 2 * int(np.ceil(TURNING_WIDTHS * width)) + 1
-    result = _creeps(signals)
+    result = signals.hardly_moves.copy()
     for rows in signals.segments:
         stuck = binary_opening(result[rows], np.ones((int(np.ceil(widths * width)), 1), bool))
         result[rows] = maximum_filter1d(stuck, reach, axis=0)
     return result
-
-
-def _creeps(signals: Signals) -> np.ndarray:
-    """Samples at which a joint is far slower than usual, (N, n) bool."""
-    moving = ~signals.at_rest
-    usual = np.sqrt(
-        np.sum(np.where(moving, signals.velocity, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1)
-    )
-    return np.asarray(np.abs(signals.velocity) < SLOW_SHARE * usual)
 
 
 def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:

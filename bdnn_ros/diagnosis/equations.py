@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from bdnn_ros.diagnosis.noise import ORDER, Noise, predicting
+from bdnn_ros.diagnosis.echo import Echo
+from bdnn_ros.diagnosis.noise import ORDER, Noise
 from bdnn_ros.diagnosis.term import COMMON, Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
@@ -249,24 +250,16 @@ class Equations:
         equation error) they gain nothing from it; without this they would.
         """
         result = np.zeros((self.blocks, width))
-        share = term.effect.echo(self.motion, term.target)
-        if share is not None:
-            weight = np.where(self.full()[:, term.target], self._noise_curvature * share, 0.0)
+        heard = term.effect.echo(self.motion, term.target, dict(term.shape))
+        if heard is not None:
+            share, cutoff = heard
+            weight = np.where(self.full()[:, term.target], self._echo.curvature(cutoff) * share, 0.0)
             result[:, 0] = np.bincount(self.block, weight, self.blocks)
         return result
 
     @cached_property
-    def _noise_curvature(self) -> float:
-        """Correlation of whitened noise with the second derivative of its calm part [1/s²]: minus a mean square frequency."""
-        motion = self.motion
-        noise = np.random.default_rng(0).standard_normal((len(motion.time), 1))
-        low = motion.signals.smooth(motion.signals.soften(noise))
-        bent = motion.derivative(motion.derivative(motion.calmed(low)))
-        pair = np.concatenate([low, bent], axis=1)[self.rows]
-        white = pair[ORDER:] - sum(
-            a * pair[ORDER - lag : len(pair) - lag] for lag, a in enumerate(predicting(pair[:, 0]), start=1)
-        )
-        return float(white[:, 1] @ white[:, 0] / (white[:, 0] @ white[:, 0]))
+    def _echo(self) -> Echo:
+        return Echo(self.motion, self.rows)
 
     def whiten(self, values: np.ndarray, noise: Noise, joints: np.ndarray | None = None) -> np.ndarray:
         """Rows (R, n, ...) in units of their noise; unusable ones are zero.

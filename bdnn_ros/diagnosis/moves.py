@@ -230,19 +230,20 @@ class Moves:
         return np.array([log_odds(term, having, self.candidates.robot.carried) for term in pool.terms])
 
     def open_to(self, pool: Pool, chosen: Sequence[int], where: int = -1) -> list[int]:
-        """Candidates that the chosen do not say already: not at the same place, nor contained in one of them.
+        """Candidates that may join the chosen: not at the same place, nor contained in one of them, nor kept apart from one.
 
         Args:
             where: only those that can stand for an effect at this joint, what moves bodies anywhere; -1 for all.
         """
         taken = {pool.terms[c].place for c in chosen}
-        inside = {(name, pool.terms[c].target) for c in chosen for name in pool.terms[c].effect.contains}
+        each = [(pool.terms[c].effect, pool.terms[c].target) for c in chosen]
+        barred = {(name, at) for effect, at in each for name in (*effect.contains, *effect.without)}
         return [
             c
             for c, term in enumerate(pool.terms)
             if (where < 0 or term.target in (where, -1) or term.link or term.effect.of_bodies)
             and term.place not in taken
-            and (term.effect.name, term.target) not in inside
+            and (term.effect.name, term.target) not in barred
         ]
 
     def pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:

@@ -48,6 +48,7 @@ class Backlash(Effect):
     source = (
         "Nordin, Gutman, Controlling mechanical systems with backlash - a survey, Automatica 38(10), 2002"
     )
+    without = ("joint_elasticity",)
     of_bodies = True
     idealised = 0.04
     coefficient_bounds = ((0.0, 0.5),)

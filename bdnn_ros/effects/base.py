@@ -94,6 +94,8 @@ class Effect(ABC):
     """No law is exact: so much of each coefficient is added to its standard deviation, whatever the noise."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
+    without: ClassVar[tuple[str, ...]] = ()
+    """Effects that are not looked for beside it at the same place: they would mend what its law leaves."""
     settles_into: ClassVar[str | None] = None
     """What becomes of it where the motion lacks the moments that tell it: a gap that is never crossed is an offset."""
     excess: ClassVar[np.ndarray | None] = None
@@ -229,8 +231,8 @@ class Effect(ABC):
         """Whether a motion behind its low-pass shows the effect with this shape at all."""
         return True
 
-    def echo(self, motion: Motion, target: int) -> float | None:
-        """How much of the effort sensor's noise, its calm part differentiated twice, is in the target's column [s²·...].
+    def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float] | None:
+        """How much of the effort sensor's noise, differentiated twice, is in the target's column [s²·...], and up to where [Hz].
 
         The same noise is in what the column is to explain. None where the column is free of it.
         """

@@ -19,7 +19,7 @@ SPARSE = 50
 """One sample in so many is enough for a mean."""
 POINTS_KEPT = 16
 """So many points at which something pushes are tried in turn."""
-OF_MOTION = ("regressor", "_pulls", "_at_points", "_calm")
+OF_MOTION = ("regressor", "_pulls", "_at_points", "calm")
 """Cached, and the same whatever the bodies and the load are."""
 OF_BODIES = ("link_load", "_slopes", "gravity_pulls", "usual_inertia")
 """Cached, and the same whatever the load is."""
@@ -100,12 +100,28 @@ class Motion:
             return self.link_load
         return effort if self.drive is None else effort - self.drive
 
+    def carried(self, target: int) -> np.ndarray:
+        """What a joint's gear carries, (N,) [N·m]: as `gear_load`, and smooth where the joint may stick.
+
+        There its dry friction goes over from one direction's to the other's, whenever that is, and the link goes on.
+        """
+        load = self.gear_load[:, target].copy()
+        if self.drive is None:
+            return load
+        drive, sticks = self.drive[:, target], self.signals.hardly_moves[:, target]
+        for rows in self.signals.segments:
+            held, free = (np.flatnonzero(at) for at in (sticks[rows], ~sticks[rows]))
+            if len(held) and len(free):
+                load[rows][held] += drive[rows][held] - np.interp(held, free, drive[rows][free])
+        return load
+
     def calmed(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) as slow as the motion is: what is faster is noise, and far larger once differentiated twice."""
-        return self.signals.passed(values, self._calm)
+        return self.signals.passed(values, self.calm)
 
     @cached_property
-    def _calm(self) -> float:
+    def calm(self) -> float:
+        """What the motion does is slower than this [Hz]."""
         rates = np.sum(self.acceleration**2) / max(float(np.sum(self.velocity**2)), 1e-12)
         return CALM * float(np.sqrt(rates)) / (2.0 * np.pi)
 

@@ -15,6 +15,11 @@ from bdnn_ros.robot.units import along, printed
 
 SOFTEST = 25.0
 """A link rarely swings more slowly on its gear [rad/s]: no position loop could hold it."""
+BELOW = 0.8
+"""The load is low-passed at this share of the link's natural frequency on its gear."""
+TRIED = 6
+"""So many low-passes are tried."""
+TINY = 1e-12
 SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987"
 
 
@@ -22,8 +27,8 @@ class JointElasticity(Effect):
     """A spring between motor and link: link position = measured position - link load / stiffness.
 
     The load is the measured effort's: the motor's oscillation on its spring is in the measured position, and
-    a load computed from that would hold it twice. It is taken as slow as the motion: near the resonance the noise of
-    the effort would bend the spring more than the load does.
+    a load computed from that would hold it twice. It is low-passed below the link's natural frequency on its gear:
+    beyond that the noise of the effort would bend the spring by more than it is. The shape `compliance` [rad/N·m] says where.
     """
 
     name = "joint_elasticity"
@@ -34,13 +39,14 @@ class JointElasticity(Effect):
     confused_with = ("backlash", "position_offset", "armature", "hysteresis")
     shown_by = "fast changes of load: high accelerations, and poses of very different gravity"
     source = SPONG
+    without = ("backlash",)
     of_bodies = True
     of_load = True
-    idealised = 0.02
+    idealised = 0.05
     coefficient_bounds = ((0.0, 1.0),)
 
-    def echo(self, motion: Motion, target: int) -> float:
-        return -float(motion.usual_inertia[target])
+    def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float]:
+        return -float(motion.usual_inertia[target]), self._cutoff(motion, target, shape)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
@@ -49,13 +55,26 @@ class JointElasticity(Effect):
         return np.minimum(typical, 1.0 / (SOFTEST**2 * float(motion.usual_inertia[target])))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return -motion.shifted(target, motion.calmed(motion.gear_load[:, target]))[..., None]
+        load = motion.signals.passed(motion.carried(target), self._cutoff(motion, target, shape))
+        return -motion.shifted(target, load)[..., None]
+
+    def _cutoff(self, motion: Motion, target: int, shape: Values) -> float:
+        """Where the load is low-passed [Hz]: no sooner than what the motion does, nor later than signals are."""
+        natural = (
+            BELOW / np.sqrt(max(shape["compliance"] * motion.usual_inertia[target], TINY)) / (2.0 * np.pi)
+        )
+        return float(np.clip(natural, motion.calm, max(motion.calm, motion.signals.cutoff)))
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        cutoffs = np.geomspace(motion.calm, max(motion.calm, motion.signals.cutoff), TRIED)
+        compliances = (BELOW / (2.0 * np.pi * cutoffs)) ** 2 / motion.usual_inertia[target]
+        return [{"compliance": compliance} for compliance in compliances.tolist()]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"stiffness": 1.0 / max(float(coefficients[0]), 1e-9)}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([1.0 / values["stiffness"]]), {}
+        return np.array([1.0 / values["stiffness"]]), {"compliance": 1.0 / values["stiffness"]}
 
     def sentence(self, where: str, values: Values) -> str:
         unit = printed(along("N*m/rad", self.slides))

@@ -27,6 +27,8 @@ from bdnn_ros.signals.lowpasses import Lowpass, Response, Restored, kernel_of
 
 UNSEEN = 0.02
 """An effort tells nothing where so much of what the low-pass saw was not measured."""
+SLOW_SHARE = 0.02
+"""A joint hardly moves below this share of its usual speed."""
 REST_WIDTHS = 5.0
 """A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
 
@@ -189,6 +191,14 @@ class Signals:
         """Where a joint stands still, so that dry friction has no direction, (N, n) bool."""
         slow = np.abs(self.velocity) < self.rest_velocity
         return slow & (np.abs(self.acceleration) * self.motion_std < 2.0 * self.rest_velocity)
+
+    @cached_property
+    def hardly_moves(self) -> np.ndarray:
+        """Where a joint is far slower than usual: it may stick, (N, n) bool."""
+        moving = ~self.at_rest
+        squared = np.sum(np.where(moving, self.velocity, 0.0) ** 2, axis=0)
+        usual = np.sqrt(squared / np.maximum(moving.sum(axis=0), 1))
+        return np.asarray(np.abs(self.velocity) < SLOW_SHARE * usual)
 
     @cached_property
     def seen(self) -> np.ndarray:
