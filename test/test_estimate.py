@@ -76,6 +76,26 @@ def test_stamps_that_scatter_do_not_make_the_effort_worse():
     assert (late < 1.3 * even + 2e-3 * np.std(recording.effort, axis=0)).all()
 
 
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_a_joint_is_followed_across_the_wrap_of_its_reading(jitter):
+    """A velocity of 188 rad/s was told where it crossed pi."""
+    smoother = Smoother()
+    smoother.settle(0.002)
+    time = 0.002 * (np.arange(300) + jitter * np.random.default_rng(1).uniform(-0.5, 0.5, 300))
+    turned = np.stack([3.0 + 0.8 * time, 0.2 - 0.5 * time], axis=1)
+    told = (turned + np.pi) % (2.0 * np.pi) - np.pi
+    crossed = set()
+    for end in range(smoother.count, len(time)):
+        last = slice(end - smoother.count, end)
+        samples = Samples(time[last], told[last], told[last], np.zeros_like(told[last]))
+        instant = smoother.at(samples, np.arange(last.start, last.stop))
+        assert instant is not None
+        np.testing.assert_allclose(instant.velocity, [0.8, -0.5], atol=0.05)
+        np.testing.assert_allclose(instant.position, told[instant.stamp], atol=0.01)
+        crossed.add(told[instant.stamp, 0] < 0.0)
+    assert crossed == {True, False}
+
+
 def test_there_is_none_across_a_gap_or_too_early():
     smoother = Smoother()
     smoother.settle(0.01)

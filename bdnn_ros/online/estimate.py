@@ -14,6 +14,7 @@ from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.signals import SAMPLES_PER_CUTOFF, usual_cutoff
 from bdnn_ros.signals.jitter import taken_at
 from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std
+from bdnn_ros.signals.wraps import wraps
 
 EVEN = 1e-3
 """Steps that differ by less than this share of the period count as even."""
@@ -150,14 +151,17 @@ class Smoother:
             stamps: of those samples [ns].
         """
         time, reach = samples.time, self._half * self._step
+        turns = np.cumsum(wraps(samples.position), axis=0)
+        position = samples.position - 2.0 * np.pi * turns
         if np.abs(np.diff(time) - self._period).max() > EVEN * self._period:
-            time = taken_at(time, samples.position, 1.0 / self._period, [slice(0, len(time))])
+            time = taken_at(time, position, 1.0 / self._period, [slice(0, len(time))])
         centre = int(np.searchsorted(time, time[-1] - reach, side="right")) - 1
         if centre < 0 or time[centre] - time[0] < reach or np.diff(time).max() > 5.0 * self._period + 0.05:
             return None
-        values = np.concatenate([samples.position, samples.effort], axis=1)
+        position += 2.0 * np.pi * turns[centre]  # told within the turn that the driver tells
+        values = np.concatenate([position, samples.effort], axis=1)
         if not np.isfinite(samples.effort).all():
-            values = samples.position
+            values = position
         low, high = centre - self._half, centre + self._half + 1
         even = self._direct and low >= 0 and high <= len(time)
         if even and np.abs(np.diff(time[low:high]) - self._step).max() < EVEN * self._step:
@@ -167,6 +171,6 @@ class Smoother:
             window = CubicSpline(time, values)(grid)
         # the kernel is even, its first derivative odd: convolution turns it round
         smooth, first, second = self._kernels[:, ::-1] @ window
-        n = samples.position.shape[1]
+        n = position.shape[1]
         effort = smooth[n:] if values.shape[1] > n else np.full(n, np.nan)
         return Instant(int(stamps[centre]), smooth[:n], first[:n], second[:n], effort)

@@ -13,18 +13,28 @@ NEAR = 0.2
 """A step this near to whole turns is one [share of a turn]."""
 
 
+def wraps(position: np.ndarray) -> np.ndarray:
+    """Whole turns that each sample jumps from the one before, (N, n); zero where it is no jump by whole turns.
+
+    Args:
+        position: [rad], (N, n).
+    """
+    turns = np.diff(position, axis=0, prepend=position[:1]) / (2.0 * np.pi)
+    whole = np.round(turns)
+    return np.where(np.abs(turns - whole) < NEAR, whole, 0.0)
+
+
 def without_wraps(recording: Recording) -> Recording:
     """The recording with the turns put back that a driver took from the position.
 
     A joint that goes on from pi to -pi has not turned round; left as it is, its velocity is hundreds of radians a second.
     """
-    turns = np.diff(recording.position, axis=0, prepend=recording.position[:1]) / (2.0 * np.pi)
-    whole = np.round(turns)
-    jumps = (whole != 0.0) & (np.abs(turns - whole) < NEAR)
-    jumps[[rows.start for rows in recording.segments()]] = False  # in a pause a joint may go anywhere
+    turns = wraps(recording.position)
+    turns[[rows.start for rows in recording.segments()]] = 0.0  # in a pause a joint may go anywhere
+    jumps = turns != 0.0
     if not jumps.any():
         return recording
-    position = recording.position - 2.0 * np.pi * np.cumsum(np.where(jumps, whole, 0.0), axis=0)
+    position = recording.position - 2.0 * np.pi * np.cumsum(turns, axis=0)
     joints = listed(joint for joint, any_ in zip(recording.joints, jumps.any(axis=0), strict=True) if any_)
     note = f"{recording.name}: the position of {joints} was recorded within one turn; {jumps.sum()} jumps are put back."
     return replace(recording, position=position, notes=(*recording.notes, note))
