@@ -271,6 +271,26 @@ def test_commands_belong_to_the_states_sent_after_them():
     commands.close()
 
 
+@pytest.mark.parametrize("pause", [0, 7200_000], ids=["even", "after a pause"])
+def test_commands_that_are_far_more_frequent_than_the_states_have_all_their_efforts(pause):
+    """The first of the latest states had none, and where one has none nothing is told of any."""
+    states, commands = Ring.create(512, 6), Ring.create(4096, 2)
+    intake, orders = Intake(ARM.joints, states, needs_effort=False), CommandIntake(ARM.joints, commands)
+    feed = Feed(ARM.joints, states, commands)
+    assert len(feed.latest(60)[0]) == 0
+    for k in range(300):
+        now = START + (10 * k + pause * (k >= 100)) * MS  # a pause of an hour is the longest in stream time
+        for part in range(10):
+            orders.take([float(10 * k + part), 0.0], now - (10 - part) * MS + MS // 2)
+        intake.take(list(ARM.joints), [0.0, 0.0], [], [], now, now)
+    latest, _ = feed.latest(60)
+    assert latest.effort[:, 0].tolist() == [10.0 * k + 9.0 for k in range(240, 300)]
+    assert np.isfinite(feed.recording(0.0).effort).all() and len(feed.recording(0.0)) == 300
+    assert len(feed.recording(1.0)) == 100
+    states.close()
+    commands.close()
+
+
 def test_the_kept_stream_becomes_a_recording():
     states = Ring.create(1000, 6)
     intake = Intake(ARM.joints, states)

@@ -11,9 +11,6 @@ from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.recording import Recording
 
-COMMANDS_PER_STATE = 4
-"""Commands looked at for each of the latest joint states."""
-
 
 @dataclass(frozen=True)
 class Samples:
@@ -85,9 +82,8 @@ class Feed:
 
     def latest(self, count: int) -> tuple[Samples, np.ndarray]:
         """The last `count` samples, or as many as there are, and their stamps [ns]; does not move `next`."""
-        commands = None if self.commands is None else self.commands.latest(COMMANDS_PER_STATE * count)
         chunk = self.states.latest(count)
-        return self._samples(chunk, commands), chunk.stamp
+        return self._samples(chunk, self._commands_of(chunk)), chunk.stamp
 
     def latest_time(self) -> float:
         """Stream time of the newest joint state [s]; 0 before the first."""
@@ -109,8 +105,8 @@ class Feed:
         start = self.states.oldest
         if 0.0 < seconds <= self.latest_time():  # a number beyond may be no whole one of nanoseconds
             start = self.states.first_after(int(newest.time[0] - seconds * 1e9))
-        commands = None if self.commands is None else self.commands.latest(self.commands.capacity)
-        samples = self._samples(self.states.read(max(start, self.kept)), commands).with_effort()
+        chunk = self.states.read(max(start, self.kept))
+        samples = self._samples(chunk, self._commands_of(chunk)).with_effort()
         if len(samples) == 0:
             raise RecordingError(
                 "None of the joint states carries effort.",
@@ -130,6 +126,17 @@ class Feed:
         if len(commands):
             settled |= chunk.sent <= commands.sent[-1]
         return int(np.count_nonzero(np.logical_and.accumulate(settled)))
+
+    def _commands_of(self, chunk: Chunk) -> Chunk | None:
+        """The commands that may be in force at these joint states, however often they are sent."""
+        if self.commands is None:
+            return None
+        newest = self.commands.latest(1)
+        if len(chunk) == 0 or len(newest) == 0:
+            return newest
+        moved = int(newest.time[0] - newest.sent[0])  # stream time shortens pauses, and never goes back
+        since = int(chunk.sent.min()) - int(COMMAND_AGE * 1e9) + moved
+        return self.commands.read(self.commands.first_after(since - 1))
 
     def _samples(self, chunk: Chunk, commands: Chunk | None = None) -> Samples:
         n = len(self.joints)
