@@ -6,10 +6,11 @@ import queue
 from typing import Any
 
 import numpy as np
+import pytest
 
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.online.analysis import Analyst
-from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.analysis import Analyst, with_stamps
+from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import Intake
@@ -72,3 +73,35 @@ def test_times_of_a_diagnosis_are_the_publisher_s_stamps(monkeypatch):
     assert values["force_x"] == 7.0
     merged = analyst.with_change(told)["findings"]
     assert merged == [told, told]  # on one clock
+
+
+class Overtaken(Ring):
+    """A ring whose oldest samples are overwritten just before they are read."""
+
+    def read(self, start: int, most: int | None = None) -> Chunk:
+        write(self, self.written, 2)
+        return super().read(start, most)
+
+
+BEGUN_AT = 1_700_000_000_000_000_000
+
+
+def write(ring: Ring, first: int, count: int) -> None:
+    """Samples every 10 ms; the stream began at 5 s of its own time."""
+    for number in range(first, first + count):
+        ring.slot()[:] = 0.0
+        stamp = BEGUN_AT + number * 10_000_000
+        ring.commit(stamp, stamp, stamp - BEGUN_AT + 5_000_000_000)
+
+
+@pytest.mark.parametrize("kind", [Ring, Overtaken])
+def test_a_time_whose_sample_is_no_longer_kept_is_told_as_it_was(kind):
+    """It was told as that of the oldest sample, and where that was just being overwritten the trainer ended."""
+    ring = kind.create(100, 1)
+    write(ring, 0, 1000)
+    oldest = 0.01 * ring.oldest
+    times = {"start": {"value": 1.0, "std": 0.1}, "end": {"value": oldest, "std": 0.1}}
+    told = with_stamps({"effect": "payload", "parameters": times}, ring)["parameters"]
+    assert told["start"]["value"] == pytest.approx(BEGUN_AT * 1e-9 + 1.0, rel=0, abs=1e-5)
+    assert told["end"]["value"] == pytest.approx(BEGUN_AT * 1e-9 + oldest, rel=0, abs=1e-5)
+    ring.close()

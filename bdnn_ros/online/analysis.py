@@ -173,7 +173,13 @@ def with_stamps(finding: dict[str, Any], states: Ring) -> dict[str, Any]:
     for name in ("start", "end"):
         if name in parameters:
             time = states.origin + round(parameters[name]["value"] * 1e9)
-            number = min(max(states.first_after(time - 1), states.oldest), states.written - 1)
-            stamp = int(states.read(number, 1).stamp[0])
-            parameters[name] = {**parameters[name], "value": stamp * 1e-9}
+            parameters[name] = {**parameters[name], "value": _stamp(time, states) * 1e-9}
     return {**finding, "parameters": parameters}
+
+
+def _stamp(time: int, states: Ring) -> int:
+    """The publisher's stamp of a moment of stream time [ns], counted from a sample that is still kept."""
+    near = states.read(states.first_after(time - 1), 1)
+    if len(near) == 0:  # it was overwritten in this instant, or has not come yet
+        near = states.latest(1)
+    return time + int(near.stamp[0] - near.time[0])
