@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,69 @@ def test_what_was_learned_meanwhile_is_kept_once(tmp_path, session):
     Kept(str(tmp_path / "blocked"), session, log).save_meanwhile()
     session.save(lambda: tmp_path / "after.bdnn").result()
     assert len(log) == 1 and "cannot be written" in log[0]
+
+
+def networks(place: Path) -> Path:
+    return save_model(place, BDNN.black_box(ARM.joints, scales(2), hidden=4))
+
+
+def test_what_is_learned_after_a_reset_does_not_take_the_place_of_networks(tmp_path, session):
+    first, second = networks(tmp_path), tmp_path / "model_2.bdnn"
+    before = first.read_bytes()
+    kept = Kept(str(tmp_path), session, Log())
+    kept.resume()
+    assert kept.place() == first  # networks that are saved do
+    session.reset()
+    kept.save()
+    assert first.read_bytes() == before and load_model(second).kind == "physical"
+    assert kept.place() == second
+    session.load_now(first)
+    kept.save()
+    assert kept.place() == first and load_model(second).kind == "physical"
+
+
+def test_what_cannot_be_saved_meanwhile_is_tried_again(tmp_path, session):
+    (tmp_path / "models").write_text("a file, as where a disk is not there yet")
+    log = Log()
+    kept = Kept(str(tmp_path / "models"), session, log)
+    session.load_now(save_model(tmp_path / "other", nominal(ARM)))
+    for _ in range(2):
+        kept.save_meanwhile()
+        session._files.submit(int).result()
+    assert len(log) == 2 and all("cannot be written" in line for line in log)
+    (tmp_path / "models").unlink()
+    kept.save_meanwhile()
+    session._files.submit(int).result()
+    assert len(log) == 2 and load_model(tmp_path / "models").kind == "physical"
+
+
+def test_networks_that_are_loaded_while_a_save_waits_are_not_saved_in_its_place(tmp_path, session):
+    path = tmp_path / "model.bdnn"
+    session.load_now(save_model(tmp_path / "other", nominal(ARM)))
+    wait = threading.Event()
+    session._files.submit(wait.wait)  # a slow disk
+    Kept(str(tmp_path), session, Log()).save_meanwhile()
+    session.load_now(networks(tmp_path / "good"))
+    wait.set()
+    session._files.submit(int).result()
+    assert load_model(path).kind == "physical"
+
+
+def test_a_model_is_found_where_the_one_before_was_deleted(tmp_path, session):
+    """And it stays where it is; names that only look alike are nobody's."""
+    for name in ("model_3.bdnn", "model_12.bdnn"):
+        save_model(tmp_path / name, nominal(ARM))
+    for name in ("model_good_2.bdnn", "model_old.bdnn", "model_03.bdnn", "model_1.bdnn"):
+        save_model(tmp_path / name, nominal(OTHER))
+    log = Log()
+    kept = Kept(str(tmp_path), session, log)
+    kept.resume()
+    assert log == [f"going on from {tmp_path / 'model_3.bdnn'}"] and kept.place() == tmp_path / "model_3.bdnn"
+    for name in ("model_3.bdnn", "model_12.bdnn"):
+        save_model(tmp_path / name, nominal(OTHER))
+    kept.resume()
+    assert log[-1] == f"what is learned will be saved to {tmp_path / 'model.bdnn'}" and len(log) == 4
+    assert kept.place() == tmp_path / "model.bdnn"
 
 
 def test_nothing_is_kept_without_a_directory(session):

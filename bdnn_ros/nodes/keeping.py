@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from itertools import count
+from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 from bdnn_ros.bdnn.modelfile import SUFFIX
 from bdnn_ros.errors import BdnnError
+from bdnn_ros.online.models import Model
 from bdnn_ros.online.places import model_place
+from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
@@ -21,7 +24,8 @@ PAUSED = "training is paused, it cannot go on from this kind"
 class Kept:
     """The first of `model.bdnn`, `model_2.bdnn`, ... in a directory that holds a model of the robot in use.
 
-    A file that holds none, as another arm's or a damaged one, is left as it is.
+    A file that holds none, as another arm's or a damaged one, is left as it is; so is a model of another kind than
+    is saved: what is learned never takes the place of networks or of an extended model.
 
     Args:
         directory: where; empty keeps none.
@@ -34,7 +38,7 @@ class Kept:
         self._session = session
         self._logger = logger
         self._found = False
-        self._saved = 0
+        self._saved: Served | None = None
 
     def serve(self, robot: Robot) -> None:
         """Serve this robot, and until joint states say which joints are in use, the model that is kept of all."""
@@ -65,9 +69,7 @@ class Kept:
     def _look(self, early: bool = False) -> bool:
         """As `resume`; says whether there is one, but early, why there is none: fewer joints may come into use."""
         refused: list[str] = []
-        for path in self._places() if self._directory else ():
-            if not path.exists():
-                break
+        for path in self._existing():
             try:
                 model = self._session.load_now(path)
             except BdnnError as error:
@@ -80,7 +82,7 @@ class Kept:
                 return True
         if refused and not early:
             self._warn(refused)
-            self._logger().info(f"what is learned will be saved to {path}")
+            self._logger().info(f"what is learned will be saved to {self._free()}")
         return False
 
     def _warn(self, sentences: Sequence[str]) -> None:
@@ -90,48 +92,70 @@ class Kept:
     def save_meanwhile(self) -> None:
         """Keep what was learned since the last time, without waiting for the disk: who ends without an end loses no more."""
         served = self._session.served
-        if not self._keeps() or served is None or served.number in (0, self._saved):
+        if served is None or not self._keeps(served) or served.number == 0 or served is self._saved:
             return
-        self._saved = served.number
-        self._session.save(self.place).add_done_callback(self._tell_failure)
+        model = served.model  # by the time of writing another may serve, which is not to be kept
+        writing = self._session.save(lambda: self.place(model), model)
+        writing.add_done_callback(partial(self._take_note, served))
 
-    def _tell_failure(self, saved: Future[Path]) -> None:
-        error = None if saved.cancelled() else saved.exception()
-        if error is not None:
+    def _take_note(self, served: Served, saved: Future[Path]) -> None:
+        """What was written need not be again; what was not is tried the next time."""
+        if saved.cancelled():
+            return
+        error = saved.exception()
+        if error is None:
+            self._saved = served
+        else:
             self._logger().error(str(error))
 
     def save(self) -> None:
         """Keep what was learned at the end."""
-        if not self._keeps():
+        if not self._keeps(self._session.served):
             return
         try:
             self._logger().info(f"model saved to {self._session.save_now(self.place())}")
         except BdnnError as error:
             self._logger().error(str(error))
 
-    def place(self) -> Path:
-        """Where the model that serves is saved.
+    def place(self, model: Model | None = None) -> Path:
+        """Where a model is saved, or the one that serves.
 
         Raises:
             UsageError: no directory is set, or the robot is not known yet.
         """
         self._session.known()
-        return next(path for path in self._places() if not path.exists() or self._usable(path))
+        if model is None:
+            model = self._session.served.model  # type: ignore[union-attr]
+        usable = (path for path in self._existing() if self._usable(path, model.kind))
+        return next(usable, None) or self._free()
 
-    def _keeps(self) -> bool:
+    def _keeps(self, served: Served | None) -> bool:
         """Whether what serves is to be kept: a model that learning cannot go on from is in the file it came from."""
-        served = self._session.served
         return bool(self._directory) and (served is None or isinstance(served.model, PhysicalModel))
 
-    def _places(self) -> Iterator[Path]:
+    def _existing(self) -> list[Path]:
+        """The files there are, in order; one that was deleted hides none after it."""
+        if not self._directory:
+            return []
         first = model_place(self._directory, "")
-        yield first
-        for number in count(2):
-            yield first.with_name(f"{first.stem}_{number}{SUFFIX}")
+        start = f"{first.stem}_"
+        endings = [path.stem.removeprefix(start) for path in first.parent.glob(f"{start}*{SUFFIX}")]
+        numbers = sorted({int(ending) for ending in endings if ending.isdecimal()} - {0, 1})
+        return [path for path in (first, *(_numbered(first, n) for n in numbers)) if path.exists()]
 
-    def _usable(self, path: Path) -> bool:
+    def _free(self) -> Path:
+        """The first name that no file has."""
+        first = model_place(self._directory, "")
+        names = chain([first], (_numbered(first, n) for n in count(2)))
+        return next(path for path in names if not path.exists())
+
+    def _usable(self, path: Path, kind: str) -> bool:
+        """Whether a model of this kind may take a file's place."""
         try:
-            self._session.read(path)
+            return self._session.read(path).kind == kind
         except BdnnError:
             return False
-        return True
+
+
+def _numbered(first: Path, number: int) -> Path:
+    return first.with_name(f"{first.stem}_{number}{SUFFIX}")

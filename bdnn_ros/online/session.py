@@ -219,15 +219,15 @@ class Session:
         self.supervisor.send(Message("diagnose", {"window": window, "request": number}))
         return future
 
-    def save(self, place: Callable[[], Path]) -> Future[Path]:
-        """Write the model that serves, in its own order of joints, to a place; the future raises what finding that does."""
+    def save(self, place: Callable[[], Path], model: Model | None = None) -> Future[Path]:
+        """Write a model, or the one that serves by then, to a place; the future raises what finding that does."""
         self.known()
-        return self._files.submit(lambda: self.save_now(place()))
+        return self._files.submit(lambda: self.save_now(place(), model))
 
-    def save_now(self, path: Path) -> Path:
+    def save_now(self, path: Path, model: Model | None = None) -> Path:
         """As `save`, waiting for the disk."""
         assert self.served is not None
-        return save_model(path, self.served.model)
+        return save_model(path, self.served.model if model is None else model)
 
     def load(self, path: Path) -> Future[Model]:
         """Read a model of this robot, whatever its order of joints, and serve it; the future raises ModelFileError."""
