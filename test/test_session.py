@@ -12,6 +12,7 @@ from bdnn_cases import scales
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.channel import Message
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.models import save_model
 from bdnn_ros.online.serving import Settings, nominal
@@ -93,6 +94,45 @@ def test_training_that_was_switched_off_stays_off(session, models):
     assert not introduced(session)["training"]
     session.set_training(True)
     assert introduced(session)["training"]
+
+
+def learned(session: Session, number: int) -> None:
+    """As if a trainer had handed over a version that has seen all samples so far."""
+    arrays, info = nominal(ARM).to_state()
+    told = {"kind": "physical", "model": info, "number": number, "samples": 1, "missed": 0}
+    told |= {"end": session._written, "epoch": session._course.epoch}
+    session._hear(Message("version", told, arrays))
+    assert session.served is not None and session.served.number == number
+
+
+@pytest.mark.parametrize("lost", ["meanwhile", "afterwards"])
+def test_what_came_while_training_was_paused_is_not_learned_by_a_new_trainer_either(session, lost):
+    """It goes on from what was known by then."""
+    send(session, 100)
+    learned(session, 3)
+    session.set_training(True)  # it is on: nothing is left out
+    assert introduced(session)["start"] == 0 and "resume" not in introduced(session)
+    session.set_training(False)
+    send(session, 200)
+    if lost == "meanwhile":
+        session._hear(Message("lost", {"ran": True}))
+        assert not introduced(session)["training"] and introduced(session)["start"] == 300
+        assert "resume" in introduced(session) and introduced(session)["number"] == 3
+    session.set_training(True)
+    send(session, 50)
+    told = introduced(session)
+    assert told["training"] and told["start"] == 300 and told["number"] == 3 and "resume" in told
+    assert told["kept"] == 0  # it can be diagnosed
+    learned(session, 4)
+    session.reset()
+    assert introduced(session)["start"] == 350 and "resume" not in introduced(session)
+
+
+def test_a_pause_before_anything_was_learned_leaves_the_robot_description(session):
+    session.set_training(False)
+    send(session, 200)
+    session.set_training(True)
+    assert introduced(session)["start"] == 200 and "resume" not in introduced(session)
 
 
 def test_what_came_before_a_model_was_loaded_can_be_diagnosed(session, models):

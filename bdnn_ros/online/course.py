@@ -19,9 +19,9 @@ class Course:
 
     Attributes:
         epoch: counts the courses; what a trainer says of another one is out of date.
-        start: number of the first sample that is learned from.
+        start: number of the first sample that a new trainer learns from.
         kept: number of the first sample that is diagnosed.
-        resumed: the model that learning began with; None where that is the robot description.
+        resumed: the model that it goes on from; None where that is the robot description.
     """
 
     def __init__(self) -> None:
@@ -42,6 +42,12 @@ class Course:
         self._number, self.resumed = number, resumed
         self._deaths = 0
 
+    def skip(self, written: int, served: Served | None) -> None:
+        """Have a new trainer go on from what is known now: not all that came before was to be learned from."""
+        self.start = written
+        if served is not None and served.number and isinstance(served.model, PhysicalModel):
+            self.resumed, self._number = served.model, served.number
+
     def died(self) -> None:
         """A trainer ended."""
         self._deaths += 1
@@ -54,10 +60,20 @@ class Course:
         self._trained = int(info["end"])
         return True
 
-    def introduction(self, ring: Ring, served: Served | None) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """What a new trainer must know of it, as JSON-able information and arrays."""
+    def introduction(
+        self, ring: Ring, served: Served | None, training: bool
+    ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """What a new trainer must know of it, as JSON-able information and arrays.
+
+        Args:
+            ring: the stream's joint states.
+            served: what answers now.
+            training: whether the trainer is to learn already.
+        """
         if self._deaths >= MOST_DEATHS:  # whatever it is in these samples: leave them behind
             self.start = self.kept = self._trained = ring.written
+        elif self._deaths and not training:
+            self.skip(ring.written, served)
         resumed, start = self.resumed, self.start
         if start < ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
             # what came before is no longer in the ring: go on from what is known of it
@@ -68,6 +84,7 @@ class Course:
             "kept": self.kept,
             "number": self._number,
             "epoch": self.epoch,
+            "training": training,
         }
         arrays: dict[str, np.ndarray] = {}
         if resumed is not None:

@@ -191,7 +191,10 @@ class Session:
 
     def set_training(self, on: bool) -> None:
         """Go on learning, or pause; what comes meanwhile is received but not learned from."""
-        self.training = on
+        with self._turn:
+            if on and not self.training:
+                self._course.skip(self._written, self.served)
+            self.training = on
         self.supervisor.send(Message("training", {"on": self.learning}))
 
     def reset(self) -> None:
@@ -266,11 +269,10 @@ class Session:
         with self._turn:
             if self.robot is None or self.intake is None:
                 return ()
-            course, arrays = self._course.introduction(self.intake.ring, self.served)
+            course, arrays = self._course.introduction(self.intake.ring, self.served, self.learning)
             info = {
                 "urdf": self.robot.urdf,
                 "joints": list(self.robot.joints),
-                "training": self.learning,
                 **course,
                 **self.settings.for_trainer(),
             }
@@ -304,9 +306,8 @@ class Session:
 
     def _take_note(self, message: Message) -> None:
         self.findings.append(message)
-        info = message.info
-        if "unlike" in info:  # nothing is known of it where a diagnosis failed otherwise
-            self.counts.unlike = str(info["error"]) if info["unlike"] else ""
+        if "unlike" in message.info:  # nothing is known of it where a diagnosis failed otherwise
+            self.counts.unlike = str(message.info["error"]) if message.info["unlike"] else ""
 
     def _take_over(self, message: Message) -> None:
         """Serve a version of this stream, and of it only."""
@@ -315,6 +316,5 @@ class Session:
         if not self._course.advance(info):
             return
         model = build_model(info["kind"], message.arrays, info["model"])
-        self.served = Served(
-            model, int(info["number"]), time.monotonic(), int(info["samples"]), "this stream"
-        )
+        number, samples = int(info["number"]), int(info["samples"])
+        self.served = Served(model, number, time.monotonic(), samples, "this stream")
