@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from live_support import motion, real_robot
 
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import UpdateRejected, UsageError
+from bdnn_ros.online import learning
 from bdnn_ros.online.channel import Channel, Message
+from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.learning import Learning
 from bdnn_ros.online.serving import Settings
 from bdnn_ros.online.session import Session
@@ -117,6 +119,35 @@ def test_a_stream_that_is_slower_after_a_pause_is_learned_from():
     time, position, effort = _columns(motion(REAL, 12.0, 15.0, seed=1))
     assert list(learning.take(100.0 + time, position, effort))
     assert learning.identifier.left_out == 0
+
+
+@pytest.mark.parametrize(
+    ("step", "error"),
+    [
+        ("_take_for", UpdateRejected("The identified parameters are not finite.")),
+        ("_choose", np.linalg.LinAlgError("Singular matrix")),
+    ],
+)
+def test_learning_goes_on_where_terms_cannot_be_chosen(beside, monkeypatch, step, error):
+    """It ended the trainer; the update is rejected, and terms are chosen once there is more motion."""
+    done, calls = getattr(Identifier, step), []
+
+    def failing(*arguments):
+        calls.append(arguments)
+        if len(calls) == 1:
+            raise error
+        return done(*arguments)
+
+    monkeypatch.setattr(Identifier, step, failing)
+    monkeypatch.setattr(learning, "SETTLE_AT", 4)
+    beside.session.settings = replace(beside.session.settings, cutoff=None)
+    beside.begin()
+    beside.send(motion(REAL, 12.0, 100.0), 10**12)
+    heard = beside.learn()
+    assert [message.info["reason"] for message in heard if message.kind == "rejected"][:1] == [str(error)]
+    assert len(calls) > 1 and beside.session.counts.updates_rejected > 0
+    after = [message.kind for message in heard][[message.kind for message in heard].index("rejected") :]
+    assert after.count("version") > 3
 
 
 @pytest.mark.parametrize("beside", [10.0], indirect=True)

@@ -65,6 +65,7 @@ class Identifier:
         chunks: of time completed so far.
         structure: terms that are switched on.
         latest: motion of the last chunk and its rows, until somebody takes them; None before.
+        rejected: why the motion could not be gone through again, for the caller to take.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class Identifier:
         self.samples = 0
         self.chunks = 0
         self.latest: tuple[Signals, np.ndarray] | None = None
+        self.rejected: list[str] = []
         self._stream = Chunks(robot.joints, cutoff)
         self.sums = Sums(robot, self.belief, self.scales)
         self._straight: tuple[np.ndarray, ...] = ()
@@ -261,8 +263,9 @@ class Identifier:
         """Settle which terms are on; by the layout without any the noise of the evidence was estimated."""
         moves = self.sums.fast.any(axis=(1, 2))
         kinds: list[int] = np.where(moves, 1 + self.robot.slides, 0).tolist()
-        self.structure = choose(self.sums.evidence, plain, without, kinds, bodies)
-        self._straight = straightened(self.structure, self.sums.fast)
+        structure = choose(self.sums.evidence, plain, without, kinds, bodies)
+        self._straight = straightened(structure, self.sums.fast)
+        self.structure = structure
 
     @property
     def parameter_layout(self) -> Layout:
@@ -273,7 +276,7 @@ class Identifier:
         """An identifier that goes on with this stream, but knows only this much of the robot."""
         other = Identifier(self.robot, belief=belief, settle_at=self._settle_first)
         other.version, other.samples, other.chunks = self.version, self.samples, self.chunks
-        other._stream, other._state = self._stream, self._state
+        other._stream, other._state, other.rejected = self._stream, self._state, self.rejected
         return other
 
     # -- chunks ----------------------------------------------------------------------------------
@@ -290,14 +293,17 @@ class Identifier:
         if len(self._kept) < MOST_KEPT:
             self._kept.append(motion)
         self.latest = chunk
-        if self._used == MOST_KEPT and self._settle_at == NEVER:
-            self.set_up()  # how the robot stands is told by all of its motion, while all of that is kept
-        if self._used >= self._settle_at:
-            self._settle_at *= 2
-            self.settle()
-        elif self._used == self._set_up_at < self._settle_at < NEVER:
-            self._set_up_at *= 2
-            self.set_up()
+        try:
+            if self._used == MOST_KEPT and self._settle_at == NEVER:
+                self.set_up()  # how the robot stands is told by all of its motion, while all of that is kept
+            if self._used >= self._settle_at:
+                self._settle_at *= 2
+                self.settle()
+            elif self._used == self._set_up_at < self._settle_at < NEVER:
+                self._set_up_at *= 2
+                self.set_up()
+        except (UpdateRejected, np.linalg.LinAlgError) as error:
+            self.rejected.append(str(error))  # what was settled before holds until there is twice the motion
 
     def _state_at(self, time: float) -> Directions | None:
         """State of friction at a time within the last chunk's motion, None where there is none."""

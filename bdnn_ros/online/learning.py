@@ -105,7 +105,7 @@ class Learning:
         self.identifier = Identifier(robot, cutoff, belief=known, settle_at=SETTLE_AT)
         self.served: Version | None = None
         self.errors: list[Error] = []
-        self.rejected: list[str] = []
+        self.rejected = self.identifier.rejected
         self.changes: list[Change] = []
         self._monitor = Monitor(robot)
         self._eager = True
