@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -175,6 +176,38 @@ def expected_error(robot: Robot, motion: Trajectory) -> float:
     asked = columns(*states).reshape(-1, 12 * n)
     known = seen.T @ seen + 1e-3 * np.eye(12 * n)
     return float(np.mean(np.sum(asked * np.linalg.solve(known, asked.T).T, axis=1)))
+
+
+@pytest.mark.parametrize("effort", [0.5, 0.6, 0.7])
+def test_an_arm_that_cannot_be_held_stretched_out_moves_where_it_can(
+    robot: Robot, monkeypatch, effort
+) -> None:
+    """It may hang or stand: pieces of both were chosen, and then there was no way between them."""
+    monkeypatch.setattr(choice, "DRAWS", 40)
+    monkeypatch.setattr(choice, "CHANGES", 10)
+    bounds = Bounds.of(robot, effort=effort)
+    found = excite(robot, bounds=bounds).trajectory
+    assert bounds.kept_by(found, 2e-2)
+    assert 20.0 < found.time[-1] <= 30.5
+    np.testing.assert_array_equal(excite(robot, bounds=bounds).trajectory.position, found.position)
+
+
+def test_what_cannot_be_reached_is_left_out(robot: Robot, monkeypatch) -> None:
+    """A piece far away goes, those near one another stay, and in the order that has a way."""
+    bounds = Bounds.of(robot)
+    search = choice._Search(
+        robot, bounds, Design(robot, np.ones(2)), 60.0, np.random.default_rng(0), lambda text: None
+    )
+    for first in (0.0, 2.5, 0.2, 0.4):
+        search._take(replace(ramps(0.3, 0.3), centre=np.array([first, 0.0])))
+
+    def one_way(_: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool]:
+        away = float((end - start)[0])
+        return abs(away), -1.0 < away < 0.1
+
+    monkeypatch.setattr(choice, "way", one_way)
+    assert search._ordered([0, 1, 2, 3])[0] == [3, 2, 0]
+    assert search._short_enough([0, 1, 2, 3]) == [search.pieces[k] for k in (3, 2, 0)]
 
 
 def test_what_acts_for_a_time_or_on_the_velocity_is_not_asked(robot: Robot, tmp_path: Path) -> None:

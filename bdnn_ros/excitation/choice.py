@@ -146,6 +146,7 @@ class _Search:
         self.robot, self.bounds, self.design, self.rng, self.say = robot, bounds, design, rng, say
         self.duration = duration
         self.length = min(PIECE_SECONDS, duration / (FEWEST + 1))
+        self.home: Piece | None = None
         self.pieces: list[Piece] = []
         self.grams: list[np.ndarray] = []
 
@@ -163,17 +164,44 @@ class _Search:
             )
         self.design.usual = np.mean(self.grams, axis=0)
         count = int(np.ceil(self.duration / (self.length + SHORTEST_WAY)))
-        chosen = self._exchanged(self._grown(count))
+        chosen = self._connected(self._grown(count))
         self.say("refining")
         for k in range(CHANGES):
             self._take(changed(self.bounds, self.pieces[chosen[k % len(chosen)]], self.rng))
-        chosen = self._exchanged(chosen)
-        return self._short_enough(chosen)
+        return self._short_enough(self._connected(chosen))
 
     def _take(self, piece: Piece | None) -> None:
-        if piece is not None:
+        if piece is not None and (self.home is None or self._to_and_fro(self.home, piece)):
             self.pieces.append(piece)
             self.grams.append(self.design.gram(piece))
+
+    def _connected(self, chosen: list[int]) -> list[int]:
+        """The best pieces near some; of one region, where no order has ways from each piece to the next."""
+        chosen = self._exchanged(chosen)
+        if self.home is None and len(self._ordered(chosen)[0]) < len(chosen):
+            self._stay_in_one_region()
+            chosen = self._exchanged(self._grown(len(chosen)))
+        return chosen
+
+    def _stay_in_one_region(self) -> None:
+        """Keep the pieces about one to which there are ways to and fro: those that tell most together.
+
+        An arm too weak to be held stretched out may hang or stand, but cannot go from one to the other.
+        """
+        self.say("looking for ways")
+        left, regions = list(range(len(self.pieces))), list[list[int]]()
+        while left:
+            first, *others = left
+            regions.append(
+                [first, *(k for k in others if self._to_and_fro(self.pieces[first], self.pieces[k]))]
+            )
+            left = [k for k in others if k not in regions[-1]]
+        kept = max(regions, key=lambda region: float(self.design.value(self._total(region))))
+        self.home = self.pieces[kept[0]]
+        self.pieces, self.grams = [self.pieces[k] for k in kept], [self.grams[k] for k in kept]
+
+    def _to_and_fro(self, a: Piece, b: Piece) -> bool:
+        return way(self.bounds, a.end, b.centre)[1] and way(self.bounds, b.end, a.centre)[1]
 
     def _focus(self) -> np.ndarray:
         """How much each joint matters, (n,): those of the questions most, those that carry a link in question some."""
@@ -219,24 +247,36 @@ class _Search:
     def _short_enough(self, chosen: list[int]) -> list[Piece]:
         """The pieces in an order of short ways; the least useful ones go until the time suffices."""
         while True:
-            pieces, time = self._ordered([self.pieces[k] for k in chosen])
-            if time <= self.duration or len(chosen) == 1:
-                return pieces
+            order, time = self._ordered(chosen)
+            if time <= self.duration or len(order) == 1:
+                return [self.pieces[chosen[k]] for k in order]
+            chosen = [chosen[k] for k in sorted(order)]
             total = self._total(chosen)
             values = [float(self.design.value(total - self.grams[k])) for k in chosen]
             chosen = [c for k, c in enumerate(chosen) if k != int(np.argmax(values))]
 
-    def _ordered(self, pieces: list[Piece]) -> tuple[list[Piece], float]:
-        """The pieces, each followed by the nearest one left, from the best start, and their time [s]."""
-        ways = [[way(self.bounds, a.end, b.centre)[0] for b in pieces] for a in pieces]
-        best, shortest = pieces, np.inf
+    def _ordered(self, chosen: list[int]) -> tuple[list[int], float]:
+        """Places among the chosen, each followed by the nearest one left, from the best start, and their time [s].
+
+        Those are left out to which there is no way: the longest chain counts, then the shortest time.
+        """
+        pieces = [self.pieces[k] for k in chosen]
+        ways = [[self._time(a.end, b.centre) for b in pieces] for a in pieces]
+        best, shortest = list[int](), np.inf
         for start in range(len(pieces)):
             order, left, time = [start], set(range(len(pieces))) - {start}, 0.0
             while left:
                 nearest = min(left, key=lambda k: ways[order[-1]][k])
+                if ways[order[-1]][nearest] == np.inf:
+                    break
                 time += ways[order[-1]][nearest]
                 order.append(nearest)
                 left.remove(nearest)
-            if time < shortest:
-                best, shortest = [pieces[k] for k in order], time
-        return best, shortest + sum(piece.duration for piece in pieces)
+            if (-len(order), time) < (-len(best), shortest):
+                best, shortest = order, time
+        return best, shortest + sum(pieces[k].duration for k in best)
+
+    def _time(self, start: np.ndarray, end: np.ndarray) -> float:
+        """Time of the way between two poses (n,) [s], infinite where there is none."""
+        time, possible = way(self.bounds, start, end)
+        return time if possible else np.inf
