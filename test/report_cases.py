@@ -137,12 +137,14 @@ def examined(
         part = equations.columns(term) @ estimate.coefficients
         joint = robot.joints[term.target] if term.target >= 0 and not term.link else None
         where = term.link or joint or "The base"
+        effect = term.effect.at(robot, term.target, term.link)
+        units = {p.name: p.unit_at(effect.slides) for p in effect.parameters}
         findings.append(
             Finding(
                 term.effect.name,
                 joint,
                 term.link,
-                estimate.quantities,
+                {name: replace(q, unit=units[name]) for name, q in estimate.quantities.items()},
                 float(np.sum((residual + part)[held] ** 2) - np.sum(residual[held] ** 2)) / before,
                 0.55 if rivals and k == 0 else 0.996,
                 tuple(rivals) if k == 0 else (),

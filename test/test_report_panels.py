@@ -81,6 +81,23 @@ def test_sliding_joints_have_their_units() -> None:
     assert panels.effort_panel(shown, 1).y_label.endswith("N]")
 
 
+def test_two_pushes_on_a_sliding_joint_have_a_chart_each() -> None:
+    """Findings of one effect at one joint are told apart by their values; their units are the joint's own."""
+    robot = sliding_arm()
+    specs = [f"external_wrench@arm2_joint2:start={a},end={a + 3},torque={f}" for a, f in ((3, 5), (8, 30))]
+    examination = examined(robot, worn(robot, specs, fourier_motion(robot, 14.0)), specs)
+    findings = examination.diagnosis.findings
+    assert [finding.parameters["torque"].unit for finding in findings] == ["N", "N"]
+    for order in (findings, findings[::-1]):
+        diagnosis = replace(examination.diagnosis, findings=order)
+        found = view(replace(examination, diagnosis=diagnosis))
+        for cause in found.causes:
+            assert cause.part is not None
+            size = np.abs(cause.part[:, 1])
+            begun = found.time[np.argmax(size > 0.5 * size.max())]
+            assert begun == pytest.approx(cause.finding.parameters["start"].value, abs=0.2)
+
+
 @pytest.mark.parametrize(("sliding", "unit"), [((), "N·m"), ((0,), "N, N·m"), ((0, 1), "N")])
 def test_the_error_of_all_joints_has_their_units(sliding: tuple[int, ...], unit: str) -> None:
     urdf = Robot.bundled("arm2").urdf

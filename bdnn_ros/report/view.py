@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.result import Finding
+from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.robot import PER_LINK
 
@@ -172,12 +172,17 @@ def _causes(examination: Examination) -> Iterable[Cause]:
             place = robot.joints.index(finding.joint) if finding.joint in robot.joints else 0
             yield Cause(finding, None, None, np.zeros(robot.width), place)
             continue
-        # Two variants of one effect may sit at one place: their parameters tell them apart.
-        estimate = next((e for e in same if e.quantities == finding.parameters), same[0])
+        # Two variants of one effect may sit at one place: their values tell them apart.
+        estimate = next((e for e in same if _values(e.quantities) == _values(finding.parameters)), same[0])
         same.remove(estimate)
         part = equations.columns(estimate.term) @ estimate.coefficients
         sizes = np.sqrt(np.mean(np.where(equations.usable, part, 0.0) ** 2, axis=0)) / equations.effort_scale
         yield Cause(finding, estimate.term.effect, part, sizes, int(np.argmax(sizes)))
+
+
+def _values(quantities: Mapping[str, Quantity]) -> dict[str, float]:
+    """Values without units, which are a sliding joint's own only in a finding."""
+    return {name: quantity.value for name, quantity in quantities.items()}
 
 
 @dataclass(frozen=True)
