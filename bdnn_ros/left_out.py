@@ -64,7 +64,10 @@ def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
     looked_at = [recording.joints.index(joint) for joint in robot.joints]
     own = [whole.joints.index(joint) for joint in robot.joints]
     motion = np.zeros((3, len(signals.time[rows]), whole.width))
-    motion[0] = [dict(robot.held).get(joint, 0.0) for joint in whole.joints]
+    nearest = np.clip(
+        0.0, whole.limits.lower, whole.limits.upper
+    )  # where no message says, as the robot has them
+    motion[0] = [dict(robot.held).get(joint, at) for joint, at in zip(whole.joints, nearest, strict=True)]
     recorded = np.stack([signals.position, signals.velocity, signals.acceleration])[:, rows]
     motion[:, :, own] = recorded[:, :, looked_at]
     usual = whole.rigid_effort(*motion)[:, own]

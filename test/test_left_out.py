@@ -46,6 +46,30 @@ def test_only_those_count_that_others_feel(recording):
     )  # the last link hardly weighs anything
 
 
+SLIDES = """<robot name="slides"><link name="base"/>
+<joint name="along" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" velocity="9" effort="100"/></joint><link name="cart">{body}</link>
+<joint name="turn" type="revolute"><parent link="cart"/><child link="table"/><axis xyz="0 0 1"/>
+<limit lower="1.5707963" upper="3" velocity="9" effort="100"/></joint><link name="table">{body}</link>
+<joint name="out" type="prismatic"><parent link="table"/><child link="tip"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" velocity="9" effort="100"/></joint><link name="tip">{body}</link></robot>""".format(
+    body='<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+"""A slide that a quarter turn makes square to another, and a joint between them that cannot turn back to zero."""
+
+
+def test_what_no_message_holds_stands_at_zero_or_at_the_nearest_limit():
+    whole = Robot.from_urdf(SLIDES)
+    time = np.arange(0.0, 10.0, 0.005)
+    position = 0.3 * np.column_stack([np.sin(3.0 * time), np.sin(5.0 * time)])
+    effort = np.column_stack([-16.2 * np.sin(3.0 * time), -15.0 * np.sin(5.0 * time)])
+    recording = Recording(time, ("along", "out"), position, None, effort)
+    robot = Robot.from_urdf(SLIDES, ["along"], standing([recording], ["turn", "out"], SLIDES))
+    assert disturbing(recording, whole, robot) == []
+    turned = Robot.from_urdf(SLIDES.replace("1.5707963", "-1"), ["along"])
+    assert disturbing(recording, Robot.from_urdf(turned.urdf), turned) == ["out"]
+
+
 def test_nothing_is_named_for_where_they_stand(recording, tmp_path, capsys):
     bags.write(recording, tmp_path / "bag")
     asked = [str(tmp_path / "bag"), "--joints", ",".join(CHOSEN), "--out", str(tmp_path / "out")]
