@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +109,18 @@ def test_motors_take_the_measured_effort() -> None:
     acting = model.plant.scale * command + model.plant.offset
     np.testing.assert_allclose(data.qfrc_actuator[order], acting)
     np.testing.assert_allclose(mj.actuator_ctrlrange[:, 1], robot.limits.effort)
+
+
+def test_a_limit_on_one_side_is_kept() -> None:
+    robot = Robot.bundled("arm2")
+    lower, upper = np.array([-0.5, -np.inf]), np.array([np.inf, np.inf])
+    one_sided = replace(robot, limits=replace(robot.limits, lower=lower, upper=upper))
+    mj, data, order = loaded(model_of(one_sided))
+    assert mj.jnt_limited[order].tolist() == [True, False]
+    for position, pushed_back in ((-0.6, True), (-0.4, False), (50.0, False)):
+        data.qpos[order[0]] = position
+        mujoco.mj_forward(mj, data)
+        assert bool(data.qfrc_constraint[order[0]] > 0.0) == pushed_back
 
 
 def test_limits_and_chosen_joints() -> None:

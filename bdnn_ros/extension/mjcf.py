@@ -17,7 +17,7 @@ from bdnn_ros.effects.registry import Installed
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import IN_URDF, Joints, joints_of, named, upright
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.urdf import inertia_of
+from bdnn_ros.robot.urdf import UNLIMITED, inertia_of
 
 IN_MJCF = frozenset({"armature", "joint_spring", "effort_scale", "effort_offset"})
 """Effects that a MuJoCo model carries beside those of the URDF."""
@@ -108,8 +108,9 @@ def _joint(
 ) -> ElementTree.Element:
     limits, name = model.robot.limits, model.joints[joint]
     element = ElementTree.Element("joint", name=name, type=kind, axis=_numbers(*axis))
-    if np.isfinite([limits.lower[joint], limits.upper[joint]]).all():
-        element.set("range", _numbers(limits.lower[joint], limits.upper[joint]))
+    ends = np.array([limits.lower[joint], limits.upper[joint]])
+    if np.isfinite(ends).any():  # MuJoCo knows no range with one end
+        element.set("range", _numbers(*np.clip(ends, -UNLIMITED, UNLIMITED)))
     values = {
         "armature": joints.armature[joint],
         "damping": joints.viscous[joint],
