@@ -64,9 +64,8 @@ def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
     looked_at = [recording.joints.index(joint) for joint in robot.joints]
     own = [whole.joints.index(joint) for joint in robot.joints]
     motion = np.zeros((3, len(signals.time[rows]), whole.width))
-    nearest = np.clip(
-        0.0, whole.limits.lower, whole.limits.upper
-    )  # where no message says, as the robot has them
+    # what no message holds stands where the robot has it
+    nearest = np.clip(0.0, whole.limits.lower, whole.limits.upper)
     motion[0] = [dict(robot.held).get(joint, at) for joint, at in zip(whole.joints, nearest, strict=True)]
     recorded = np.stack([signals.position, signals.velocity, signals.acceleration])[:, rows]
     motion[:, :, own] = recorded[:, :, looked_at]

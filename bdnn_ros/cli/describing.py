@@ -106,7 +106,9 @@ def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording],
         say(f"{standing_still(mimics)}, unless --joints names it.")
     unknown = [joint for joint in out if joint not in held and joint not in mimics]
     if unknown:
-        say(f"No message that is used holds {listed(unknown)} of the URDF; held at zero.")
+        say(
+            f"No message that is used holds {listed(unknown)} of the URDF; held at zero, or at the nearest limit."
+        )
     for recording in whole if held else ():
         felt = disturbing(recording, complete, looked_at)
         if felt:
