@@ -20,7 +20,7 @@ from report_page import Page
 from bdnn_ros import bags
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
-from bdnn_ros.cli.diagnose import verdict_lines
+from bdnn_ros.cli.diagnose import _together, verdict_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
 from bdnn_ros.effects.registry import get
@@ -175,6 +175,16 @@ def test_a_cause_that_many_joints_have_is_said_in_one_line():
     assert "3 places" in first and "a 0.3; b 0.1; c 0.1" in first and "50.0 %" in first
     assert "quadratic_drag at a." in second and "40.0 %" in second
     assert "viscous_friction at a 0.30" in doubt
+
+
+def test_a_kind_at_many_places_is_called_as_the_report_calls_it():
+    """A drift of viscous friction was called Coulomb friction, the first that may drift."""
+    ends = {"start_value": Quantity(0.1, 0.01, "N*m*s/rad"), "end_value": Quantity(0.4, 0.01, "N*m*s/rad")}
+    drifts = [Finding("drift", joint, None, ends, 0.2, 0.99, (), "", "viscous") for joint in "abc"]
+    less = {"viscous": Quantity(-0.3, 0.01, "N*m*s/rad")}
+    rubs = [Finding("viscous_friction", joint, None, less, 0.1, 0.99, (), "") for joint in "abc"]
+    assert _together(drifts).startswith("Drift at 3 places, start_value [N·m·s/rad], ")
+    assert _together(rubs).startswith("Less viscous friction than the model at 3 places, viscous ")
 
 
 @pytest.mark.parametrize(("end", "left_out"), [(9.0, True), (11.0, False)])

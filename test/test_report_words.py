@@ -145,6 +145,8 @@ def test_what_is_less_than_described_is_called_so() -> None:
         "Viscous friction",
         "Less viscous friction",
     ]
+    assert words.cause(found(-0.3), found(-0.1)) == "Less viscous friction"
+    assert words.cause(found(-0.3), found(0.2)) == "More or (negative) less viscous friction"
     assert words.kinds([found(-0.3), found(-0.1), found(0.2)]) == (
         "Less viscous friction at 2 places, viscous friction at 1 place"
     )

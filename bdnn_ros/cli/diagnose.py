@@ -26,7 +26,7 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import certainty, of_velocity, says_less
+from bdnn_ros.report.words import cause, certainty, of_velocity, says_less
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 
@@ -182,17 +182,13 @@ def _probability(group: Sequence[Finding]) -> str:
 
 def _together(group: Sequence[Finding]) -> str:
     """One sentence for the same cause at many places."""
-    title = get(group[0].effect).title
     values = [
         f"{finding.where} " + ", ".join(f"{quantity.value:.3g}" for quantity in finding.parameters.values())
         for finding in group
     ]
     names = ", ".join(f"{name} [{printed(quantity.unit)}]" for name, quantity in group[0].parameters.items())
-    signs = [says_less(finding) for finding in group]
-    less = (
-        f"{'Less' if all(signs) else 'More or (negative) less'} {title} than the model" if any(signs) else ""
-    )
-    return f"{less or title[0].upper() + title[1:]} at {len(group)} places, {names}: {'; '.join(values)}."
+    than = " than the model" if any(map(says_less, group)) else ""
+    return f"{cause(*group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
 
 
 def _close(finding: Finding) -> list[Rival]:

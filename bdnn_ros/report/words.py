@@ -88,10 +88,12 @@ def kinds(findings: Sequence[Finding]) -> str:
     return text[:1].upper() + text[1:]
 
 
-def cause(finding: Finding) -> str:
-    """What a list calls a finding: its effect's title, after "Less" where there is less of it than the model has."""
-    plain = title(finding.effect)
-    return f"Less {decapitalised(plain)}" if says_less(finding) else plain
+def cause(*findings: Finding) -> str:
+    """What a list calls findings of one kind: their effect's title, after "Less" where there is less of it than the model has."""
+    plain, less = title(findings[0].effect), [says_less(finding) for finding in findings]
+    if not any(less):
+        return plain
+    return f"{'Less' if all(less) else 'More or (negative) less'} {decapitalised(plain)}"
 
 
 def says_less(finding: Finding) -> bool:
