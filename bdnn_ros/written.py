@@ -1,4 +1,4 @@
-"""Files that are written beside their names and take them when they are complete."""
+"""What is written: files that take their names when they are complete, and numbers in full precision."""
 
 from __future__ import annotations
 
@@ -26,3 +26,8 @@ def whole(path: Path) -> Iterator[Path]:
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def numbers(*values: float) -> str:
+    """Numbers as an attribute of an XML element has them: in full precision, with spaces between."""
+    return " ".join(repr(float(value)) for value in values)

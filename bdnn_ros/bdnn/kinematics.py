@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from bdnn_ros.robot import PER_LINK, STANDARD_GRAVITY
+from bdnn_ros.written import numbers
 
 REACH = 0.3
 """Typical distance between axes of a chain to start from [m]."""
@@ -124,7 +125,7 @@ class Kinematics:
             ElementTree.SubElement(element, "parent", link=parent)
             ElementTree.SubElement(element, "child", link="link_of_" + joint)
             rpy = pin.rpy.matrixToRpy(self.rotations[i])
-            ElementTree.SubElement(element, "origin", xyz=_text(self.translations[i]), rpy=_text(rpy))
+            ElementTree.SubElement(element, "origin", xyz=numbers(*self.translations[i]), rpy=numbers(*rpy))
             ElementTree.SubElement(element, "axis", xyz="0 0 1")
         ElementTree.indent(robot)
         return ElementTree.tostring(robot, encoding="unicode")
@@ -134,12 +135,8 @@ def _write_inertial(link: ElementTree.Element, parameters: np.ndarray) -> None:
     inertia = pin.Inertia.FromDynamicParameters(parameters)
     tensor = np.array(inertia.inertia)
     element = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(element, "origin", xyz=_text(np.array(inertia.lever)), rpy="0 0 0")
-    ElementTree.SubElement(element, "mass", value=repr(float(inertia.mass)))
+    ElementTree.SubElement(element, "origin", xyz=numbers(*np.array(inertia.lever)), rpy="0 0 0")
+    ElementTree.SubElement(element, "mass", value=numbers(inertia.mass))
     entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    values = {name: repr(float(tensor[place])) for name, place in entries.items()}
+    values = {name: numbers(tensor[place]) for name, place in entries.items()}
     ElementTree.SubElement(element, "inertia", values)
-
-
-def _text(values: np.ndarray) -> str:
-    return " ".join(repr(float(value)) for value in values)

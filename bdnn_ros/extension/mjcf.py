@@ -18,6 +18,7 @@ from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import IN_URDF, Joints, joints_of, named, upright
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.urdf import UNLIMITED, inertia_of
+from bdnn_ros.written import numbers
 
 IN_MJCF = frozenset({"armature", "joint_spring", "effort_scale", "effort_offset"})
 """Effects that a MuJoCo model carries beside those of the URDF."""
@@ -41,7 +42,7 @@ def extended_mjcf(model: ExtendedModel) -> str:
     root = ElementTree.Element("mujoco", model=_name(model.robot.urdf))
     root.append(ElementTree.Comment(_preamble(model)))
     ElementTree.SubElement(root, "compiler", angle="radian", inertiafromgeom="false", autolimits="true")
-    ElementTree.SubElement(root, "option", timestep=_numbers(TIMESTEP), integrator="implicitfast")
+    ElementTree.SubElement(root, "option", timestep=numbers(TIMESTEP), integrator="implicitfast")
     names = _body_names(robot)
     world = ElementTree.SubElement(root, "worldbody")
     ElementTree.SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
@@ -74,7 +75,7 @@ def _add_bodies(base: ElementTree.Element, model: ExtendedModel, names: Sequence
             bodies[tree.parents[index]],
             "body",
             name=names[joint],
-            pos=_numbers(*placement.translation),
+            pos=numbers(*placement.translation),
             quat=_quaternion(placement.rotation),
         )
         bodies[index] = body
@@ -89,9 +90,9 @@ def _inertial(parameters: np.ndarray) -> ElementTree.Element:
     about_centre = (matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     return ElementTree.Element(
         "inertial",
-        pos=_numbers(*inertia.lever),
-        mass=_numbers(inertia.mass),
-        fullinertia=_numbers(*about_centre),
+        pos=numbers(*inertia.lever),
+        mass=numbers(inertia.mass),
+        fullinertia=numbers(*about_centre),
     )
 
 
@@ -107,10 +108,10 @@ def _joint(
     model: ExtendedModel, joints: Joints, joint: int, kind: str, axis: np.ndarray
 ) -> ElementTree.Element:
     limits, name = model.robot.limits, model.joints[joint]
-    element = ElementTree.Element("joint", name=name, type=kind, axis=_numbers(*axis))
+    element = ElementTree.Element("joint", name=name, type=kind, axis=numbers(*axis))
     ends = np.array([limits.lower[joint], limits.upper[joint]])
     if np.isfinite(ends).any():  # MuJoCo knows no range with one end
-        element.set("range", _numbers(*np.clip(ends, -UNLIMITED, UNLIMITED)))
+        element.set("range", numbers(*np.clip(ends, -UNLIMITED, UNLIMITED)))
     values = {
         "armature": joints.armature[joint],
         "damping": joints.viscous[joint],
@@ -123,7 +124,7 @@ def _joint(
         values["springref"] = sum(s["stiffness"] * s["rest"] for s in springs) / stiffness
     for key, value in values.items():
         if value:
-            element.set(key, _numbers(value))
+            element.set(key, numbers(value))
     return element
 
 
@@ -141,11 +142,11 @@ def _add_motors(root: ElementTree.Element, model: ExtendedModel) -> None:
             actuators, "motor" if plain else "general", name=f"{name}_motor", joint=name
         )
         if not plain:
-            motor.set("gainprm", _numbers(scale))
+            motor.set("gainprm", numbers(scale))
             motor.set("biastype", "affine")
-            motor.set("biasprm", _numbers(offset, 0.0, 0.0))
+            motor.set("biasprm", numbers(offset, 0.0, 0.0))
         if np.isfinite(limit):
-            motor.set("ctrlrange", _numbers(-limit, limit))
+            motor.set("ctrlrange", numbers(-limit, limit))
 
 
 def _draw(parent: ElementTree.Element, end: np.ndarray) -> None:
@@ -156,8 +157,8 @@ def _draw(parent: ElementTree.Element, end: np.ndarray) -> None:
             parent,
             "geom",
             type="capsule",
-            fromto=_numbers(0.0, 0.0, 0.0, *end),
-            size=_numbers(THICKNESS * length),
+            fromto=numbers(0.0, 0.0, 0.0, *end),
+            size=numbers(THICKNESS * length),
             contype="0",
             conaffinity="0",
             mass="0",
@@ -177,8 +178,4 @@ def _name(urdf: str) -> str:
 
 def _quaternion(rotation: np.ndarray) -> str:
     x, y, z, w = pin.Quaternion(np.asarray(rotation)).coeffs()
-    return _numbers(w, x, y, z)
-
-
-def _numbers(*values: float) -> str:
-    return " ".join(repr(float(value)) for value in values)
+    return numbers(w, x, y, z)
