@@ -10,6 +10,9 @@ from safetensors.numpy import save_file
 
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.errors import ModelFileError
+from bdnn_ros.online.models import load_model
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.robot import Robot
 
 ARRAYS = {
     "weights": np.random.default_rng(0).normal(size=(3, 4)).astype(np.float32),
@@ -70,6 +73,24 @@ def test_missing_damaged_and_foreign_files_are_refused(tmp_path):
     save_file({"x": np.zeros(1)}, tmp_path / "foreign")
     with pytest.raises(ModelFileError, match="not a model of bdnn_ros"):
         modelfile.load(tmp_path / "foreign")
+
+
+@pytest.mark.parametrize(("name", "value"), [("covariance", np.nan), ("noise", np.inf)])
+def test_values_that_are_no_numbers_are_refused(tmp_path, name, value):
+    """They were loaded, and all that such a model said was NaN."""
+    robot = Robot.bundled("arm2")
+    none = np.zeros(2)
+    model = PhysicalModel(robot, offset=none, covariance=np.eye(28), noise=none + 0.1)
+    arrays, info = model.to_state()
+    assert load_model(modelfile.save(tmp_path, model.kind, arrays, info)).joints == robot.joints
+    damaged = arrays[name].copy()
+    damaged.flat[1] = value
+    path = modelfile.save(tmp_path, model.kind, {**arrays, name: damaged}, info)
+    with pytest.raises(
+        ModelFileError, match=f"is damaged: its array {name} holds values that are no numbers"
+    ):
+        load_model(path)
+    assert modelfile.load(path, finite=False)[0] == "physical"
 
 
 def test_another_version_is_named(tmp_path):

@@ -87,11 +87,12 @@ def write(target: Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str
     return target
 
 
-def load(path: str | Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
+def load(path: str | Path, *, finite: bool = True) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
     """Kind, arrays and info of a model file.
 
     Args:
         path: the file, or the directory that holds `model.bdnn`.
+        finite: refuse arrays that hold NaN or infinity: nothing can be predicted by them.
 
     Raises:
         ModelFileError: it is missing, damaged, not a model, or of a later version.
@@ -120,4 +121,10 @@ def load(path: str | Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
         raise ModelFileError(
             f"{target} is damaged: its description is incomplete.", "Identify the model again."
         )
+    for name, values in arrays.items() if finite else ():
+        if not np.isfinite(values).all():
+            raise ModelFileError(
+                f"{target} is damaged: its array {name} holds values that are no numbers.",
+                "Identify the model again.",
+            )
     return header["kind"], arrays, header["info"]

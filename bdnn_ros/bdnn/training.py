@@ -159,7 +159,7 @@ def _restore(training: Training, path: Path | None, label: str) -> float:
     """Seconds that were spent before."""
     if path is None or not path.exists():
         return 0.0
-    kind, arrays, info = modelfile.load(path)
+    kind, arrays, info = modelfile.load(path, finite=False)  # what cannot be costs infinitely much
     if kind != "training" or info.get("of") != label:
         raise ModelFileError(f"{path} is not the state of this training.", "Give another file, or remove it.")
     try:
