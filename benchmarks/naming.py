@@ -52,8 +52,10 @@ HEAD = """# Naming hidden effects: blind draws
 
 Made by `python benchmarks/naming.py --write-docs` from `benchmarks/results/naming.jsonl`; do not edit.
 
-A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort), noise, errors of the links,
-motion and duration from its seed, writes a bag without the truth, diagnoses the bag, and only then compares.
+A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort), noise, errors of the links and
+motion from its seed, writes a bag without the truth, diagnoses the bag, and only then compares. All draws that are
+counted under [Promised and measured](#promised-and-measured) are rich motions of 30 s: nothing is said there of shorter
+or poorer ones, which `--duration` and `--excitation` draw as well.
 What contains a simpler effect (Stribeck and asymmetric friction, a drift) adds at least 5 % to what the simpler one
 says; a link is off by 20 % or more, beside others that are off by 5 or 10 %; a payload hangs from the second link on.
 The load of a loose joint changes its sign, so that its gap is crossed: one that never is, is a wrong zero.
