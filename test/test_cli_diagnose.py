@@ -22,6 +22,7 @@ from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.cli.diagnose import _together, verdict_lines
 from bdnn_ros.cli.main import main
+from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, CUTOFFS
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
 from bdnn_ros.effects.registry import get
 from bdnn_ros.online.models import load_model, save_model
@@ -175,6 +176,14 @@ def test_a_cause_that_many_joints_have_is_said_in_one_line():
     assert "3 places" in first and "a 0.3; b 0.1; c 0.1" in first and "50.0 %" in first
     assert "quadratic_drag at a." in second and "40.0 %" in second
     assert "viscous_friction at a 0.30" in doubt
+
+
+def test_its_help_says_behind_which_low_pass_it_compares(capsys):
+    """It was that of other verbs: 10 Hz, behind which nothing is compared."""
+    assert main(["diagnose", "--help"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"compared behind {CUTOFF_OF_USUAL:g} times as much" in told
+    assert f"behind {min(CUTOFFS):g} to {max(CUTOFFS):g}, the less the noisier" in told
 
 
 def test_a_kind_at_many_places_is_called_as_the_report_calls_it():

@@ -54,7 +54,12 @@ CHANGES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn diagnose`."""
-    options.add_recording_arguments(parser, bags="many")
+    options.add_recording_arguments(
+        parser,
+        bags="many",
+        cutoff="low-pass of the signals; motion and effort are compared behind 0.7 times as much (default: behind 3 "
+        "to 7, the less the noisier the positions are; lower at rates below 26)",
+    )
     parser.add_argument(
         "--out",
         metavar="DIR",

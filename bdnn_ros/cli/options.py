@@ -16,9 +16,17 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.robot.mimics import held_mimics, standing_still
 
+USUAL_CUTOFF = "low-pass of all signals (default: 10, or a sixth of the rate if that is less)"
 
-def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one", "many"]) -> None:
-    """BAG, what to read from it and how to clean it, and the robot."""
+
+def add_recording_arguments(
+    parser: argparse.ArgumentParser, bags: Literal["one", "many"], cutoff: str = USUAL_CUTOFF
+) -> None:
+    """BAG, what to read from it and how to clean it, and the robot.
+
+    Args:
+        cutoff: what the low-pass does for the verb.
+    """
     parser.add_argument(
         "bags",
         metavar="BAG",
@@ -81,7 +89,7 @@ def add_recording_arguments(parser: argparse.ArgumentParser, bags: Literal["one"
         "--cutoff",
         metavar="HZ",
         type=float,
-        help="low-pass of all signals (default: 10, or a sixth of the rate if that is less)",
+        help=cutoff,
     )
     parser.add_argument(
         "--drop-invalid",
