@@ -64,7 +64,9 @@ def test_good_data_is_not_remarked_on(name):
 def test_every_remark_says_what_to_do(robot, recording):
     still = recording.position.copy()
     still[:, 3] = 0.5
-    for remark in remarks(robot, replace(recording, position=still, velocity=None)):
+    found = remarks(robot, replace(recording, position=still, velocity=None))
+    assert [one.about for one in found] == [robot.joints[3], ""]
+    for remark in found:
         assert remark.problem.endswith(".")
         assert remark.remedy.endswith(".")
         assert str(remark) == f"{remark.problem} {remark.remedy}"
