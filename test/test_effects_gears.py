@@ -1,23 +1,19 @@
-"""A motor on its way across its gap: closed forms, and a gap in another simulator's motor and link."""
+"""Gears that are loose or bend: closed forms of a motor on its way across its gap, and gears of another simulator."""
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
-from mujoco_cases import sensed
+from mujoco_cases import geared
 
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.backlash import _sides
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.simulation.excitation import fourier
 from bdnn_ros.simulation.simulate import simulate
 
 PERIOD = 0.001
-STEP, RATE, DURATION = 0.0005, 500, 16.0
-BANDWIDTH = 2.0 * np.pi * 4.0
 
 
 def test_a_load_that_goes_on_at_its_rate_parts_motor_and_link_with_the_cube_of_time():
@@ -56,40 +52,10 @@ def test_a_motor_that_is_never_unloaded_stays_on_its_side():
 
 
 def loose(robot: Robot, joint: int, gap: float, rotor: float, seed: int) -> Recording:
-    """A motor with a rotor of its own before a link that may lag by half the gap, under computed torque, as sensors see it."""
-    generator = np.random.default_rng(seed)
-    spec = mujoco.MjSpec.from_string(robot.urdf)
-    motor = spec.joint(robot.joints[joint])
-    motor.armature = rotor
-    motor.parent.add_joint(
-        name="gap",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=list(motor.axis),
-        pos=list(motor.pos),
-        range=[-0.5 * gap, 0.5 * gap],
-        limited=1,
-        solref_limit=[0.002, 1.0],
+    """A motor with a rotor of its own before a link that may lag by half the gap."""
+    return geared(
+        robot, joint, rotor, seed, range=[-0.5 * gap, 0.5 * gap], limited=1, solref_limit=[0.002, 1.0]
     )
-    model = spec.compile()
-    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    model.body_mass *= 1.0 + generator.uniform(-0.05, 0.05, model.nbody)
-    names = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in robot.joints]
-    at, moving = model.jnt_qposadr[names], model.jnt_dofadr[names]
-    time = np.arange(round(DURATION / STEP)) * STEP
-    plan = fourier(robot, time, np.random.default_rng(seed + 100))
-    data = mujoco.MjData(model)
-    data.qpos[at] = plan.position[0]
-    rotors, rows = rotor * np.eye(robot.width)[joint], []
-    for k in range(len(time)):
-        if k % round(1.0 / (RATE * STEP)) == 0:
-            q, v = data.qpos[at], data.qvel[moving]
-            error, rate = plan.position[k] - q, plan.velocity[k] - v
-            wanted = plan.acceleration[k] + BANDWIDTH**2 * error + 2.0 * BANDWIDTH * rate
-            command = robot.rigid_effort(q[None], v[None], wanted[None])[0] + rotors * wanted
-            rows.append(np.concatenate([q, v, command]))
-        data.qfrc_applied[moving] = command
-        mujoco.mj_step(model, data)
-    return sensed(robot, rows, RATE, generator, (5e-5, 1e-3, 0.005), np.ptp)
 
 
 @pytest.mark.parametrize(
@@ -102,6 +68,21 @@ def test_a_gap_before_a_heavy_rotor_is_no_spring_and_no_delay(name, joint, gap, 
     values = {finding.effect: next(iter(finding.parameters.values())).value for finding in findings}
     assert {finding.joint for finding in findings} == {robot.joints[joint]}
     assert values == {"backlash": pytest.approx(gap, rel=0.12), "armature": pytest.approx(rotor, rel=0.1)}
+
+
+def test_a_worn_gear_that_bends_leaves_nothing_unexplained():
+    """What bends it most is faster than the motion, and its load goes on while the motor sticks."""
+    robot = Robot.bundled("arm6")
+    recording = geared(robot, 1, 0.5, 7, wear=(5.0, 4.0), spring=(3000.0, 0.6), duration=30.0)
+    found = diagnose([recording], robot)
+    values = {one.effect: next(iter(one.parameters.values())).value for one in found.findings}
+    assert found.verdict == "explained" and {one.joint for one in found.findings} == {"arm6_joint2"}
+    assert values == {
+        "coulomb_friction": pytest.approx(5.0, rel=0.03),
+        "viscous_friction": pytest.approx(4.0, rel=0.03),
+        "armature": pytest.approx(0.5, rel=0.03),
+        "joint_elasticity": pytest.approx(3000.0, rel=0.12),
+    }
 
 
 def test_a_gap_of_a_milliradian_is_looked_for():
