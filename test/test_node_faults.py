@@ -266,11 +266,11 @@ def test_the_disk_is_full_in_the_middle_of_a_save(tmp_path):
     assert load_model(kept / "x").joints == load_model(kept).joints == ARM.joints
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_nothing_behind(tmp_path, number):
     """No process, no shared memory of ours, and a whole model file."""
     before = shared_memory()
-    domain = 134 + (number == signal.SIGTERM)
+    domain = {signal.SIGINT: 134, signal.SIGTERM: 135, signal.SIGHUP: 184}[number]
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "diagnosis_period": 0.0}
     with node_process(tmp_path, domain, **parameters) as node, Robotics(domain) as ros:
         ros.stream(motion(REAL, 2.5, 250.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import traceback
 from collections.abc import Callable
 from functools import wraps
@@ -17,7 +18,7 @@ Result = TypeVar("Result")
 
 
 def begin(arguments: list[str] | None) -> None:
-    """Start ROS with these arguments, the command line's where they are None.
+    """Start ROS with these arguments, the command line's where they are None; a terminal that goes ends the node like a signal.
 
     Raises:
         UsageError: what follows --ros-args cannot be understood.
@@ -32,6 +33,8 @@ def begin(arguments: list[str] | None) -> None:
             f"ROS cannot start: {reason}.", "Pass parameters as --ros-args -p NAME:=VALUE."
         ) from None
     set_logger_level("rcl", LoggingSeverity.UNSET)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # else nohup wants the node to go on
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
 
 
 def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

@@ -212,7 +212,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--channel", type=int, required=True, help="descriptor of the socket to the node")
     parser.add_argument("--nice", type=int, default=10, help="how much to yield to other processes, 0 to 19")
     options = parser.parse_args(arguments)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to node and trainer; the node decides
+    for number in (signal.SIGINT, signal.SIGHUP):  # a terminal sends it to node and trainer; the node decides
+        signal.signal(number, signal.SIG_IGN)
     os.nice(options.nice)
     threading.current_thread().name = "trainer"
     channel = Channel(socket.socket(fileno=options.channel))
