@@ -170,6 +170,7 @@ def test_the_gear_of_a_planned_motion_carries_no_friction(arm):
     path = motion(worn)
     rigid = worn.rigid_effort(path.position, path.velocity, path.acceleration)
     assert path.gear_load == pytest.approx(rigid)
+    assert np.stack([path.carried(joint) for joint in range(arm.width)], axis=1) == pytest.approx(rigid)
     assert not np.allclose(path.load, rigid)
 
 

@@ -86,7 +86,7 @@ def planned(robot: Robot, time: np.ndarray, motion: Sequence[np.ndarray]) -> Mot
         position=position,
         velocity=velocity,
         acceleration=acceleration,
-        effort=load,
+        effort=None,
         reported_velocity=velocity,
         rate=rate,
         cutoff=min(10.0, rate / 6.0),

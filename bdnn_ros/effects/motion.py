@@ -106,7 +106,7 @@ class Motion:
         There its dry friction goes over from one direction's to the other's, whenever that is, and the link goes on.
         """
         load = self.gear_load[:, target].copy()
-        if self.drive is None:
+        if self.signals.effort is None or self.drive is None:
             return load
         drive, sticks = self.drive[:, target], self.signals.hardly_moves[:, target]
         for rows in self.signals.segments:
