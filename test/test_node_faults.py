@@ -266,6 +266,15 @@ def test_the_disk_is_full_in_the_middle_of_a_save(tmp_path):
     assert load_model(kept / "x").joints == load_model(kept).joints == ARM.joints
 
 
+@pytest.fixture
+def _in_a_terminal():
+    """As without nohup, which whoever runs the tests may have used: what it ignores its children ignore."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("_in_a_terminal")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_nothing_behind(tmp_path, number):
     """No process, no shared memory of ours, and a whole model file."""
