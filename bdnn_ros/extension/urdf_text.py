@@ -8,6 +8,7 @@ from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from bdnn_ros.errors import RobotError
+from bdnn_ros.written import numbers
 
 
 @dataclass
@@ -120,7 +121,7 @@ def _written(value: object) -> str:
         return value
     if isinstance(value, (list, tuple)):
         return " ".join(_written(item) for item in value)
-    return repr(float(value))  # type: ignore[arg-type]
+    return numbers(value)  # type: ignore[arg-type]
 
 
 def _parsed(data: bytes) -> Element:

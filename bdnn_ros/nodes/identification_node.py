@@ -298,11 +298,8 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         # a signal that comes while the executor is at work makes any call to ROS fail: that is the end, too
     finally:
-        for number in (
-            signal.SIGINT,
-            signal.SIGTERM,
-            signal.SIGHUP,
-        ):  # a second one must not leave half a model
+        # a second one must not leave half a model
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.finish()
