@@ -35,6 +35,8 @@ LINK_ERROR = 0.5
 """A link named without being hidden is true where its mass error is found to within this share."""
 ON_AXIS = 0.005
 """So near an axis a force has hardly a moment about it [m]."""
+ON_ONE_SIDE = 0.1
+"""A gap that is never crossed is a wrong zero of half of it, to within this share of the gap."""
 CONFIDENCE = 1.96
 
 Json = Mapping[str, Any]
@@ -175,6 +177,9 @@ def _same_physics(
         return False
     if {finding["effect"], one.name} == {"payload", "link_inertia"}:
         return True
+    if (finding["effect"], one.name) == ("position_offset", "backlash"):
+        side = abs(finding["parameters"]["offset"]["value"]) / one.values["gap"]
+        return abs(side - 0.5) < ON_ONE_SIDE
     true = {t.name for t in truths if t.target == target}
     if one.name == "asymmetric_friction":
         there = {f["effect"] for f in found if _target(f, robot) == target}

@@ -67,7 +67,8 @@ does, and less than any description knows.
 - *Named*: the effect and its joint or link are among the findings. What is physically the same (payload and
   scaled link; asymmetric friction, and Coulomb friction with an offset, either way, also where friction falls besides;
   the base's tilt, and the zero of a first joint that is not vertical; a force on the axis of a link's joint, and the
-  same on the link before) counts where it is listed as a rival.
+  same on the link before; a gap, and a wrong zero of half of it, where the load hardly ever leaves one side) counts where
+  it is listed as a rival.
 - *Tellable*: with all else that is true of the robot given, the recording holds more evidence for the hidden effect
   than outweighs 150 others, against the errors of all links and against a simpler effect that it contains or
   settles into. This knows what to look for; a diagnosis does not. It sees what the diagnosis does, behind one low-pass

@@ -28,19 +28,27 @@ import _naming_mujoco
 from _naming_mujoco import drawn, made
 from _naming_mujoco_robot import Real, _model
 
-ROBOT, JOINT, RATE = Robot.bundled("arm6"), 1, 200.0
+ROBOT, JOINT, OTHER, RATE = Robot.bundled("arm6"), 1, 2, 200.0
 IMPEDANCE = 0.9
 """MuJoCo's of a friction constraint, by its default solimp; and the stiffness of its damping by solref, [1/s]."""
 DAMPING = 2.0 / (0.95 * 0.02)
 
 
-def recorded(friction, seed=1, duration=20.0):
-    """A recording of a robot of which one joint has a friction, given its position and velocity, (N,) each [N·m]."""
+def recorded(friction, seed=1, duration=20.0, other=None, noise_of_other=0.003):
+    """A recording of a robot of which one joint has a friction, given its position and velocity, (N,) each [N·m].
+
+    Args:
+        other: the same of `OTHER`.
+        noise_of_other: of that joint's effort, per spread of it.
+    """
     rng = np.random.default_rng(seed)
     plan = fourier(ROBOT, np.arange(0.0, duration, 1.0 / RATE), rng)
     effort = ROBOT.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
     effort[:, JOINT] += friction(plan.position[:, JOINT], plan.velocity[:, JOINT])
+    if other is not None:
+        effort[:, OTHER] += other(plan.position[:, OTHER], plan.velocity[:, OTHER])
     noise = rng.standard_normal((2, *effort.shape))
+    noise[1, :, OTHER] *= noise_of_other / 0.003
     position = plan.position + 1e-5 * noise[0]
     return Recording(
         plan.time,
@@ -87,6 +95,20 @@ def test_the_velocity_at_which_all_of_it_is_there_is_found(creep):
 def test_each_direction_has_its_own():
     found = creeping(seen(recorded(soft(0.2, 0.08, 10.0, 4.0))), ROBOT)
     assert found[JOINT, :2] == pytest.approx([0.2, 0.08], rel=0.05)
+
+
+def test_what_is_not_clear_of_one_joint_by_itself_is_likely_where_another_creeps():
+    noisy = {"other": soft(0.06, 0.06, 3.0), "noise_of_other": 0.2}
+    assert creeping(seen(recorded(lambda q, v: 8.0 * np.sign(v), **noisy)), ROBOT) is None
+    found = creeping(seen(recorded(soft(0.06, 0.06, 8.0), **noisy)), ROBOT)
+    assert found[OTHER, :2] == pytest.approx([0.06, 0.06], rel=0.3)
+
+
+def test_friction_that_comes_on_at_once_does_beside_a_joint_that_creeps():
+    for size, noise in ((3.0, 0.003), (3.0, 0.05), (1.0, 0.05)):
+        sharp = {"other": lambda q, v, size=size: size * np.sign(v), "noise_of_other": noise}
+        found = creeping(seen(recorded(soft(0.1, 0.1, 8.0), **sharp)), ROBOT)
+        assert not found[OTHER].any()
 
 
 def test_friction_falls_only_where_it_is_there():

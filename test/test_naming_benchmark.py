@@ -96,6 +96,18 @@ def test_a_rival_of_other_physics_is_not_right(robot):
     assert not outcome["hidden"][0]["named"] and outcome["false"] == ["viscous_friction"]
 
 
+@pytest.mark.parametrize(
+    ("offset", "listed", "right"),
+    [(0.009, True, True), (-0.011, True, True), (0.009, False, False), (0.02, True, False)],
+)
+def test_a_gap_that_is_never_crossed_is_a_wrong_zero_of_half_of_it(robot, offset, listed, right):
+    rivals = ({"effect": "backlash", "joint": J1},) if listed else ()
+    found = [finding("position_offset", J1, rivals=rivals, offset=offset)]
+    outcome = judge(truth(hidden("backlash", J1, gap=0.02, crossing=0.02)), found, robot)
+    assert outcome["hidden"][0]["named"] is right
+    assert outcome["false"] == ([] if right else ["position_offset"])
+
+
 def test_asymmetric_friction_in_two_halves(robot):
     rivals = ({"effect": "asymmetric_friction", "joint": J1},)
     halves = [

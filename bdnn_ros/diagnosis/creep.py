@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -41,6 +42,8 @@ FALLS = tuple(0.02 * 2.0**k for k in range(6))
 """Velocities tried of friction that falls instead, per usual velocity."""
 CLEARLY = 1.3
 """Friction creeps where so many times less is left unexplained than by any law that turns round at once."""
+LIKELY = 1.03
+"""The same where another joint's does."""
 MOST_DISTURBED = 0.5
 """Where something pushes for more of the time than this, too little is left to see friction by."""
 MOST_ROWS = 1000
@@ -69,9 +72,14 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
     regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
     bodies = signals.smooth_at(regressor, rows)
     load = np.abs(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
-    joints = (_Joint.of(signals, rows, bodies[:, j], load[:, j], j) for j in range(signals.width))
+    joints = [_Joint.of(signals, rows, bodies[:, j], load[:, j], j) for j in range(signals.width)]
     found = np.array([joint.creep() for joint in joints])
-    return found if found.any() else None
+    if not found.any():
+        return None
+    early = float(np.median(found[found.any(axis=1), 2]))
+    return np.array(
+        [one if one.any() else joint.likely(early) for one, joint in zip(found, joints, strict=True)]
+    )
 
 
 def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signals:
@@ -122,8 +130,7 @@ class _Joint:
 
     def creep(self) -> Creep:
         """How its dry friction comes on."""
-        speed = np.abs(self.signals.velocity[:, self.joint])
-        usual, fast = float(np.sqrt(np.mean(speed**2))), float(np.quantile(speed, FAST))
+        usual, _ = self._speeds
         begun = [(usual * share, usual * share, lead) for lead in LEADS[::5] for share in SHARES]
         found = min(begun, key=self._left_by)
         if self._left_by(found) > self._left_by(AT_ONCE) - np.log(CLEARLY):
@@ -133,9 +140,28 @@ class _Joint:
             found = self._apart(found, usual)
         if self._left_by(found) > self._left_by_others(usual) - np.log(CLEARLY):
             return AT_ONCE
-        all_at = max(found[:2])
-        seen = all_at > SEEN * usual or found[2] > EARLY
-        return found if seen and all_at < fast else AT_ONCE
+        return found if self._is_seen(found) else AT_ONCE
+
+    def likely(self, early: float) -> Creep:
+        """How its dry friction comes on where that of other joints does, so early: what regularises one regularises all."""
+        usual, _ = self._speeds
+        all_at, _, _ = min([(usual * share, usual * share, early) for share in SHARES], key=self._left_by)
+        found = self._best([(all_at * k, all_at * k, early) for k in NEARER])
+        instead = min(self._left_by(AT_ONCE), self._left_by_others(usual))
+        better = self._left_by(found) < instead - np.log(LIKELY)
+        return found if better and self._is_seen(found) else AT_ONCE
+
+    def _is_seen(self, creep: Creep) -> bool:
+        """Whether friction that comes on so makes a difference, and is all there at some time."""
+        usual, fast = self._speeds
+        all_at = max(creep[:2])
+        return all_at < fast and (all_at > SEEN * usual or creep[2] > EARLY)
+
+    @cached_property
+    def _speeds(self) -> tuple[float, float]:
+        """Its usual velocity, and one that it seldom exceeds [rad/s]."""
+        speed = np.abs(self.signals.velocity[:, self.joint])
+        return float(np.sqrt(np.mean(speed**2))), float(np.quantile(speed, FAST))
 
     def _apart(self, alike: Creep, usual: float) -> Creep:
         """What comes on otherwise ahead than back, where that leaves clearly less than what comes on alike."""
