@@ -421,6 +421,25 @@ def test_commands_are_held_until_the_next(tmp_path: Path) -> None:
         bags.read(short, effort="command")
 
 
+def test_commands_stand_for_the_described_joints_wherever_the_description_came_from(tmp_path: Path) -> None:
+    """Drivers list their joints by the alphabet, commands those of the robot from its base outwards."""
+    chain = zip(ARM, ("base", *ARM), ARM, strict=False)
+    rows = (
+        f'<joint name="{n}" type="revolute"><parent link="{p}"/><child link="{c}"/></joint>'
+        for n, p, c in chain
+    )
+    told = motion(samples=50, joints=ARM[::-1], urdf=f'<robot name="arm">{"".join(rows)}</robot>')
+    path = bags.write(
+        replace(told, effort=None), tmp_path / "bag", commands=(told.time[:1], np.arange(3.0)[None])
+    )
+    for robot_joints in ((), ARM):
+        again = bags.read(path, effort="command", robot_joints=robot_joints)
+        assert again.joints == ARM
+        np.testing.assert_array_equal(again.require_effort()[0], np.arange(3.0))
+        every = bags.read_every(path, effort="command", robot_joints=robot_joints)
+        np.testing.assert_array_equal(every.effort[-1], np.arange(3.0))
+
+
 def test_a_command_acts_for_half_a_second_at_most(tmp_path: Path) -> None:
     """As in the node: what is commanded every two seconds says nothing of what acts in between."""
     recording, sent = motion(samples=600), np.array([1.0, 3.0])

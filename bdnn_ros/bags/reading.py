@@ -60,8 +60,8 @@ def read(
         joint_states: topic of sensor_msgs/JointState.
         effort_commands: topic of std_msgs/Float64MultiArray; None takes the bag's only one.
         effort: "measured" is JointState.effort; "command" is the command last recorded before each of them,
-            not longer ago than `efforts.COMMAND_AGE`. Its values stand for `joints`, `robot_joints` or the joints of
-            the messages, the first that fits.
+            not longer ago than `efforts.COMMAND_AGE`. Its values stand for `joints`, `robot_joints` (or those of the
+            description in the bag) or the joints of the messages, the first that fits.
         drop_invalid: as of `recording.cleaned`, instead of refusing the bag.
         rename: rules as in `Recording.rename`, applied before joints are chosen.
         joints: the joints to read, all needed, in this order.
@@ -121,15 +121,14 @@ def samples_of(
     if not old:
         raise _none(name, states, joint_states)
     new = renamed(old, rename)
-    wanted = _wanted(
-        name, states.groups, dict(zip(old, new, strict=True)), joints, robot_joints or movable_joints(urdf)
-    )
+    described = tuple(robot_joints) or movable_joints(urdf)
+    wanted = _wanted(name, states.groups, dict(zip(old, new, strict=True)), joints, described)
     main = tuple(new[old.index(joint)] for joint in states.groups[0])
     samples, notes = _samples(
         name, states, dict(zip(new, old, strict=True)), wanted, bool(joints), commands, every
     )
     if commands is not None:
-        samples, more = commands.aligned(samples, [tuple(joints), tuple(robot_joints), main], every)
+        samples, more = commands.aligned(samples, [tuple(joints), described, main], every)
         notes += more
     return samples, urdf, notes
 
