@@ -268,6 +268,22 @@ def test_a_namespaced_description_is_found(tmp_path: Path) -> None:
     assert bags.read(path, joint_states="/left/joint_states").urdf == PENDULUM
 
 
+def test_the_description_beside_the_joint_states_is_theirs_whatever_was_logged_last(tmp_path: Path) -> None:
+    messages = states(motion(), topic="/left/joint_states")
+    first, last = messages[0][2], messages[-1][2]
+    own, other = text(PENDULUM), text("<robot name='another'/>")
+    for name, own_at, other_at in (("own", last, first), ("other", first, last)):
+        both = [
+            ("/left/robot_description", STRING, own_at, own),
+            ("/robot_description", STRING, other_at, other),
+        ]
+        path = write_bag(tmp_path / name, sorted([*messages, *both], key=lambda message: message[2]))
+        assert bags.read(path, joint_states="/left/joint_states").urdf == PENDULUM
+    empty = ("/left/robot_description", STRING, first, text(""))
+    path = write_bag(tmp_path / "empty", [*messages, empty, both[1]])
+    assert bags.read(path, joint_states="/left/joint_states").urdf == "<robot name='another'/>"
+
+
 def test_stamps_of_the_recorder_stand_in_for_none(tmp_path: Path) -> None:
     stamped = motion(joints=ARM)
     messages = [

@@ -136,8 +136,8 @@ def samples_of(
 def _collect(
     storage: Storage, joint_states: str, commands: Commands | None, progress: Progress | None
 ) -> tuple[JointStates, str | None]:
-    states, urdf = JointStates(), None
-    descriptions = {joint_states.rpartition("/")[0] + "/robot_description", "/robot_description"}
+    states, urdfs = JointStates(), dict[str, str]()
+    descriptions = [joint_states.rpartition("/")[0] + "/robot_description", "/robot_description"]
     wanted = {joint_states} | ({commands.topic} if commands else set())
     wanted |= {t.name for t in storage.topics if t.name in descriptions and t.type == STRING}
     total = sum(t.count for t in storage.topics if t.name in wanted)
@@ -149,7 +149,7 @@ def _collect(
                 if commands is not None and topic == commands.topic:
                     commands.add(log, data)
                 else:
-                    urdf = decode_string(data) or urdf or ""
+                    urdfs[topic] = decode_string(data) or urdfs.get(topic, "")
             except MalformedMessage as error:
                 raise BagError(f"{storage.path}: {topic} cannot be decoded.", error.problem) from None
         if progress is not None and count % REPORT_EVERY == 0:
@@ -157,7 +157,9 @@ def _collect(
     states.flush()
     if progress is not None:
         progress(total, total)
-    return states, urdf
+    # of several robots' in one bag, that which is beside the joint states is theirs
+    found = [urdfs[topic] for topic in descriptions if topic in urdfs]
+    return states, next(filter(None, found), "" if found else None)
 
 
 def _require_joint_states(name: str, topic: str, available: Sequence[Topic]) -> None:
