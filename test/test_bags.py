@@ -456,6 +456,24 @@ def test_commands_stand_for_the_described_joints_wherever_the_description_came_f
         np.testing.assert_array_equal(every.effort[-1], np.arange(3.0))
 
 
+def test_a_few_commands_of_another_length_are_left_out(tmp_path: Path) -> None:
+    """As in the node: a controller may send an empty one as it starts."""
+    recording = replace(motion(samples=50, joints=ARM), effort=None)
+    sent = [(), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0,), (8.0, 9.0, 10.0)]
+    stamps = [EPOCH + round(0.01 * SECOND * (10 * k - 0.5)) for k in range(len(sent))]
+    messages = [
+        *states(recording),
+        *(("/u", MULTI_ARRAY, t, command(u)) for t, u in zip(stamps, sent, strict=True)),
+    ]
+    again = bags.read(write_bag(tmp_path / "bag", messages), effort="command")
+    expected = np.repeat([sent[1], sent[2], sent[4]], (10, 20, 10), axis=0)
+    np.testing.assert_array_equal(again.effort, expected)
+    assert "2 of 5 commands on /u do not have 3 values; left out." in again.notes[1]
+    most = [message for message in messages if message[3] != command(sent[1])]
+    with pytest.raises(RecordingError, match="have 0, 1, 3 values"):
+        bags.read(write_bag(tmp_path / "most", most), effort="command")
+
+
 def test_a_command_acts_for_half_a_second_at_most(tmp_path: Path) -> None:
     """As in the node: what is commanded every two seconds says nothing of what acts in between."""
     recording, sent = motion(samples=600), np.array([1.0, 3.0])

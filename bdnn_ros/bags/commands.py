@@ -44,13 +44,15 @@ class Commands:
         return logs[order], [self._values[k] for k in order]
 
     def stand_for(self, joints: int) -> bool:
-        """Whether each command has a value for so many joints."""
-        return self._widths == {joints}
+        """Whether most commands have a value for each of so many joints."""
+        return 2 * sum(len(values) == joints for values in self._values) > len(self._values)
 
     def aligned(
         self, samples: Samples, orders: Sequence[tuple[str, ...]], every: bool = False
     ) -> tuple[Samples, list[str]]:
         """The samples with the command that is in force at each as effort, without those at which none is.
+
+        The few commands of another length than most are in force at none, as in the node.
 
         Args:
             orders: joint names the commands may stand for, the likeliest first.
@@ -68,8 +70,15 @@ class Commands:
             )
         columns = [fitting[0].index(joint) for joint in samples.joints]
         logs, recorded = self.recorded()
-        latest, rows = in_force(samples.log, logs)
+        whole = np.array([len(values) == len(fitting[0]) for values in recorded])
+        values = np.array([recorded[k] for k in np.flatnonzero(whole)])[:, columns]
+        latest, rows = in_force(samples.log, logs[whole])
         notes = [f"{self.name}: effort is commanded on {self.topic}, in the order {listed(fitting[0], 20)}."]
+        if not whole.all():
+            notes.append(
+                f"{self.name}: {np.count_nonzero(~whole)} of {len(whole)} commands on {self.topic} do not have "
+                f"{len(fitting[0])} values; left out."
+            )
         if not rows.any() and not every:
             raise RecordingError(
                 f"{self.name}: no joint state was recorded within {COMMAND_AGE:g} s after a command on {self.topic}.",
@@ -80,7 +89,6 @@ class Commands:
                 f"{self.name}: {np.count_nonzero(~rows)} samples before the first command, or more than "
                 f"{COMMAND_AGE:g} s after one, {'have no effort' if every else 'are left out'}."
             )
-        values = np.array(recorded)[:, columns]
         if every:
             return replace(samples, effort=np.where(rows[:, None], values[latest], np.nan)), notes
         return replace(samples.part(rows), effort=values[latest[rows]]), notes
