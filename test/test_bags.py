@@ -323,21 +323,46 @@ def test_header_stamps_count_not_the_recorders(tmp_path: Path) -> None:
     assert_equal(bags.read(write_bag(tmp_path / "late", in_order)), recording)
 
 
-def test_velocity_that_nobody_reports_is_absent(tmp_path: Path) -> None:
+@pytest.mark.parametrize("value", [np.nan, 0.0])
+def test_velocity_that_nobody_reports_is_absent(tmp_path: Path, value: float) -> None:
+    recording = motion(joints=ARM)
+    messages = [
+        (t, k, log, joint_state(ARM, q, np.full(3, value), u, log))
+        for (t, k, log, _), q, u in zip(states(recording), recording.position, recording.effort, strict=True)
+    ]
+    path = write_bag(tmp_path / "bag", messages)
+    for again in (bags.read(path), bags.read_every(path).motion):
+        assert again.velocity is None
+        assert "no velocity is reported for a, b, c" in again.notes[0]
+
+
+@pytest.mark.parametrize("value", [np.nan, 0.0])
+def test_velocity_that_one_joint_does_not_report_is_derived_for_it_alone(
+    tmp_path: Path, value: float
+) -> None:
+    """A gripper may report none; what the arm reports beside it counts all the same."""
     recording = motion(joints=ARM)
     assert recording.velocity is not None
-    for name, value in (("nan", np.nan), ("zero", 0.0)):
-        silent = recording.velocity.copy()
-        silent[:, 1] = value
-        messages = [
-            (t, k, log, joint_state(ARM, q, v, u, log))
-            for (t, k, log, _), q, v, u in zip(
-                states(recording), recording.position, silent, recording.effort, strict=True
-            )
-        ]
-        again = bags.read(write_bag(tmp_path / name, messages))
-        assert again.velocity is None
-        assert "no velocity is reported for b" in again.notes[0]
+    silent = recording.velocity.copy()
+    silent[:, 1] = value
+    wrapped = recording.position.copy()
+    wrapped[300:, 1] -= 2.0 * np.pi
+    messages = [
+        (t, k, log, joint_state(ARM, q, v, u, log))
+        for (t, k, log, _), q, v, u in zip(states(recording), wrapped, silent, recording.effort, strict=True)
+    ]
+    messages[400] = (
+        *messages[400][:3],
+        joint_state(ARM, wrapped[399], silent[399], recording.effort[399], messages[400][2]),
+    )
+    path = write_bag(tmp_path / "bag", messages)
+    for again in (bags.read(path), bags.read_every(path).motion):
+        assert again.velocity is not None
+        others, slope = np.arange(600) != 400, np.gradient(recording.position[:, 1], recording.time)
+        np.testing.assert_array_equal(again.velocity[others][:, ::2], recording.velocity[others][:, ::2])
+        np.testing.assert_allclose(again.velocity[others, 1], slope[others], atol=0.03)
+        np.testing.assert_array_equal(again.velocity[400], again.velocity[399])  # a repeat stays one
+        assert "no velocity is reported for b; it is derived from the position" in again.notes[0]
 
 
 def test_velocity_of_some_messages_only_is_left_out(tmp_path: Path) -> None:

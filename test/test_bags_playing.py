@@ -73,6 +73,7 @@ def test_the_number_beside_the_joints_changes_nothing_that_is_read(tmp_path: Pat
         "all": still,
         "position": replace(still, velocity=None, effort=None),
         "no velocity of one": replace(still, velocity=still.velocity * [0.0, 1.0, 1.0]),
+        "no velocity of any": replace(still, velocity=0.0 * still.velocity),
         "no effort": replace(still, effort=0.0 * still.effort),
     }
     for name, recording in fields.items():

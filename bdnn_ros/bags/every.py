@@ -10,7 +10,8 @@ import numpy as np
 
 from bdnn_ros import stamps
 from bdnn_ros.bags.clock import told
-from bdnn_ros.bags.reading import Progress, reported_effort, reported_velocity, samples_of
+from bdnn_ros.bags.reading import Progress, samples_of
+from bdnn_ros.bags.reported import reported_effort, reported_velocity, with_derived
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.readings import credible
 from bdnn_ros.recording import Recording
@@ -107,7 +108,7 @@ def read_every(
     row = np.full(count, -1)
     row[shows] = which
     shown = samples.part(np.flatnonzero(shows)[first])
-    velocity, more = reported_velocity(name, shown)
+    velocity, silent, more = reported_velocity(name, shown)
     acting, also = reported_effort(name, samples)
     motion = Recording(
         (moments - moments[0]) * 1e-9,
@@ -120,6 +121,7 @@ def read_every(
         notes=(*notes, *more, *also),
         epoch=int(moments[0]),
     )
+    motion = with_derived(motion, silent)
     nothing = np.full(samples.position.shape, np.nan)
     return EveryState(stamp, samples.position, nothing if acting is None else acting, motion, row)
 

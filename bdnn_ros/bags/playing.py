@@ -19,6 +19,8 @@ from bdnn_ros.recording import Recording
 
 NUMBER = "\0number"
 """Stands beside the joints for the number of a sample while some are left out; no joint has such a name."""
+STEP = 2.0**-40
+"""What its position grows by a sample: nothing that moves."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def read_to_play(
     recording = numbered.select(samples.joints)
     if not effort_commands or not len(recording):
         return Played(recording, [], np.zeros(0, int), np.zeros(0))
-    rows = numbered.position[:, -1].astype(int)
+    rows = (numbered.position[:, -1] / STEP).astype(int)
     times, values = _commands(Path(path), effort_commands)
     played = _placed(recording, samples.log[rows], times, values)
     if not played.commands:
@@ -68,17 +70,17 @@ def read_to_play(
 def _numbered(samples: Samples) -> Samples:
     """The samples with their numbers as a further joint's position, whose other fields change nothing."""
 
-    def beside(values: np.ndarray | None, filler: float) -> np.ndarray | None:
+    def beside(values: np.ndarray | None) -> np.ndarray | None:
         if values is None:
             return None
-        return np.column_stack([values, np.where(np.isnan(values).all(axis=1), np.nan, filler)])
+        return np.column_stack([values, np.where(np.isnan(values).all(axis=1), np.nan, 0.0)])
 
     return replace(
         samples,
         joints=(*samples.joints, NUMBER),
-        position=np.column_stack([samples.position, np.arange(len(samples))]),
-        velocity=beside(samples.velocity, 1.0),
-        effort=beside(samples.effort, 0.0),
+        position=np.column_stack([samples.position, STEP * np.arange(len(samples))]),
+        velocity=beside(samples.velocity),
+        effort=beside(samples.effort),
     )
 
 

@@ -14,12 +14,11 @@ from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.description import movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
 from bdnn_ros.bags.merging import together
+from bdnn_ros.bags.reported import reported_effort, reported_velocity, with_derived
 from bdnn_ros.bags.storage import JOINT_STATE, STRING, Storage, Topic
 from bdnn_ros.errors import BagError, UsageError, listed
 from bdnn_ros.recording import Recording, cleaned, renamed
 
-MOVES = 0.01
-"""A joint that covers this much [rad] and reports a velocity of zero throughout does not report it."""
 REPORT_EVERY = 2048
 """Messages between two reports of progress."""
 
@@ -264,34 +263,12 @@ def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> 
     return notes
 
 
-def reported_velocity(name: str, samples: Samples) -> tuple[np.ndarray | None, list[str]]:
-    """The velocity, (N, n), or None where the messages do not report it, or not that of a joint that moves; which."""
-    velocity = samples.velocity
-    if velocity is None:
-        return None, []
-    unknown = ~(np.isfinite(velocity) & (velocity != 0.0)).any(axis=0)
-    moves = np.ptp(samples.position, axis=0) > MOVES if len(samples) else unknown
-    partly = np.isnan(velocity).all(axis=1)
-    silent = (unknown & moves) | np.isnan(velocity).all(axis=0)
-    if not silent.any() and (not partly.any() or partly.all()):
-        return velocity, []
-    which = listed(np.array(samples.joints)[silent]) if silent.any() else f"{partly.sum()} samples"
-    return None, [f"{name}: no velocity is reported for {which}; it is derived from the position."]
-
-
-def reported_effort(name: str, samples: Samples) -> tuple[np.ndarray | None, list[str]]:
-    """The effort, (N, n), or None where the messages do not report it: a driver without one may say zero."""
-    if samples.effort is None or np.nan_to_num(samples.effort).any():
-        return samples.effort, []
-    return None, [f"{name}: every effort is zero or NaN; taken as not measured."]
-
-
 def recording_of(
     name: str, samples: Samples, urdf: str | None, drop_invalid: bool, notes: list[str]
 ) -> Recording:
     """The recording of samples: fields that nobody measured recognised."""
     stamps = samples.stamp
-    velocity, more = reported_velocity(name, samples)
+    velocity, silent, more = reported_velocity(name, samples)
     effort, also = samples.effort, []
     if effort is not None:
         absent = np.isnan(effort).all(axis=0)
@@ -299,8 +276,8 @@ def recording_of(
             which = listed(np.array(samples.joints)[absent])
             also.append(f"{name}: no effort is reported for {which} (NaN throughout): not measured there.")
             samples = replace(samples, effort=np.where(absent, 0.0, effort))
-        effort, silent = reported_effort(name, samples)
-        also += silent
+        effort, unmeasured = reported_effort(name, samples)
+        also += unmeasured
     epoch = int(stamps[0]) if len(stamps) else 0
     recording = cleaned(
         (stamps - epoch) * 1e-9,
@@ -312,4 +289,5 @@ def recording_of(
         urdf=urdf,
         drop_invalid=drop_invalid,
     )
+    recording = with_derived(recording, silent)
     return replace(recording, epoch=epoch, notes=(*notes, *more, *also, *recording.notes))
