@@ -117,3 +117,18 @@ def test_commands_may_stand_for_joints_of_several_messages(tmp_path: Path) -> No
     fewer = [("/u", MULTI_ARRAY, WHOLE.epoch, command(np.arange(5.0)))]
     path = bag(tmp_path / "fewer", WHOLE.select(SIX[:5]), WHOLE.select(SIX[5:]), more=fewer)
     assert bags.read(path, effort="command", robot_joints=SIX).joints == SIX[:5]
+
+
+def test_controllers_that_take_turns_are_not_put_together(tmp_path: Path) -> None:
+    """Each is there for half of the samples, and none of these has them all."""
+    half = len(WHOLE) // 2
+    turns = [WHOLE.select(SIX[2:4]).part(slice(half)), WHOLE.select(SIX[4:]).part(slice(half, None))]
+    path = bag(tmp_path, WHOLE.select(SIX[:2]), *turns)
+    again = bags.read(path, robot_joints=SIX)
+    assert (again.joints, len(again)) == (SIX[:4], half)
+    said = "messages of their own hold e, f, at other times than those of c, d; left out."
+    assert any(said in note for note in again.notes)
+    with pytest.raises(
+        BagError, match=r"those that hold e, f come at other times than those of c, d\. .*--joints"
+    ):
+        bags.read(path, joints=SIX)

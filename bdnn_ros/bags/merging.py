@@ -16,7 +16,7 @@ from bdnn_ros.stamps import runs
 COINCIDE = 0.02
 """Stamps closer than this share of the shorter period are of the same moment."""
 LEAST_KNOWN = 0.5
-"""A stream that is there for less than this share of the samples is not put to them."""
+"""A stream that is there for less than this share of the samples, or of those that others leave, is not put to them."""
 RATE_PER_CUTOFF = 3.0
 """Nor is one with fewer samples to a period of the low-pass's cut-off: between them nothing is known."""
 
@@ -73,10 +73,10 @@ def together(
     """
     first, *others = parts
     known = np.ones(len(first), bool)
-    notes, found = [], []
+    notes, found = list[str](), list[tuple[Samples, _Places]]()
     for other in others:
         places = _places(first.stamp, other.stamp)
-        problem = _problem(first, other, places, needed, measured)
+        problem = _problem(first, other, places, needed, measured) or _apart(places, known, found)
         if problem and needed:
             raise BagError(
                 f"{name}: no message holds {listed(joints, 20)} together, "
@@ -136,6 +136,15 @@ def _problem(
     if measured and _has_effort(first) and not _has_effort(other):
         return "without effort"
     return None
+
+
+def _apart(places: _Places | None, known: np.ndarray, found: Sequence[tuple[Samples, _Places]]) -> str | None:
+    """Why a stream cannot be put to what those found so far leave of the samples, (N,) bool."""
+    if places is None or not known.any() or np.mean(places.known[known]) >= LEAST_KNOWN:
+        return None
+    apart = [other for other, theirs in found if np.mean(places.known[theirs.known]) < LEAST_KNOWN]
+    others = apart or [other for other, _ in found]
+    return f"at other times than those of {listed(joint for other in others for joint in other.joints)}"
 
 
 def _how(other: Samples, places: _Places) -> str:
