@@ -215,6 +215,42 @@ def test_joints_that_were_held_are_held_again(robot: Robot, tmp_path) -> None:
         EffectsFile.read(path).robot(robot)
 
 
+def test_joints_that_nothing_was_recorded_of_stand_where_the_model_has_them(robot: Robot, tmp_path) -> None:
+    """At zero, or at the nearest limit."""
+    urdf = robot.urdf.replace('lower="-2.8973"', 'lower="0.5"', 1)
+    every = Robot.from_urdf(urdf)
+    assert every.limits.lower[0] == 0.5
+    chosen = every.joints[2:]
+    model = model_of(Robot.from_urdf(urdf, chosen, {every.joints[1]: 0.3}))
+    path = tmp_path / "effects.yaml"
+    path.write_text(effects_text((), model.robot))
+    again = EffectsFile.read(path).robot(Robot.from_urdf(extended_urdf(model)))
+    assert again.joints == chosen and dict(again.held) == {every.joints[0]: 0.5, every.joints[1]: 0.3}
+    same_rigid_effort(model, again)
+    path.write_text(f"{{joints: [{chosen[0]}, {chosen[1]}], effects: []}}")
+    assert EffectsFile.read(path).robot(robot).joints == chosen[:2]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{joints: [arm7_joint1, arm7_joint1], effects: []}", "named twice in arm7_joint1, arm7_joint1"),
+        ("{joints: [arm7_joint1], held: {arm7_joint2: .nan}, effects: []}", "arm7_joint2 is held at nan"),
+        ("{joints: [arm7_joint1], held: {arm7_joint2: 1e30}, effects: []}", "arm7_joint2 is held at 1e"),
+        ("{joints: [arm7_joint1], held: {arm7_joint1: 0.1}, effects: []}", "one of the joints that move"),
+        ("{joints: arm7_joint1, effects: []}", "cannot be read"),
+        ("{held: {arm7_joint1: 0.1}, effects: []}", "cannot be read"),
+        ("{made: 2024-02-31, effects: []}", "cannot be read .day is out of range"),
+        ("{made: !!timestamp never, effects: []}", "cannot be read"),
+        ("[" * 3000, "cannot be read"),
+    ],
+)
+def test_joints_that_no_file_of_ours_has_are_refused(robot: Robot, tmp_path, text: str, says: str) -> None:
+    (tmp_path / "effects.yaml").write_text(text)
+    with pytest.raises(UsageError, match=says):
+        EffectsFile.read(tmp_path / "effects.yaml").robot(robot)
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -12,7 +12,9 @@ import yaml
 
 from bdnn_ros.effects.registry import Installed, from_values
 from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.readings import credible
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mimics import with_mimics
 
 FORMAT = "bdnn_ros/effects"
 VERSION = 1
@@ -115,10 +117,23 @@ def effects_text(
             one[ALSO_IN] = [mjcf]
         entries.append(one)
     document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "joints": list(robot.joints)}
-    if robot.held:
-        document[HELD] = {joint: float(position) for joint, position in robot.held}
+    stands = _standing(robot)
+    if stands:
+        document[HELD] = stands
     document["effects"] = entries
     return preamble(urdf, mjcf) + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+
+
+def _standing(robot: Robot) -> dict[str, float]:
+    """Where the URDF's movable joints stand that are none of the robot's [rad] ([m]), as the robot has it."""
+    every = with_mimics(Robot.from_urdf(robot.urdf))
+    limits, known = Robot.from_urdf(robot.urdf, every).limits, dict(robot.held)
+    nearest = np.clip(0.0, limits.lower, limits.upper).tolist()
+    return {
+        joint: float(known.get(joint, at))
+        for joint, at in zip(every, nearest, strict=True)
+        if joint not in robot.joints
+    }
 
 
 @dataclass(frozen=True)
@@ -141,11 +156,18 @@ class EffectsFile:
             UsageError: it cannot be read, or is of another format.
         """
         try:
-            content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            reason = str(error).splitlines()[0]
+            text = Path(path).read_text(encoding="utf-8")
+            content = yaml.safe_load(text)
+        except OSError as error:
             raise UsageError(
-                f"The effects file {path} cannot be read ({reason}).", "Check the path."
+                f"The effects file {path} cannot be read ({error}).", "Check the path."
+            ) from None
+        except (
+            Exception
+        ) as error:  # of dates, numbers and depth that cannot be, YAML raises errors of every kind
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            raise UsageError(
+                f"The effects file {path} cannot be read ({reason}).", "Give it as it was written."
             ) from None
         if not isinstance(content, dict) or not isinstance(content.get("effects"), list):
             raise UsageError(
@@ -159,25 +181,33 @@ class EffectsFile:
         return cls(Path(path), content)
 
     def robot(self, described: Robot) -> Robot:
-        """The described robot with the joints of the file, where that was written of some: the others held as they were.
+        """The described robot with the joints of the file, where that names them: the others held as they were.
 
         Raises:
-            UsageError: the file names joints that the robot does not have, or cannot be understood.
+            UsageError: the file's joints and where others are held cannot be understood, or do not fit together.
+            RobotError: the file names joints that the robot does not have.
         """
-        held, joints = self.content.get(HELD), self.content.get("joints")
-        if not held:
+        held, joints = self.content.get(HELD) or {}, self.content.get("joints")
+        if not held and joints is None:
             return described
-        if not isinstance(held, dict) or not isinstance(joints, list):
-            raise UsageError(
-                f"{self.path}: joints and where others are held cannot be read.", "Give it as it was written."
-            )
+        if not isinstance(held, dict) or not isinstance(joints, list) or not joints:
+            raise self._unlike("joints and where others are held cannot be read")
+        names = [str(joint) for joint in joints]
+        if len(set(names)) != len(names):
+            raise self._unlike(f"a joint is named twice in {listed(names, 20)}")
         try:
             stands = {str(joint): float(at) for joint, at in held.items()}
-        except (TypeError, ValueError):
-            raise UsageError(
-                f"{self.path}: where joints are held is no number.", "Give it as it was written."
-            ) from None
-        return Robot.from_urdf(described.urdf, [*map(str, joints)], stands)
+        except (TypeError, ValueError, OverflowError):
+            raise self._unlike("where joints are held is no number") from None
+        for joint, at in stands.items():
+            if not credible(np.array(at)):
+                raise self._unlike(f"{joint} is held at {at:g}, where no joint can stand")
+            if joint in names:
+                raise self._unlike(f"{joint} is held, and one of the joints that move")
+        return Robot.from_urdf(described.urdf, names, stands)
+
+    def _unlike(self, problem: str) -> UsageError:
+        return UsageError(f"{self.path}: {problem}.", "Give it as it was written.")
 
     def effects(self, robot: Robot) -> list[Installed]:
         """What the file has, for a robot.
