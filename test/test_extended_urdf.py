@@ -13,6 +13,7 @@ from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError, RobotError, UsageError
 from bdnn_ros.extension.effects_file import EffectsFile, effects_text
 from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.files import write_text
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.extension.urdf_text import UrdfText
 from bdnn_ros.recording import Recording
@@ -350,6 +351,18 @@ def test_a_joint_of_an_effects_file_stands_for_the_link_it_moves(robot: Robot, t
     path = tmp_path / "effects.yaml"
     path.write_text("effects: [{effect: payload, joint: arm7_joint7, parameters: {mass: 1}}]")
     assert EffectsFile.read(path).effects(robot) == [parse_spec("payload@arm7_joint7:mass=1", robot)]
+
+
+@pytest.mark.parametrize("declared", ["ISO-8859-1", "utf-8"])
+def test_a_description_of_another_encoding_is_written_in_the_one_it_declares(tmp_path, declared: str) -> None:
+    """A bag's description is text whatever it declares; a file is read by its declaration."""
+    line = f'<?xml version="1.0" encoding="{declared}"?>'
+    text = line + Robot.bundled("arm2").urdf.partition("?>")[2].replace("arm2_joint1", "gélenk")
+    model = model_of(Robot.from_urdf(text), "coulomb_friction@gélenk:coulomb=1")
+    write_text(tmp_path / "extended.urdf", extended_urdf(model))
+    again = Robot.from_file(tmp_path / "extended.urdf")
+    assert again.joints == model.joints
+    assert extended_urdf(model).startswith(line) == (declared == "utf-8")
 
 
 def test_text_edits_keep_every_other_character() -> None:

@@ -8,6 +8,7 @@ from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from bdnn_ros.errors import RobotError
+from bdnn_ros.robot.urdf_file import DECLARED
 from bdnn_ros.written import numbers
 
 
@@ -35,6 +36,8 @@ class Element:
 class UrdfText:
     """A URDF's text, in which elements can be replaced and added.
 
+    Another encoding than UTF-8 that it declares, as one from a bag may, becomes UTF-8: it is written in that.
+
     Args:
         text: the URDF, well-formed.
 
@@ -43,7 +46,7 @@ class UrdfText:
     """
 
     def __init__(self, text: str) -> None:
-        self.data = text.encode("utf-8")
+        self.data = _declared_as_written(text).encode("utf-8")
         self.robot = _parsed(self.data)
         self._edits: list[tuple[int, int, str]] = []
         self._given: set[tuple[str, str]] = set()
@@ -122,6 +125,14 @@ def _written(value: object) -> str:
     if isinstance(value, (list, tuple)):
         return " ".join(_written(item) for item in value)
     return numbers(value)  # type: ignore[arg-type]
+
+
+def _declared_as_written(text: str) -> str:
+    """A text that declares UTF-8, or no encoding."""
+    declared = DECLARED.match(text)
+    if declared is None or declared[1].upper() == "UTF-8":
+        return text
+    return f"{text[: declared.start(1)]}UTF-8{text[declared.end(1) :]}"
 
 
 def _parsed(data: bytes) -> Element:
