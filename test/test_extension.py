@@ -426,3 +426,23 @@ def test_a_push_without_a_name_is_not_in_the_model():
     assert [one.effect.name for one in extend(examination).effects] == ["external_wrench"]
     silent = replace(examination, diagnosis=replace(examination.diagnosis, findings=()))
     assert extend(silent).effects == ()
+
+
+@pytest.mark.parametrize("times", [1.0, 1e8])
+def test_friction_in_proportion_to_a_load_is_found_as_soon_whatever_the_load(
+    times: float, monkeypatch
+) -> None:
+    """Large loads change by rounding alone to the last round."""
+    robot = Robot.bundled("arm2")
+    heavy = robot.with_inertials(robot.inertials * times)
+    ratio = parse_spec("load_dependent_friction@arm2_joint1:ratio=0.3", robot)
+    model, rounds = ExtendedModel(heavy, (ratio,), np.zeros(2)), []
+    resistance = ExtendedModel._resistance
+    monkeypatch.setattr(
+        ExtendedModel, "_resistance", lambda self, *a: rounds.append(1) or resistance(self, *a)
+    )
+    state = np.random.default_rng(1).uniform(0.2, 1.0, (3, 2))
+    effort = model.inverse_dynamics(*state)
+    assert len(rounds) < 25
+    load = heavy.inverse_dynamics(*state)[0]
+    np.testing.assert_allclose(effort[0], load + 0.3 * abs(effort[0]), rtol=1e-9)

@@ -50,6 +50,7 @@ WITH_MEMORY = frozenset(
 LOAD_ROUNDS = 100
 """Most rounds of the fixed point between load and the friction that depends on it."""
 LOAD_TOLERANCE = 1e-10
+"""The rounds are over where the load changes by less than this share of itself, or less than so much [N·m]."""
 GEAR_ROUNDS = {"joint_elasticity": 1, "backlash": 2}
 """The same for effects of the load that a gear passes on: more rounds feed the deflection's curvature back."""
 
@@ -119,7 +120,7 @@ class ExtendedModel:
         acting = rest
         for _ in range(LOAD_ROUNDS):
             previous, acting = acting, rest + self._resistance(position, velocity, acting)
-            if np.abs(acting - previous).max(initial=0.0) < LOAD_TOLERANCE:
+            if _settled(acting, previous):
                 break
         return np.asarray((acting - plant.offset) / plant.scale)
 
@@ -226,7 +227,7 @@ class ExtendedModel:
             if geared:
                 motion = replace(motion, signals=replace(own, effort=acting))
             previous, acting = acting, fixed + sum(contribution(effect, motion) for effect in loaded)
-            if np.abs(acting - previous).max(initial=0.0) < LOAD_TOLERANCE:
+            if _settled(acting, previous):
                 break
         return motion, np.asarray(acting)
 
@@ -288,6 +289,12 @@ class ExtendedModel:
                 creep=creep,
                 beyond=beyond,
             )
+
+
+def _settled(load: np.ndarray, before: np.ndarray) -> bool:
+    """Whether a round of the fixed point no longer changes the load but for rounding."""
+    most = LOAD_TOLERANCE * (1.0 + np.abs(load).max(initial=0.0))
+    return bool(np.abs(load - before).max(initial=0.0) <= most)
 
 
 def plant_of(robot: Robot, effects: Sequence[Installed]) -> Plant:
