@@ -10,7 +10,7 @@ import pytest
 from bdnn_cases import random_field, signals, worn
 from test_bdnn_dynamics import Opaque
 
-from bdnn_ros.bdnn import mechanics, modelfile, training
+from bdnn_ros.bdnn import chain, chain_training, mechanics, modelfile, training
 from bdnn_ros.bdnn.chain_training import ChainTraining
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.correction import Task
@@ -258,6 +258,30 @@ def test_no_time_at_all_is_said(arm2):
     _, train, validation, _ = arm2
     with pytest.raises(DataError, match="too short"):
         identify(train, validation, budget=1e-9, clock=Clock())
+
+
+def test_a_search_that_finds_nothing_is_said(arm2, monkeypatch):
+    _, train, validation, _ = arm2
+
+    def singular(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("bdnn_ros.bdnn.chain.descend", singular)
+    with pytest.raises(DataError, match=r"all of \d+ starts broke down"):
+        identify(train, validation, budget=1.0, clock=Clock())
+
+
+def test_a_chain_that_cannot_be_polished_is_taken_as_it_was_found(arm2, monkeypatch):
+    _, train, validation, test = arm2
+    descend = chain.descend
+
+    def singular(samples, start, steps, give_up):
+        if steps == chain_training.POLISH_STEPS:
+            raise np.linalg.LinAlgError("Singular matrix")
+        return descend(samples, start, steps, give_up)
+
+    monkeypatch.setattr("bdnn_ros.bdnn.chain.descend", singular)
+    assert nmse(identify(train, validation, budget=2.0, clock=Clock()), test).mean() < 0.1
 
 
 def test_the_gradient_of_the_inverse_loss_is_its_slope():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -103,13 +104,9 @@ class ChainTraining:
         """The best black box so far.
 
         Raises:
-            DataError: there was no time to find one.
+            DataError: there was no time to find one, or no start found any.
         """
         if self._model is None:
-            if not self._search.found:
-                raise DataError(
-                    "The budget is too short to find a model.", "Give more seconds with --budget."
-                )
             self._model = self._fitted()
         return self._model
 
@@ -133,7 +130,8 @@ class ChainTraining:
             chain = self._waiting.pop(0)
             if not hurried:
                 give_up = lambda: used() > LAST_SHARE  # noqa: E731
-                chain = chains.descend(self._polish, chain.kinematics, POLISH_STEPS, give_up)
+                with suppress(np.linalg.LinAlgError):  # unpolished it is still what the search found
+                    chain = chains.descend(self._polish, chain.kinematics, POLISH_STEPS, give_up)
             self._refinements.append(Refinement(chain))
         else:
             self.stage = "fit"
@@ -145,12 +143,22 @@ class ChainTraining:
 
     def _fitted(self) -> BDNN:
         """The black box of the chain with the least error, fitted to all."""
+        if not self._search.found:
+            raise self._nothing_found()
         done = self._done()
         best = done[0] if done else chains.feasible(self._refine, self._promising()[0], self._belief)
         samples = self._samples.some(most_samples(self._budget), self._rng)
         core = core_of(chains.refit(samples, best, self._belief), self._joints, self._samples)
         parts = shortened(self._parts, most_working_samples(self._budget))
         return BDNN(replace(core, local=fit_local(core, parts)))
+
+    def _nothing_found(self) -> DataError:
+        if not self._search.starts:
+            return DataError("The budget is too short to find a model.", "Give more seconds with --budget.")
+        return DataError(
+            f"No chain of joints can be fitted to these numbers: all of {self._search.starts} starts broke down.",
+            "Check the recording with bdnn info, or use a robot description and --prior urdf.",
+        )
 
     # -- files -----------------------------------------------------------------------------------------------
 

@@ -78,7 +78,7 @@ def identify(
     Raises:
         UsageError: the budget or the architecture makes no sense, or the joints of the signals differ.
         RecordingError: there is too little to learn from.
-        DataError: the budget is too short for any model.
+        DataError: the budget is too short for any model, or no start of the search came to one.
         ModelFileError: the state is not of such a training.
     """
     train = [signals_train] if isinstance(signals_train, Signals) else list(signals_train)
