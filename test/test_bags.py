@@ -537,6 +537,7 @@ METADATA_OF_NO_USE = (
     "relative_file_paths: 5",
     "relative_file_paths: bag.mcap",
     "starting: 2024-13-45",
+    "starting: !!timestamp never",
     "compression_mode: [file]",
 )
 
@@ -546,7 +547,7 @@ def test_a_directory_without_metadata_or_with_other_profiles_reads(tmp_path: Pat
     path = write_bag(tmp_path / "bag", states(recording))
     text_before = (path / "metadata.yaml").read_text()
     wrong = [f"rosbag2_bagfile_information: {{{entry}}}" for entry in METADATA_OF_NO_USE]
-    for content in (text_before.replace("reliable", "best_effort"), "nonsense: [", *wrong, None):
+    for content in (text_before.replace("reliable", "best_effort"), "nonsense: [", 3000 * "[", *wrong, None):
         (path / "metadata.yaml").unlink()
         if content is not None:
             (path / "metadata.yaml").write_text(content)

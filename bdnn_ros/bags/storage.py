@@ -55,7 +55,6 @@ class Storage:
         self.path = path
         self._stack = ExitStack()
         self._readers: list[Reader] = []
-        self._opened: dict[str, Topic] = {}
 
     def __enter__(self) -> Storage:
         try:
@@ -232,6 +231,6 @@ def _information(path: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
         information = content["rosbag2_bagfile_information"]
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError):
-        return {}  # a ValueError is of a date that no calendar has
+    except Exception:  # of dates, numbers and depth that cannot be, YAML raises errors of every kind
+        return {}
     return information if isinstance(information, dict) else {}
