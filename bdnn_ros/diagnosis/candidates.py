@@ -71,12 +71,13 @@ class Candidates:
             return bool(lasting[shown_at].any())
 
         def shows(term: Term) -> bool:
-            shapes = term.effect.shapes(motion, term.target, term.link)
-            return lasts(term) and (not term.effect.winding or any(map(term.effect.shape_allowed, shapes)))
+            effect, shapes = term.effect, term.effect.shapes(motion, term.target, term.link)
+            if (effect.changing or effect.winding) and not lasts(term):
+                return False
+            allowed = [shape for shape in shapes if not effect.winding or effect.shape_allowed(shape)]
+            return any(effect.resolved(motion, term.target, shape) for shape in allowed)
 
-        kept = [
-            term for term in every.terms if not (term.effect.changing or term.effect.winding) or shows(term)
-        ]
+        kept = [term for term in every.terms if shows(term)]
         robot = every.robot
         if since:
             kept = [replace(t, effect=t.effect.since(robot, t.target, t.link)) for t in kept]

@@ -69,8 +69,7 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
     rows = some(np.flatnonzero(inside if disturbed is None else inside & ~disturbed), MOST_ROWS)
     if not len(rows):
         return None
-    regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
-    bodies = signals.smooth_at(regressor, rows)
+    bodies = signals.smooth_at(_of_bodies(signals, robot), rows)
     load = np.abs(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
     joints = [_Joint.of(signals, rows, bodies[:, j], load[:, j], j) for j in range(signals.width)]
     found = np.array([joint.creep() for joint in joints])
@@ -80,6 +79,14 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
     return np.array(
         [one if one.any() else joint.likely(early) for one, joint in zip(found, joints, strict=True)]
     )
+
+
+def _of_bodies(signals: Signals, robot: Robot) -> np.ndarray:
+    """What errors of links, of gravity's direction and of joints' zeros add to the effort, (N, n, 11 n + 3)."""
+    q, v, a = signals.position, signals.velocity, signals.acceleration
+    pulls = [replace(robot, gravity_vector=axis).gravity(q) for axis in np.eye(3)]
+    zeros = robot.effort_derivatives(q, v, a)[0]
+    return np.concatenate([robot.regressor(q, v, a), np.stack(pulls, axis=-1), zeros], axis=-1)
 
 
 def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signals:
@@ -97,7 +104,7 @@ def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signal
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint's effort beside its bodies, rotor, fluid friction, offset and a lead, and what dry friction explains of it.
+    """A joint's effort beside bodies, zeros, base, rotor, fluid friction, offset and lead, and what dry friction explains.
 
     Attributes:
         rows: of the motion, in order, (R,).
@@ -120,7 +127,7 @@ class _Joint:
         """The joint of a motion.
 
         Args:
-            bodies: its low-passed regressor at the rows, (R, k).
+            bodies: what errors of bodies, zeros and base add, low-passed, at the rows, (R, k).
         """
         assert signals.effort is not None
         v, effort = signals.velocity[:, joint], signals.effort[:, joint]
