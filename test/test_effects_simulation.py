@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from effect_cases import SPECS, linear, robot
 
+from bdnn_ros.effects.drawing import contribution, planned
 from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed, parse_spec
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation import Simulated, simulate
@@ -113,3 +115,25 @@ def test_a_wrong_zero_shifts_the_measured_position(arm):
     simulated = simulate(arm, [one], seed=1, duration=3.0, rate=RATE, noise=QUIET)
     shift = simulated.recording.position - simulated.position
     assert shift == pytest.approx(np.broadcast_to([0, 0, 0.1, 0, 0, 0, 0], shift.shape))
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "viscous", "offset"])
+def test_a_drift_is_held_before_and_after_its_time(arm, kind):
+    one = parse_spec(f"drift@arm7_joint2:of={kind},start_value=1,end_value=3,start=2,end=6", arm)
+    plant = Plant(arm, duration=10.0)
+    one.install(plant)
+    if kind == "coulomb":
+        levels = [plant.dry[0][1](time, 1.0, 0.0, 1.0) for time in (0.0, 2.0, 4.0, 6.0, 10.0)]
+    else:
+        levels = [abs(plant.efforts[0][1](time, 0.0, 1.0, 0.0)) for time in (0.0, 2.0, 4.0, 6.0, 10.0)]
+    assert levels == pytest.approx([1.0, 1.0, 2.0, 3.0, 3.0])
+    motion = planned(arm, np.arange(0.0, 10.0, 0.01), np.ones((3, 1000, arm.width)))
+    added = np.abs(contribution(one, motion)[:, one.target])
+    assert added[[0, 200, 400, 600, 999]] == pytest.approx([1.0, 1.0, 2.0, 3.0, 3.0], abs=0.02)
+
+
+def test_a_drift_that_outlasts_the_recording_gets_part_of_the_way(arm):
+    one = parse_spec("drift@arm7_joint2:of=offset,start_value=0,end_value=1,end=20", arm).within(10.0)
+    plant = Plant(arm, duration=10.0)
+    one.install(plant)
+    assert plant.efforts[0][1](10.0, 0.0, 0.0, 0.0) == pytest.approx(-0.5)

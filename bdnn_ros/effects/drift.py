@@ -13,7 +13,10 @@ from bdnn_ros.robot.units import printed
 
 
 class Drift(Effect):
-    """A parameter that changes linearly from the start of the recording to its end (warm-up, wear)."""
+    """A parameter that changes linearly between two times, those of the recording by default (warm-up, wear).
+
+    Before them it is at its first value, after them at its last.
+    """
 
     name = "drift"
     on = "joint"
@@ -62,7 +65,9 @@ class DriftingCoulomb(Drift):
         Parameter("end_value", "N*m", 0.0, plausible=(0.1, 0.6), of_effort=True),
         *TIMES,
     )
-    equation = "(start_value + (end_value - start_value) * (t - start) / (end - start)) * sign(qd)"
+    equation = (
+        "(start_value + (end_value - start_value) * p) * sign(qd), p = (t - start) / (end - start) in 0 to 1"
+    )
     confused_with = ("coulomb_friction", "external_wrench")
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
     contains = ("coulomb_friction",)
@@ -87,7 +92,7 @@ class DriftingViscous(Drift):
         Parameter("end_value", "N*m*s/rad", 0.0, plausible=(0.1, 0.6), of_effort=True),
         *TIMES,
     )
-    equation = "(start_value + (end_value - start_value) * (t - start) / (end - start)) * qd"
+    equation = "(start_value + (end_value - start_value) * p) * qd, p = (t - start) / (end - start) in 0 to 1"
     confused_with = ("viscous_friction",)
     coefficient_bounds = ((0.0, np.inf), (0.0, np.inf))
     contains = ("viscous_friction",)
@@ -111,7 +116,7 @@ class DriftingOffset(Drift):
         Parameter("end_value", "N*m", plausible=(-0.4, 0.4), of_effort=True),
         *TIMES,
     )
-    equation = "-(start_value + (end_value - start_value) * (t - start) / (end - start))"
+    equation = "-(start_value + (end_value - start_value) * p), p = (t - start) / (end - start) in 0 to 1"
     confused_with = ("effort_offset", "external_wrench")
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
     contains = ("effort_offset",)
@@ -126,14 +131,15 @@ class DriftingOffset(Drift):
 
 
 def ramp(values: Values, duration: float) -> Callable[[float], float]:
-    """The drifting parameter against time [s]; `end` defaults to the end of the recording."""
+    """The drifting parameter against time [s], held outside of `start` to `end`, which is by default the recording's."""
     first, last = values["start_value"], values["end_value"]
-    start, end = values["start"], min(values["end"], duration)
+    start, end = values["start"], values["end"] if np.isfinite(values["end"]) else duration
     slope = (last - first) / max(end - start, 1e-9)
-    return lambda time: first + slope * (time - start)
+    return lambda time: first + slope * (min(max(time, start), end) - start)
 
 
 def _ramped(motion: Motion, shape: Values, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A column weighted towards the start and towards the end of the ramp."""
+    """A column weighted towards the start and towards the end of the ramp, which is held outside of it."""
     progress = (motion.time - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
+    progress = np.clip(progress, 0.0, 1.0)
     return (1.0 - progress) * column, progress * column
