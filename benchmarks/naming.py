@@ -45,7 +45,7 @@ DOCUMENT = HERE.parent / "docs" / "naming.md"
 RECORDED = HERE / "results" / "naming_recordings.json"
 SOURCES = (
     *("diagnosis", "effects", "simulation", "signals", "recording.py", "robot"),
-    *("checks/alternatives.py", "checks/conventions.py", "checks/sampling.py"),
+    *("checks/alternatives.py", "checks/conventions.py", "checks/positions.py", "checks/sampling.py"),
 )
 FIRST_SEED, BUDGET = 10000, 120.0
 HEAD = """# Naming hidden effects: blind draws

@@ -142,3 +142,41 @@ def test_one_joint_in_another_unit_is_told():
         effort[:, joint] *= factor
         (problem,) = problems(replace(recording, effort=effort), robot)
         assert problem.startswith(f"The effort of arm6_joint{joint + 1} ") and said in problem
+
+
+def continuous(name: str) -> Robot:
+    """An arm whose joints all turn on and on."""
+    return Robot.from_urdf(Robot.bundled(name).urdf.replace('type="revolute"', 'type="continuous"'))
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("described", [True, False])
+def test_degrees_are_told_where_joints_have_no_limits(name, described):
+    robot, recording = continuous(name), worn(name, seed=4)
+    if not described:
+        robot = replace(robot, limits=replace(robot.limits, velocity=np.full(robot.width, np.inf)))
+    assert problems(recording, robot) == []
+    (problem,) = problems(in_degrees(recording, robot), robot)
+    assert problem.startswith(robot.joints[0]) and "positions seem to be in degrees" in problem
+
+
+@pytest.mark.parametrize("limit", [1.0, np.inf])
+def test_what_spins_in_radians_is_told_in_radians(limit):
+    """Wheels of a mobile robot, all of them or one on an arm, and an arm much quicker than somebody guessed."""
+    robot, recording = continuous("arm2"), worn("arm2", seed=4)
+    robot = replace(robot, limits=replace(robot.limits, velocity=np.full(2, limit)))
+    spinning = 35.0 * recording.time[:, None] + 5.0 * recording.position
+    quick = 8.0 * recording.position
+    one = np.stack([spinning[:, 0], recording.position[:, 1]], axis=1)
+    for position in (spinning, -3.0 * spinning, quick, one):
+        told = replace(recording, position=position, velocity=None)
+        assert not [p for p in problems(told, robot) if "degrees" in p]
+
+
+def test_a_slide_is_told_in_millimetres():
+    urdf = Robot.bundled("arm2").urdf.replace('type="revolute"', 'type="prismatic"')
+    robot = Robot.from_urdf(urdf)
+    recording = simulate(robot, duration=8.0, rate=200.0).recording
+    assert not [p for p in problems(recording, robot) if "seem" in p]
+    (problem,) = problems(replace(recording, position=1e3 * recording.position, velocity=None), robot)
+    assert problem.startswith("arm2_joint1, arm2_joint2 cover") and "in millimetres" in problem

@@ -78,3 +78,20 @@ def test_so_does_what_is_identified_live(crossing):
     robot, recording, cut = crossing
     models = [Identifier(robot).fit([one]) for one in (recording, cut)]
     np.testing.assert_allclose(models[1].robot.inertials, models[0].robot.inertials, rtol=0.02, atol=2e-3)
+
+
+def test_what_covers_more_than_a_turn_was_not_recorded_within_one():
+    """Degrees at a low rate, and millimetres of a slide, step by about six now and then."""
+    time = np.arange(500) / 25.0
+    quick = np.stack([80.0 * np.sin(2.0 * time), 300.0 * np.cos(0.5 * time)], axis=1)
+    assert (np.abs(np.diff(quick, axis=0)) > 5.0).any(axis=0).all()
+    recording = Recording(time, ("degrees", "millimetres"), quick)
+    assert without_wraps(recording) is recording
+
+
+def test_noise_and_a_wrong_reading_do_not_hide_a_turn():
+    recording = turning()
+    told = wrapped(recording).position + np.random.default_rng(0).normal(0.0, 0.01, recording.position.shape)
+    told[700, 0] = 50.0
+    again = without_wraps(replace(recording, position=told)).position
+    assert np.abs(np.delete(again - recording.position, 700, axis=0)).max() < 0.1

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bdnn_ros.checks.alternatives import misread, weightless
+from bdnn_ros.checks.positions import in_other_units
 from bdnn_ros.checks.sampling import loud, some, telling
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.remark import Remark
@@ -47,10 +48,6 @@ HARDLY = 0.25
 """A joint that bears less than this share of what the description says is in another unit, where the others bear theirs."""
 OVERDRIVEN = 10.0
 """No drive gives so many times its limit."""
-BEYOND = 1.5
-"""Joints, most of them, that cover so many times their whole range are not told in radians."""
-FAR_BEYOND = 4.0
-"""Nor is a single one that does so, whose limits alone may be too narrow: a turn of 7 % of its range in degrees."""
 
 
 class Fit(NamedTuple):
@@ -154,9 +151,9 @@ class Borne:
 
 def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
     """Conventions that a recorded motion breaks, by a robot's description; those that hide others first."""
-    degrees = list(_in_degrees(signals, robot))
-    yield from degrees
-    if degrees or signals.effort is None:
+    others = list(in_other_units(signals, robot))
+    yield from others
+    if others or signals.effort is None:
         return
     borne = Borne.of(signals, robot)
     found = list(_turned(borne, signals.joints)) or list(misread(signals, robot))
@@ -230,23 +227,6 @@ def _hardly_borne(borne: Borne, joints: tuple[str, ...]) -> Iterator[Remark]:
             f"The effort of {named} holds only {gravity[hardly].min():.2g} times what gravity and the other joints' motion ask "
             "for: it seems to be in another unit.",
             FACTOR,
-        )
-
-
-def _in_degrees(signals: Signals, robot: Robot) -> Iterator[Remark]:
-    whole = robot.limits.upper - robot.limits.lower
-    limited = np.isfinite(whole) & (whole > 0.0)
-    covered = np.divide(np.ptp(signals.position, axis=0), whole, out=np.zeros_like(whole), where=limited)
-    most = np.count_nonzero(covered > BEYOND) > 0.5 * limited.sum()
-    beyond = covered > (BEYOND if most else FAR_BEYOND)
-    if beyond.any():
-        joints = listed(joint for joint, far in zip(signals.joints, beyond, strict=True) if far)
-        cover, its, more = ("covers", "its", "") if beyond.sum() == 1 else ("cover", "their", ", and more")
-        yield Remark(
-            joints,
-            f"{joints} {cover} {covered[beyond].min():.2g} times {its} whole range{more}: "
-            f"{its} positions seem to be in degrees.",
-            "Let the driver report radians (metres), and check that this is the robot's description.",
         )
 
 

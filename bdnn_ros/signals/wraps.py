@@ -11,17 +11,29 @@ from bdnn_ros.recording import Recording
 
 NEAR = 0.2
 """A step this near to whole turns is one [share of a turn]."""
+NOISE = 0.05
+"""Readings within one turn cover so much more of it with their noise [share of a turn]..."""
+ODD = 0.5
+"""... but for so many of them at either end, which are read wrong [%]."""
 
 
 def wraps(position: np.ndarray) -> np.ndarray:
     """Whole turns that each sample jumps from the one before, (N, n); zero where it is no jump by whole turns.
+
+    Only what stays within the turn (or turns) it jumps by was recorded so: what goes further is a quick motion, or in another
+    unit than radians.
 
     Args:
         position: [rad], (N, n).
     """
     turns = np.diff(position, axis=0, prepend=position[:1]) / (2.0 * np.pi)
     whole = np.round(turns)
-    return np.where(np.abs(turns - whole) < NEAR, whole, 0.0)
+    jumps = np.where(np.abs(turns - whole) < NEAR, whole, 0.0)
+    if not jumps.any():
+        return jumps
+    low, high = np.percentile(position, (ODD, 100.0 - ODD), axis=0)
+    within = high - low < 2.0 * np.pi * (np.abs(jumps).max(axis=0) + NOISE)
+    return np.where(within, jumps, 0.0)
 
 
 def without_wraps(recording: Recording) -> Recording:

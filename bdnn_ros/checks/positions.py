@@ -1,0 +1,76 @@
+"""Whether positions are told in radians and metres: of what covers far more than its range, or is faster than any robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bdnn_ros.errors import listed
+from bdnn_ros.physical.remark import Remark
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+BEYOND = 1.5
+"""Joints, most of them, that cover so many times their whole range are not told in radians."""
+FAR_BEYOND = 4.0
+"""Nor is a single one that does so, whose limits alone may be too narrow: a turn of 7 % of its range in degrees."""
+FASTER = 5.0
+"""Nor are joints without a range, most of them, that reach so many times their described velocity, and `QUICK`, both ways."""
+QUICK = 20.0
+"""Many a description holds a velocity that somebody guessed; the quickest arms reach this with their wrists [rad/s]."""
+QUICKEST = 60.0
+"""Joints whose velocity no description tells reach this only in degrees [rad/s]..."""
+WIDEST = 720.0
+"""... unless they cover more than this, two turns in degrees, as wheels do that spin [rad]."""
+USUAL = 2.0
+"""Per cent of the samples that may be quicker: it is the others' velocity that counts."""
+
+
+def in_other_units(signals: Signals, robot: Robot) -> Iterator[Remark]:
+    """Joints whose positions seem to be in degrees, or in millimetres where they slide."""
+    whole = robot.limits.upper - robot.limits.lower
+    limited = np.isfinite(whole) & (whole > 0.0)
+    covered = np.divide(np.ptp(signals.position, axis=0), whole, out=np.zeros_like(whole), where=limited)
+    most = np.count_nonzero(covered > BEYOND) > 0.5 * limited.sum()
+    beyond = covered > (BEYOND if most else FAR_BEYOND)
+    speed = _both_ways(signals)
+    fast = ~limited & _too_fast(speed, signals, robot)
+    fast &= np.count_nonzero(beyond | fast) > 0.5 * robot.width
+    for slides, unit in ((False, "degrees"), (True, "millimetres")):
+        alike = robot.slides == slides
+        wide, quick = np.flatnonzero(beyond & alike), np.flatnonzero(fast & alike)
+        if len(wide):
+            joints = listed(signals.joints[k] for k in wide)
+            cover, its, more = ("covers", "its", "") if len(wide) == 1 else ("cover", "their", ", and more")
+            saying = f"{joints} {cover} {covered[wide].min():.2g} times {its} whole range{more}"
+            yield _told(joints, saying, its, unit)
+        if len(quick):
+            joints = listed(signals.joints[k] for k in quick)
+            reach, its, more = ("reaches", "its", "") if len(quick) == 1 else ("reach", "their", ", and more")
+            saying = (
+                f"{joints} {reach} {speed[quick].min():.2g} {'m/s' if slides else 'rad/s'} both ways{more}"
+            )
+            yield _told(joints, saying, its, unit)
+
+
+def _both_ways(signals: Signals) -> np.ndarray:
+    """Velocity that each joint reaches both ways, (n,) [rad/s]: wheels and rotors spin one way."""
+    low, high = np.percentile(signals.velocity, (USUAL, 100.0 - USUAL), axis=0)
+    return np.asarray(np.minimum(-low, high))
+
+
+def _too_fast(speed: np.ndarray, signals: Signals, robot: Robot) -> np.ndarray:
+    """Which joints are faster than any robot's, (n,) bool: of one joint alone only a description can tell."""
+    limit = robot.limits.velocity
+    told = np.isfinite(limit)
+    most = np.where(told, np.maximum(FASTER * limit, QUICK), QUICKEST if robot.width > 1 else np.inf)
+    return np.asarray((speed > most) & (np.ptp(signals.position, axis=0) < WIDEST))
+
+
+def _told(joints: str, saying: str, its: str, unit: str) -> Remark:
+    return Remark(
+        joints,
+        f"{saying}: {its} positions seem to be in {unit}.",
+        "Let the driver report radians (metres), and check that this is the robot's description.",
+    )
