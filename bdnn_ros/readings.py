@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bdnn_ros.errors import RecordingError
+from bdnn_ros.errors import RecordingError, listed
 
 MOST = 1e12
 """No robot's position, velocity or effort is beyond this, in whatever unit; powers of larger numbers overflow."""
@@ -15,6 +15,19 @@ MOST = 1e12
 def credible(values: np.ndarray) -> np.ndarray:
     """Which readings are finite and no larger than a robot's can be, bool of the same shape."""
     return np.asarray(np.abs(values) <= MOST)
+
+
+def refuse_not_finite(
+    name: str, field: str, joints: Sequence[str], time: np.ndarray, values: np.ndarray
+) -> None:
+    """Refuses readings that are no numbers; arguments as of `refuse_incredible`.
+
+    Raises:
+        RecordingError: there are some.
+    """
+    _refuse(
+        name, field, joints, time, ~np.isfinite(values), lambda row, column: "not finite", "Fix the driver."
+    )
 
 
 def refuse_incredible(
@@ -30,18 +43,65 @@ def refuse_incredible(
     Raises:
         RecordingError: there are some.
     """
-    wrong = ~credible(values)
+
+    def said(row: int, column: int) -> str:
+        return f"{values[row, column]:.2g}"
+
+    otherwise, after = "Check its unit, and fix the driver.", ", as no robot's can be"
+    _refuse(name, field, joints, time, ~credible(values), said, otherwise, after)
+
+
+def refuse_all_left_out(name: str, joints: Sequence[str], wrong: np.ndarray) -> None:
+    """Refuses samples of which none can be used.
+
+    Args:
+        wrong: readings that are not credible, (N, n) bool.
+
+    Raises:
+        RecordingError: always.
+    """
+    bad = _mostly(joints, wrong)
+    who = f"in most what {listed(bad, 20)} reported" if 0 < len(bad) < len(joints) else "what is reported"
+    raise RecordingError(
+        f"{name}: no sample of {len(wrong)} is left: {who} is not finite, or beyond {MOST:g}.",
+        _without(joints, bad) or "Fix the driver.",
+    )
+
+
+def _refuse(
+    name: str,
+    field: str,
+    joints: Sequence[str],
+    time: np.ndarray,
+    wrong: np.ndarray,
+    said: Callable[[int, int], str],
+    otherwise: str,
+    after: str = "",
+) -> None:
+    """Refuses a recording of which some readings are wrong, (N, n) bool, naming the joint of which most are."""
     if not wrong.any():
         return
-    row, column = np.argwhere(wrong)[0]
+    column = int(np.argmax(wrong.sum(axis=0)))
+    row = int(np.argmax(wrong[:, column]))
     count = np.count_nonzero(wrong.any(axis=1))
-    remedy = (
-        "Fix the driver, or pass --drop-invalid to leave such samples out."
-        if 2 * count < len(values)
-        else "Check its unit, and fix the driver."
-    )
+    few = 2 * count < len(wrong)
     raise RecordingError(
-        f"{name}: {field} of {joints[column]} is {values[row, column]:.2g} at {time[row]:.3f} s, as no robot's can be "
-        f"({count} of {len(values)} samples).",
-        remedy,
+        f"{name}: {field} of {joints[column]} is {said(row, column)} at {time[row]:.3f} s{after} "
+        f"({count} of {len(wrong)} samples).",
+        "Fix the driver, or pass --drop-invalid to leave such samples out."
+        if few
+        else _without(joints, _mostly(joints, wrong)) or otherwise,
     )
+
+
+def _mostly(joints: Sequence[str], wrong: np.ndarray) -> list[str]:
+    """Joints of which most readings are wrong."""
+    return [joint for joint, often in zip(joints, 2 * wrong.sum(axis=0) >= len(wrong), strict=True) if often]
+
+
+def _without(joints: Sequence[str], bad: Sequence[str]) -> str:
+    """The remedy where some joints, but not all, are to be left out; nothing where it would be none."""
+    if not 0 < len(bad) < len(joints):
+        return ""
+    kept = ",".join(joint for joint in joints if joint not in bad)
+    return f"Fix the driver, or leave {listed(bad, 20)} out: --joints {kept}."

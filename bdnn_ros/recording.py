@@ -10,7 +10,7 @@ import numpy as np
 
 from bdnn_ros import stamps
 from bdnn_ros.errors import RecordingError, UsageError, listed
-from bdnn_ros.readings import MOST, credible, refuse_incredible
+from bdnn_ros.readings import MOST, credible, refuse_all_left_out, refuse_incredible, refuse_not_finite
 
 GAP_FACTOR = 5.0
 """A pause longer than this many sample periods, and than `GAP_SECONDS`, is a gap: left as it is."""
@@ -62,7 +62,7 @@ class Recording:
                     f"({count}, {width}).",
                     "Check the message's field lengths.",
                 )
-            _refuse_invalid(self, field, values)
+            refuse_not_finite(self.name, field, self.joints, self.time, values)
         if not np.isfinite(self.time).all() or (np.diff(self.time) <= 0).any():
             where = int(np.argmax(~(np.diff(self.time) > 0))) + 1 if count > 1 else 0
             raise RecordingError(
@@ -235,25 +235,28 @@ def cleaned(
     A velocity or effort that is NaN throughout counts as not measured.
 
     Raises:
-        RecordingError: as `Recording`; or a value is beyond what any robot has.
+        RecordingError: as `Recording`; or a value is beyond what any robot has, or no sample is left.
     """
     velocity, effort = (None if x is None or np.isnan(x).all() else x for x in (velocity, effort))
     notes: list[str] = []
-    fresh = np.append(True, time[1:] != time[:-1])[: len(time)]
-    rows = np.flatnonzero(fresh)
-    if len(rows) < len(time):
+    wrong = np.zeros(position.shape, bool)
+    if drop_invalid:
+        for values in (position, velocity, effort):
+            if values is not None:
+                wrong |= ~credible(values)
+    valid = np.flatnonzero(np.isfinite(time) & ~wrong.any(axis=1)) if drop_invalid else np.arange(len(time))
+    # of two samples of one stamp the valid one stays
+    rows = valid[np.append(True, time[valid][1:] != time[valid][:-1])[: len(valid)]]
+    if len(rows) < len(valid):
         notes.append(
-            f"{name}: {len(time) - len(rows)} of {len(time)} samples repeat the stamp before; left out."
+            f"{name}: {len(valid) - len(rows)} of {len(time)} samples repeat the stamp before; left out."
         )
     stamp = time[rows]
     if drop_invalid:
-        valid = np.isfinite(time)
-        for values in (position, velocity, effort):
-            if values is not None:
-                valid &= credible(values).all(axis=1)
-        valid_rows = rows[valid[rows]]
-        kept, starts = stamps.runs(time[valid_rows])
-        dropped = len(rows) - np.count_nonzero(kept)
+        if len(time) and not len(rows):
+            refuse_all_left_out(name, joints, wrong)
+        kept, starts = stamps.runs(stamp)
+        dropped = len(time) - len(valid) + len(rows) - np.count_nonzero(kept)
         if dropped:
             notes.append(
                 f"{name}: {dropped} of {len(time)} samples are not finite, beyond {MOST:g} or go back in time."
@@ -263,7 +266,7 @@ def cleaned(
             notes.append(
                 f"{name}: the clock jumps back {often}; the parts are joined with a pause between them."
             )
-        rows, stamp = valid_rows[kept], stamps.joined(time[valid_rows], kept, starts)
+        rows, stamp = rows[kept], stamps.joined(stamp, kept, starts)
     chosen = slice(None) if len(rows) == len(time) else rows
     recording = Recording(
         stamp,
@@ -304,15 +307,3 @@ def moving(recording: Recording) -> np.ndarray:
 def further(position: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Which joints' positions (N, n) cover more than noise, standard deviations (n,), and rounding do, (n,) bool."""
     return np.asarray(np.ptp(position, axis=0) > np.maximum(STILL_RANGE, STILL_WIDTHS * noise))
-
-
-def _refuse_invalid(recording: Recording, field: str, values: np.ndarray) -> None:
-    finite = np.isfinite(values)
-    if finite.all():
-        return
-    row, column = np.argwhere(~finite)[0]
-    raise RecordingError(
-        f"{recording.name}: {field} of {recording.joints[column]} is not finite at "
-        f"{recording.time[row]:.3f} s ({np.count_nonzero(~finite.all(axis=1))} of {len(values)} samples).",
-        "Fix the driver, or pass --drop-invalid to leave such samples out.",
-    )

@@ -167,6 +167,32 @@ def test_cleaned_drops_invalid_samples_only_when_asked() -> None:
     assert "2 of 100 samples" in again.notes[0]
 
 
+def test_of_two_samples_of_one_stamp_the_valid_one_stays() -> None:
+    original, twice = recording(), np.repeat(np.arange(100), 2)
+    effort = original.effort[twice].copy()
+    effort[::2] = np.nan
+    fields = (original.position[twice], original.velocity[twice], effort)
+    again = cleaned(original.time[twice], JOINTS, *fields, name="bag", drop_invalid=True)
+    np.testing.assert_array_equal(again.effort, original.effort)
+    np.testing.assert_array_equal(again.time, original.time)
+    assert len(again.notes) == 1 and again.notes[0].startswith("bag: 100 of 200 samples are not finite")
+
+
+@pytest.mark.parametrize("value", [np.nan, 1e300])
+def test_a_joint_that_is_bad_throughout_is_to_be_left_out(value: float) -> None:
+    original = recording()
+    position = original.position.copy()
+    position[:, 1], position[0, 0] = value, value
+    with pytest.raises(RecordingError, match=r"position of b is .*leave b out: --joints a,c\.$"):
+        cleaned(original.time, JOINTS, position)
+    with pytest.raises(
+        RecordingError, match=r"no sample of 100 is left: in most what b reported .*--joints a,c"
+    ):
+        cleaned(original.time, JOINTS, position, drop_invalid=True)
+    with pytest.raises(RecordingError, match=r"no sample of 100 is left: what is reported .*Fix the driver"):
+        cleaned(original.time, JOINTS, np.full_like(position, value), drop_invalid=True)
+
+
 @pytest.mark.parametrize("field", ["position", "velocity", "effort"])
 def test_cleaned_refuses_what_no_robot_can_have(field: str) -> None:
     original = recording()

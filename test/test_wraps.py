@@ -52,7 +52,11 @@ def test_what_does_not_jump_by_whole_turns_is_kept():
     recording = turning()
     stepping = recording.position.copy()
     stepping[1000:] += 4.0
-    for kept in (recording, replace(recording, position=stepping), recording.part(slice(0, 1))):
+    for kept in (
+        recording,
+        replace(recording, position=stepping),
+        *(recording.part(slice(0, k)) for k in (0, 1)),
+    ):
         assert without_wraps(kept) is kept
 
 

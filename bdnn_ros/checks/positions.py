@@ -49,7 +49,7 @@ def in_other_units(signals: Signals, robot: Robot) -> Iterator[Remark]:
             joints = listed(signals.joints[k] for k in quick)
             reach, its, more = ("reaches", "its", "") if len(quick) == 1 else ("reach", "their", ", and more")
             saying = (
-                f"{joints} {reach} {speed[quick].min():.2g} {'m/s' if slides else 'rad/s'} both ways{more}"
+                f"{joints} {reach} {speed[quick].min():.0f} {'m/s' if slides else 'rad/s'} both ways{more}"
             )
             yield _told(joints, saying, its, unit)
 

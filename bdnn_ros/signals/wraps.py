@@ -42,6 +42,8 @@ def without_wraps(recording: Recording) -> Recording:
     A joint that goes on from pi to -pi has not turned round; left as it is, its velocity is hundreds of radians a second.
     """
     turns = wraps(recording.position)
+    if not turns.any():
+        return recording
     turns[[rows.start for rows in recording.segments()]] = 0.0  # in a pause a joint may go anywhere
     jumps = turns != 0.0
     if not jumps.any():
