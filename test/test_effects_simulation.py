@@ -10,6 +10,7 @@ from bdnn_ros.effects.drawing import contribution, planned
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed, parse_spec
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation import Simulated, simulate
 from bdnn_ros.simulation.sensors import Noise
@@ -137,3 +138,22 @@ def test_a_drift_that_outlasts_the_recording_gets_part_of_the_way(arm):
     plant = Plant(arm, duration=10.0)
     one.install(plant)
     assert plant.efforts[0][1](10.0, 0.0, 0.0, 0.0) == pytest.approx(-0.5)
+
+
+@pytest.mark.parametrize(
+    "specs",
+    [
+        ("joint_spring:stiffness=60,rest=0.2",),
+        ("cogging:amplitude=3,periods_per_rev=24",),
+        ("joint_spring:stiffness=60,rest=0.2", "joint_elasticity:stiffness=5000"),
+    ],
+)
+def test_springs_and_ripples_are_told_as_their_joint_reports_its_position(arm, specs):
+    joint = arm.joints[1]
+    told = [spec.replace(":", f"@{joint}:") for spec in (*specs, "position_offset:offset=0.06")]
+    effects = [parse_spec(spec, arm) for spec in told]
+    simulated = simulate(arm, effects, seed=1, duration=SECONDS, rate=RATE, noise=QUIET)
+    signals = prepare(simulated.recording)
+    model = ExtendedModel(arm, tuple(effects), np.zeros(arm.width))
+    left = signals.smooth(model.predict(signals) - signals.effort)[signals.interior, 1]
+    assert np.sqrt(np.mean(left**2)) < 0.02 * np.std(simulated.effort[:, 1])

@@ -99,6 +99,16 @@ def test_inverse_dynamics_with_effects() -> None:
     np.testing.assert_array_equal(friction, [0, 0, 0, 1.3, 0, 0, 0])
 
 
+def test_a_spring_rests_where_its_joint_reports_it() -> None:
+    """MuJoCo's positions are the true ones; the model's, and a spring's rest, hold the joint's offset."""
+    robot = Robot.bundled("arm7")
+    offset = "position_offset@arm7_joint4:offset=0.3"
+    model = model_of(robot, "joint_spring@arm7_joint4:stiffness=3.0,rest=-1.5", offset)
+    q, v, a = states(7)
+    wanted = model.inverse_dynamics(q + model.plant.position_offset, v, a)
+    np.testing.assert_allclose(inverse(*loaded(model), q, v, a), wanted, atol=1e-7 * np.abs(wanted).max())
+
+
 def test_motors_take_the_measured_effort() -> None:
     robot = Robot.bundled("arm7")
     model = model_of(robot, *SPECS)

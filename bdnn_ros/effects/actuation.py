@@ -149,7 +149,8 @@ class Cogging(Effect):
     """A ripple over position: magnets and slots, the teeth of a gear, or the lead of a screw.
 
     It is looked for from three periods a revolution on, or two along what a joint slides: fewer are what gravity and
-    springs do. A joint that slides has 2 pi of them in a metre for each turn of its screw.
+    springs do. A joint that slides has 2 pi of them in a metre for each turn of its screw. Its phase is told against the
+    position that the joint reports, with its offset if it has one.
     """
 
     name = "cogging"
@@ -214,7 +215,10 @@ def _along(motion: Motion, target: int) -> list[float]:
 
 
 class JointSpring(Effect):
-    """A spring across the joint: a balancer, a cable, a hose."""
+    """A spring across the joint: a balancer, a cable, a hose.
+
+    Its rest is the position that the joint reports there, with its offset if it has one.
+    """
 
     name = "joint_spring"
     title = "a spring"

@@ -11,7 +11,7 @@ from bdnn_ros.robot import Robot
 
 JointEffort = Callable[[float, float, float, float], float]
 """(time [s], position [rad], velocity [rad/s], load [N·m]) -> resisting effort of that joint [N·m], called in
-order of time, once a step. The load is the effort that acts on the joint."""
+order of time, once a step. The position is the one that the joint reports, the load the effort that acts on it."""
 DryFriction = Callable[[float, float, float, float], float]
 """(time [s], speed [rad/s] >= 0, load [N·m], direction +1 or -1) -> magnitude of dry friction against motion
 in that direction [N·m]; at speed 0 what holds the joint."""

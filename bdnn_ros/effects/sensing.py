@@ -18,7 +18,8 @@ HARDLY_TURNED = 1e-4
 class PositionOffset(Effect):
     """An encoder whose zero is off: measured position = true position + offset.
 
-    The rigid effort belongs to the true position, so the measured effort is the model's at `q - offset`. The
+    The rigid effort belongs to the true position, so the measured effort is the model's at `q - offset`. A spring's rest
+    and the phase of a cogging are told as the joint reports them, whatever its offset. The
     shape `at` [rad] names the offset at which the column is exact, as a secant from none.
     """
 

@@ -121,7 +121,8 @@ def _joint(
     stiffness = sum(spring["stiffness"] for spring in springs)
     if stiffness > 0.0:  # springs on one joint pull like one of their weighted mean rest
         values["stiffness"] = stiffness
-        values["springref"] = sum(s["stiffness"] * s["rest"] for s in springs) / stiffness
+        rest = sum(s["stiffness"] * s["rest"] for s in springs) / stiffness
+        values["springref"] = rest - model.plant.position_offset[joint]  # told as the joint reports it
     for key, value in values.items():
         if value:
             element.set(key, numbers(value))

@@ -57,6 +57,7 @@ class Integrator:
         self.model.armature[:] = armature[self.back]
         elastic = set(self.motors.joints)
         self.efforts = [pair for pair in plant.efforts if pair[0] not in elastic]
+        self.reported = plant.position_offset
         self.dry = [pair for pair in plant.dry if pair[0] not in elastic]
         self.has_dry = bool(self.dry) or bool(self.coulomb.any())
         self.stuck = NONE
@@ -81,9 +82,8 @@ class Integrator:
         state = self.state
         drive = load - self.viscous * state.velocity
         for joint, resist in self.efforts:
-            drive[joint] -= resist(
-                time, float(state.position[joint]), float(state.velocity[joint]), float(load[joint])
-            )
+            reported = float(state.position[joint] + self.reported[joint])
+            drive[joint] -= resist(time, reported, float(state.velocity[joint]), float(load[joint]))
         for link, point, wrench in self.plant.wrenches:
             push = wrench(time)
             if push.any():

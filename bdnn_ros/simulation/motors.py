@@ -22,7 +22,7 @@ STEPS_PER_RADIAN = 2.5
 
 @dataclass
 class Motor:
-    """One motor: `position` is what its encoder sees."""
+    """One motor: `position` is what its encoder sees, and reports with an `offset`."""
 
     inertia: float
     stiffness: float
@@ -32,6 +32,7 @@ class Motor:
     coulomb: float
     position: float
     velocity: float = 0.0
+    offset: float = 0.0
     efforts: list[JointEffort] = field(default_factory=list)
     dry: list[DryFriction] = field(default_factory=list)
 
@@ -43,7 +44,7 @@ class Motor:
         stiffness, damping = (self.stiffness, self.damping) if bend or not self.gap else (0.0, 0.0)
         drive = load
         for resist in self.efforts:
-            drive -= resist(time, middle, self.velocity, load)
+            drive -= resist(time, middle + self.offset, self.velocity, load)
         coupling = h * damping + 0.5 * h * h * stiffness
         weight = self.inertia + h * self.viscous + coupling
         impulse = self.inertia * self.velocity + h * (drive - stiffness * bend) + coupling * link_velocity
@@ -120,6 +121,7 @@ def _motor(plant: Plant, joint: int, link_inertia: float, position: float, load:
         viscous=float(robot.viscous[joint]),
         coulomb=float(robot.coulomb[joint]),
         position=position + load / stiffness + 0.5 * gap * side,
+        offset=float(plant.position_offset[joint]),
         efforts=[resist for j, resist in plant.efforts if j == joint],
         dry=[resist for j, resist in plant.dry if j == joint],
     )
