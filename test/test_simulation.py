@@ -257,6 +257,19 @@ def test_scenarios_that_make_no_sense_are_refused(option, says):
         Scenario(Robot.bundled("arm2"), **option).run()
 
 
+@pytest.mark.parametrize(
+    "specs",
+    [
+        ("base_tilt:roll_deg=5", "base_tilt:pitch_deg=5"),
+        ("link_inertia@arm2_link2:scale=1.2", "link_inertia@arm2_joint2:mass=3"),
+        ("velocity_filter@arm2_joint1:cutoff=5", "velocity_filter@arm2_joint1:cutoff=9"),
+    ],
+)
+def test_two_effects_that_contradict_each_other_are_refused(specs):
+    with pytest.raises(UsageError, match="is given twice, .* Give it once"):
+        Scenario(Robot.bundled("arm2"), specs, duration=2.0).run()
+
+
 def test_joints_whose_limits_leave_no_room_are_named():
     """As in a file of an exporter that knows no limits."""
     robot = Robot.bundled("arm2")

@@ -122,6 +122,8 @@ class Effect(ABC):
     """Coefficients that are fitted, not told, and may as well be nothing."""
     parts: ClassVar[tuple[str, ...]] = ()
     """Parameters of which a motion may show some without the others; a sentence is given NaN for what is not shown."""
+    once: ClassVar[bool] = False
+    """It says how something is, not what is added: two of it at one place contradict each other."""
     kinematic: ClassVar[bool] = False
     """It shows in the reported velocity, not in the effort."""
     may_be_gone: bool = False

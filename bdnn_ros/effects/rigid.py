@@ -170,6 +170,7 @@ class LinkInertia(OnBody):
     """A link whose mass and inertia are `scale` times the described ones, its centre of mass unchanged."""
 
     name = "link_inertia"
+    once = True
     title = "wrong mass and inertia"
     parameters = (
         Parameter("mass", "kg", 0.0),
@@ -222,6 +223,7 @@ class BaseTilt(Effect):
     """
 
     name = "base_tilt"
+    once = True
     title = "a tilted base"
     on = "base"
     parameters = (

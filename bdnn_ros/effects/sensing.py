@@ -70,6 +70,7 @@ class VelocityFilter(Effect):
     """
 
     name = "velocity_filter"
+    once = True
     title = "a low-pass on the reported velocity"
     on = "joint"
     kinematic = True

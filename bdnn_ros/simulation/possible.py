@@ -14,10 +14,17 @@ def refuse_impossible(effects: Iterable[Installed], robot: Robot) -> None:
     """Looks at the numbers of effects.
 
     Raises:
-        UsageError: one is beyond what any robot has, or an effect ends before it starts.
+        UsageError: one is beyond what any robot has, an effect ends before it starts, or two contradict each other.
     """
+    before = set[str]()
     for one in effects:
         what = f"{one.effect.name} at {one.place(robot)}"
+        if one.effect.once and what in before:
+            raise UsageError(
+                f"{what} is given twice, and says how things are, not what is added.",
+                "Give it once, with all its numbers.",
+            )
+        before.add(what)
         for name, value in one.values.items():
             if name != "end" and not abs(value) <= MOST:
                 raise UsageError(f"{what}: {name}={value:g} is beyond any robot's.", "Give a smaller number.")
