@@ -160,6 +160,18 @@ def test_a_wrong_robot_has_bodies_that_can_be(name):
             assert moments[0] + moments[1] > moments[2]
 
 
+def test_a_wrong_robot_may_have_moments_just_below_zero():
+    """Estimates of real robots have, and nothing else refuses them."""
+    robot = Robot.from_urdf(Robot.bundled("arm2").urdf)
+    inertials = robot.inertials.copy()
+    centre = pin.Inertia.FromDynamicParameters(inertials[1])
+    centre.inertia = np.diag([-1e-5, 2e-3, 2e-3])
+    inertials[1] = centre.toDynamicParameters()
+    wrong = wrong_robot(robot.with_inertials(inertials), 0.1, np.random.default_rng(0))
+    assert not np.allclose(wrong.inertials[1], inertials[1])
+    assert np.isfinite(wrong.mass_matrix(np.zeros(2))).all()
+
+
 def test_a_wrong_robot_is_off_by_its_share():
     robot = Robot.bundled("arm7")
     ratios = [wrong_robot(robot, 0.05, np.random.default_rng(s)).inertials[:, 0] for s in range(60)]
@@ -266,7 +278,7 @@ def test_scenarios_that_make_no_sense_are_refused(option, says):
     ],
 )
 def test_two_effects_that_contradict_each_other_are_refused(specs):
-    with pytest.raises(UsageError, match="is given twice, .* Give it once"):
+    with pytest.raises(UsageError, match=r"is given twice, .* Give it once"):
         Scenario(Robot.bundled("arm2"), specs, duration=2.0).run()
 
 

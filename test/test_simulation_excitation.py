@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import UsageError
+from bdnn_ros.physical.parameters import usual_motion
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import ACCELERATION_PER_VELOCITY, fourier, poor
 
@@ -85,3 +86,31 @@ def test_joints_without_limits_move_within_a_half_turn():
     motion = fourier(free, TIME, np.random.default_rng(0))
     assert np.abs(motion.position).max() < np.pi
     assert np.abs(motion.velocity).max() < 2.0
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        ((-2.0, 1.0), (-2.0, 1.0)),
+        ((-9.0, 1.0), (-np.pi, 1.0)),
+        ((0.0, 8.0), (0.0, np.pi)),
+        ((3.3, 6.0), (3.3, 6.0)),
+        ((4.0, 14.0), (9.0 - np.pi, 9.0 + np.pi)),
+        ((-8.0, -4.0), (-8.0, -4.0)),
+        ((4.0, np.inf), (4.0, 4.0 + 2.0 * np.pi)),
+        ((-np.inf, -4.0), (-4.0 - 2.0 * np.pi, -4.0)),
+    ],
+)
+def test_limits_beyond_a_half_turn_leave_room(limits, expected):
+    """As a rail has that begins somewhere in the hall."""
+    robot = Robot.bundled("arm2")
+    lower, upper = np.array([limits, (-1.0, 1.0)]).T
+    robot = replace(robot, limits=replace(robot.limits, lower=lower, upper=upper))
+    low, high = robot.limits.usual_range
+    assert (low[0], high[0]) == pytest.approx(expected)
+    assert (low[1], high[1]) == (-1.0, 1.0)
+    motion = fourier(robot, TIME, np.random.default_rng(0)).position
+    assert (motion > low).all() and (motion < high).all()
+    position = usual_motion(robot)[0]
+    assert (position >= low).all() and (position <= high).all()
+    assert (np.ptp(position, axis=0) > 0.9 * (high - low)).all()

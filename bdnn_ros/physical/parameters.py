@@ -195,11 +195,10 @@ def _unknown_body(robot: Robot, share: float) -> np.ndarray:
 
 
 def usual_motion(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Random positions, velocities and accelerations over all that the limits allow, (N, n) each."""
+    """Random positions, velocities and accelerations over what joints usually reach, (N, n) each."""
     generator = np.random.default_rng(0)
     count = 200
-    low = np.maximum(robot.limits.lower, -np.pi)
-    high = np.minimum(robot.limits.upper, np.pi)
+    low, high = robot.limits.usual_range
     position = generator.uniform(low, np.maximum(high, low + 1e-6), (count, robot.width))
     limit = robot.limits.usual_velocity
     acceleration = generator.normal(size=(count, robot.width)) * 2.0 * limit

@@ -46,6 +46,21 @@ class Limits(ReadOnlyArrays):
         """Velocity limits, and what joints usually reach where there is none, (n,) [rad/s] ([m/s])."""
         return np.where(np.isfinite(self.velocity), self.velocity, OPEN_VELOCITY)
 
+    @property
+    def usual_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions that joints usually reach, (n,) each [rad] ([m]): where limits allow more, a half turn each way from zero.
+
+        Of limits that leave zero out, a turn about their middle, or from the only one on.
+        """
+        lower, upper = np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi)
+        for joint in np.flatnonzero((self.lower > 0.0) | (self.upper < 0.0)):
+            low, high = self.lower[joint], self.upper[joint]
+            least = high - 2.0 * np.pi if np.isinf(low) else low
+            most = least + 2.0 * np.pi if np.isinf(high) else high
+            middle, half = 0.5 * (least + most), min(0.5 * (most - least), np.pi)
+            lower[joint], upper[joint] = middle - half, middle + half
+        return lower, upper
+
 
 def limits_of(model: pin.Model, order: np.ndarray) -> Limits:
     """The limits of a model's joints.

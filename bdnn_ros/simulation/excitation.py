@@ -159,13 +159,12 @@ def _information(robot: Robot, motion: Trajectory) -> float:
 
 
 def position_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Position limits, a half turn each way where there are none or wider ones.
+    """`Limits.usual_range`: position limits, a turn where there are none or wider ones.
 
     Raises:
         UsageError: a joint's limits leave it no room, as those of an exporter that knows none.
     """
-    lower = np.maximum(robot.limits.lower, -np.pi)
-    upper = np.minimum(robot.limits.upper, np.pi)
+    lower, upper = robot.limits.usual_range
     stuck = [joint for joint, room in zip(robot.joints, upper - lower, strict=True) if room <= 0.0]
     if stuck:
         raise UsageError(f"The URDF's limits leave {', '.join(stuck)} no room to move.", "Widen them.")

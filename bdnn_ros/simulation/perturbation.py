@@ -51,5 +51,7 @@ def _deformed(parameters: np.ndarray, share: float, rng: np.random.Generator) ->
     weight, *stretch = 1.0 + share * np.clip(rng.standard_normal(4), -2.0, 2.0) * (1.0, 0.5, 0.5, 0.5)
     centre = np.array(inertia.lever) * (1.0 + share * np.clip(rng.standard_normal(3), -2.0, 2.0))
     spread = weight * spread * np.outer(stretch, stretch)
-    deformed = pin.Inertia(weight * inertia.mass, centre, np.trace(spread) * np.eye(3) - spread)
+    deformed = pin.Inertia.Zero()  # the constructor refuses a moment just below zero, which URDFs hold
+    deformed.mass, deformed.lever = float(weight * inertia.mass), centre
+    deformed.inertia = np.trace(spread) * np.eye(3) - spread
     return np.array(deformed.toDynamicParameters())
