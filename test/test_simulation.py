@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
@@ -137,6 +138,58 @@ def test_effects_too_strong_for_the_drives_are_said_to_be():
     heavy = parse_spec("payload@arm2_tool:mass=30", robot)
     with pytest.raises(DataError, match="too strong"):
         simulate(robot, [heavy], duration=4.0, rate=200.0)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "beside",
+    [
+        "coulomb_friction@arm2_joint1:coulomb=1",
+        "stribeck_friction@arm2_joint1:coulomb=1,static=2,velocity=0.1",
+        "backlash@arm2_joint1:gap=0.01",
+    ],
+)
+def test_a_robot_that_runs_away_is_told_in_one_sentence(beside):
+    robot = Robot.bundled("arm2")
+    effects = [parse_spec(spec, robot) for spec in ("quadratic_drag@arm2_joint1:drag=1e9", beside)]
+    with pytest.raises(DataError, match="too strong"):
+        simulate(robot, effects, duration=3.0, rate=100.0)
+
+
+def tipped(**option: object) -> Scenario:
+    """A scenario of an arm whose last link's mass was forgotten."""
+    robot = Robot.bundled("arm2")
+    root = ElementTree.fromstring(robot.urdf)
+    for name in (robot.moving_link("arm2_joint2"), "arm2_tool"):
+        for link in root.findall(f"link[@name='{name}']"):
+            for inertial in link.findall("inertial"):
+                link.remove(inertial)
+    return Scenario(
+        Robot.from_urdf(ElementTree.tostring(root, encoding="unicode")), duration=2.0, rate=100.0, **option
+    )
+
+
+@pytest.mark.parametrize(
+    ("effects", "remedy"),
+    [
+        ((), "an <inertial>, or the joint a rotor: --worn, or --effect armature@arm2_joint2:"),
+        (("joint_elasticity@arm2_joint2:stiffness=300",), r"an <inertial>\.$"),
+    ],
+)
+def test_a_joint_that_moves_nothing_is_named(effects, remedy):
+    with pytest.raises(UsageError, match=f"Nothing that arm2_joint2 moves has any inertia.*{remedy}"):
+        tipped(effects=effects).run()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "option",
+    [{"worn": True}, {"effects": ["payload@arm2_link2:mass=0.5,com_x=0.1"]}],
+    ids=["worn", "payload"],
+)
+def test_a_link_that_is_described_without_mass_moves_where_there_is_some(option):
+    simulated, _ = tipped(**option).run()
+    assert np.abs(simulated.position - simulated.plan.position).max() < 0.2
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ class Controller:
         self.limit = nominal.limits.effort
         bandwidth = loop_bandwidth(nominal, plant, plan)
         self.stiffness, self.damping = bandwidth**2, 2.0 * DAMPING * bandwidth
-        self.friction = self._known_friction(nominal, plan)
+        self.friction = self._known_friction(nominal, plant.robot, plan)
 
     def effort(self, sample: int, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Commanded effort at a sample, within the limits, (n,) [N·m]."""
@@ -56,10 +56,13 @@ class Controller:
         command = command + self.friction[sample]
         return np.minimum(np.maximum(command, -self.limit), self.limit)
 
-    def _known_friction(self, nominal: Robot, plan: Trajectory) -> np.ndarray:
+    def _known_friction(self, nominal: Robot, real: Robot, plan: Trajectory) -> np.ndarray:
         """Described friction along the plan of joints that the position loop would leave behind, (N, n) [N·m]."""
         friction = nominal.friction(plan.position, plan.velocity)
-        mobility = np.linalg.inv(nominal.mass_matrix(plan.position[::50]))
+        try:
+            mobility = np.linalg.inv(nominal.mass_matrix(plan.position[::50]))
+        except np.linalg.LinAlgError:  # a link is described without mass
+            mobility = np.linalg.inv(real.mass_matrix(plan.position[::50]))
         inertia = 1.0 / np.diagonal(mobility, axis1=1, axis2=2).max(axis=0)
         behind = np.abs(friction).max(axis=0) > BEHIND * self.stiffness * inertia
         return np.where(behind, friction, 0.0)
@@ -69,7 +72,11 @@ def loop_bandwidth(nominal: Robot, plant: Plant, plan: Trajectory) -> float:
     """Bandwidth that the worst joint's dead time and elasticity allow [rad/s]; the arm couples all loops."""
     period = float(plan.time[1] - plan.time[0])
     timely = PHASE_BUDGET / (0.5 * period + plant.delay)
-    inertia = np.diagonal(nominal.mass_matrix(plan.position[::50]), axis1=1, axis2=2).max(axis=0)
+    described, real = (
+        np.diagonal(robot.mass_matrix(plan.position[::50]), axis1=1, axis2=2).max(axis=0)
+        for robot in (nominal, plant.robot)
+    )
+    inertia = np.where(described > 0.0, described, real)
     return float(min(BANDWIDTH, timely.min(), (SOFTEST * np.sqrt(plant.stiffness / inertia)).min()))
 
 

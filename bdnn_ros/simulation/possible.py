@@ -1,13 +1,39 @@
-"""Effects that a simulation cannot have, and those that would never act in it."""
+"""Robots and effects that a simulation cannot have, and those that would never act in it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
+from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import RobotError, UsageError
 from bdnn_ros.readings import MOST
 from bdnn_ros.robot import Robot
+
+NOTHING = 1e-14
+"""An inertia of this share of the robot's largest is rounding."""
+
+
+def refuse_without_inertia(plant: Plant, poses: np.ndarray) -> None:
+    """Looks at what a plant's joints move at some poses, (N, n) [rad].
+
+    Raises:
+        RobotError: some joint moves nothing: any effort would do anything.
+    """
+    robot = plant.robot
+    geared = np.isfinite(plant.stiffness) | (plant.gap > 0.0)  # there the rotor is not the link's
+    sizes, directions = np.linalg.eigh(robot.mass_matrix(poses) - np.diag(geared * robot.armature))
+    worst = int(np.argmin(sizes[:, 0] / sizes[:, -1].clip(NOTHING)))
+    if sizes[worst, 0] > NOTHING * sizes[worst, -1]:
+        return
+    which = int(np.argmax(np.abs(directions[worst, :, 0])))
+    joint = robot.joints[which]
+    remedy = f"Give the links that {joint} moves an <inertial>"
+    if not geared[which]:
+        remedy += f", or the joint a rotor: --worn, or --effect armature@{joint}:armature=0.01"
+    raise RobotError(f"Nothing that {joint} moves has any inertia: no effort is right for it.", f"{remedy}.")
 
 
 def refuse_impossible(effects: Iterable[Installed], robot: Robot) -> None:

@@ -16,12 +16,15 @@ from bdnn_ros.simulation import sensors
 from bdnn_ros.simulation.control import Controller
 from bdnn_ros.simulation.excitation import Trajectory, fourier
 from bdnn_ros.simulation.integrator import Integrator
+from bdnn_ros.simulation.possible import refuse_without_inertia
 from bdnn_ros.simulation.sensors import Noise
 
 SLOWEST, FASTEST = 50.0, 2000.0
 """Rates that can be simulated [Hz]."""
 EPOCH = 1_600_000_000 * 10**9
 """Clock of every simulated recording at its start [ns]: the same seed gives the same bytes."""
+SPARSE = 50
+"""Of so many samples one is looked at for what the joints move."""
 LOST = 1.5
 """A joint this far off its plan is out of control [rad]."""
 
@@ -79,7 +82,7 @@ def simulate(
         progress: told (samples done, samples in all).
 
     Raises:
-        UsageError: duration or rate make no sense, or no motion keeps the limits.
+        UsageError: duration or rate make no sense, no motion keeps the limits, or a joint moves nothing.
         DataError: the controller lost the robot.
     """
     if plan is None:
@@ -90,6 +93,7 @@ def simulate(
     placed = tuple(effect.within(plant.duration) for effect in effects)
     for effect in placed:
         effect.install(plant)
+    refuse_without_inertia(plant, plan.position[::SPARSE])
     track = _moved(robot, plant, plan, progress)
     recording = _reported(
         robot, plant, plan, track, Noise() if noise is None else noise, np.random.default_rng([seed, 1])
@@ -112,7 +116,15 @@ def check(duration: float, rate: float) -> None:
 def _moved(
     nominal: Robot, plant: Plant, plan: Trajectory, progress: Progress | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Link position and velocity, motor position and velocity, and command at each sample."""
+    """Link position and velocity, motor position and velocity, and command at each sample.
+
+    Raises:
+        DataError: the controller lost the robot.
+    """
+    lost = DataError(
+        "The simulated robot lost its trajectory: the effects are too strong for its drives.",
+        "Use smaller effects, or a robot with higher effort limits.",
+    )
     controller = Controller(nominal, plant, plan)
     period = float(plan.time[1] - plan.time[0])
     first = controller.effort(0, plan.position[0], plan.velocity[0])
@@ -127,15 +139,15 @@ def _moved(
         command = controller.effort(sample, seen + plant.position_offset, speed)
         motors.seen(seen, speed)
         tracks[2][sample], tracks[3][sample], tracks[4][sample] = seen, speed, command
-        integrator.advance(time, acting.after(command))
+        if not np.abs(seen + plant.position_offset - plan.position[sample]).max() < LOST:
+            raise lost
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):  # what runs away is lost by the next sample
+                integrator.advance(time, acting.after(command))
+        except OverflowError:
+            raise lost from None
         if progress is not None and sample % 500 == 0:
             progress(sample, len(plan.time))
-    error = np.abs(tracks[2] + plant.position_offset - plan.position).max()
-    if not error < LOST:
-        raise DataError(
-            "The simulated robot lost its trajectory: the effects are too strong for its drives.",
-            "Use smaller effects, or a robot with higher effort limits.",
-        )
     return tracks[0], tracks[1], tracks[2], tracks[3], tracks[4]
 
 
