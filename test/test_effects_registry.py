@@ -102,6 +102,7 @@ def test_places_hold_where_the_specification_puts_it(spec):
         ("coulomb_friction@arm7_joint1", "leaves out coulomb"),
         ("coulomb_friction@arm7_joint1:coulomb=-1", "between 0 and inf"),
         ("coulomb_friction@arm7_joint1:coulomb=nan", "out of bounds"),
+        ("joint_elasticity@arm7_joint1:stiffness=0", "out of bounds"),
         ("coulomb_friction@arm7_joint1:coulomb=much", "not a number"),
         ("coulomb_friction@arm7_joint1:coulomb", "not key=value"),
         ("coulomb_friction@arm7_joint1:coulomb=1,coulomb=2", "given twice"),
@@ -162,3 +163,8 @@ def test_variants_are_found_by_name():
 def test_the_documentation_is_up_to_date():
     path = Path(__file__).parent.parent / "docs" / "effects.md"
     assert path.read_text(encoding="utf-8") == document(), "run python -m bdnn_ros.effects.document"
+
+
+def test_a_gear_of_a_desk_robot_may_be_soft():
+    """Its joints bear thousandths of a newton metre."""
+    assert parse_spec("joint_elasticity@arm7_joint7:stiffness=0.05", robot()).values["stiffness"] == 0.05

@@ -28,6 +28,8 @@ TELLING = 0.05
 NEVER_SCALED = ("start", "end", "mass", "nominal_mass", *POINT)
 CONTACT = 0.1
 """A hand pushes a link so far from its origin, along each axis [m]."""
+LEAST_STIFF = 1.0
+"""No gear of an arm that others lean on is softer [N·m/rad] ([N/m])."""
 LEAST_SCALED = 0.2
 """A link off by less is one of many that are."""
 
@@ -207,7 +209,7 @@ def _sensible(effect: Effect, values: dict[str, float], target: int, motion: Mot
         inertia = np.diagonal(motion.robot.mass_matrix(motion.position[::50]), axis1=1, axis2=2)[
             :, target
         ].max()
-        return bool(np.sqrt(values["stiffness"] / inertia) >= SOFTEST)
+        return values["stiffness"] >= LEAST_STIFF and bool(np.sqrt(values["stiffness"] / inertia) >= SOFTEST)
     if effect.name == "backlash":  # one that is never crossed is a wrong zero
         return bool(np.ptp(side(motion, target, values["crossing"])) > 0.0)
     if effect.name == "link_inertia":

@@ -34,7 +34,7 @@ class JointElasticity(Effect):
     name = "joint_elasticity"
     title = "joint elasticity"
     on = "joint"
-    parameters = (Parameter("stiffness", "N*m/rad", 1.0, plausible=(100.0, 20000.0)),)
+    parameters = (Parameter("stiffness", "N*m/rad", 1e-6, plausible=(100.0, 20000.0)),)
     equation = "rigid effort of (q - link load / stiffness) minus rigid effort of q"
     confused_with = ("backlash", "position_offset", "armature", "hysteresis")
     shown_by = "fast changes of load: high accelerations, and poses of very different gravity"
@@ -43,7 +43,7 @@ class JointElasticity(Effect):
     of_bodies = True
     of_load = True
     idealised = 0.05
-    coefficient_bounds = ((0.0, 1.0),)
+    coefficient_bounds = ((0.0, 1e6),)
 
     def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float]:
         return -float(motion.usual_inertia[target]), self._cutoff(motion, target, shape)
