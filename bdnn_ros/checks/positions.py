@@ -43,7 +43,7 @@ def in_other_units(signals: Signals, robot: Robot) -> Iterator[Remark]:
         if len(wide):
             joints = listed(signals.joints[k] for k in wide)
             cover, its, more = ("covers", "its", "") if len(wide) == 1 else ("cover", "their", ", and more")
-            saying = f"{joints} {cover} {covered[wide].min():.2g} times {its} whole range{more}"
+            saying = f"{joints} {cover} {_rounded(covered[wide].min())} times {its} whole range{more}"
             yield _told(joints, saying, its, unit)
         if len(quick):
             joints = listed(signals.joints[k] for k in quick)
@@ -74,3 +74,8 @@ def _told(joints: str, saying: str, its: str, unit: str) -> Remark:
         f"{saying}: {its} positions seem to be in {unit}.",
         "Let the driver report radians (metres), and check that this is the robot's description.",
     )
+
+
+def _rounded(value: float) -> str:
+    """A number of two digits at least, without an exponent."""
+    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
