@@ -48,15 +48,21 @@ class Course:
         if served is not None and served.number and isinstance(served.model, PhysicalModel):
             self.resumed, self._number = served.model, served.number
 
+    def _leave_behind(self, written: int, served: Served | None) -> None:
+        """As `skip`, and diagnose what comes from here on only: whatever it is in the samples before, trainers die of it."""
+        self.skip(written, served)
+        self.kept = self._trained = written
+        self._deaths = 0
+
     def died(self) -> None:
         """A trainer ended."""
         self._deaths += 1
 
     def advance(self, info: dict[str, Any]) -> bool:
         """Whether a version is one of this course, and new: not of a trainer that only catches up."""
-        self._deaths = 0
         if info["epoch"] != self.epoch or info["end"] <= self._trained:
             return False
+        self._deaths = 0  # it got over what others may have died of
         self._trained = int(info["end"])
         return True
 
@@ -70,8 +76,8 @@ class Course:
             served: what answers now.
             training: whether the trainer is to learn already.
         """
-        if self._deaths >= MOST_DEATHS:  # whatever it is in these samples: leave them behind
-            self.start = self.kept = self._trained = ring.written
+        if self._deaths >= MOST_DEATHS:
+            self._leave_behind(ring.written, served)
         elif self._deaths and not training:
             self.skip(ring.written, served)
         resumed, start = self.resumed, self.start
