@@ -22,6 +22,8 @@ from bdnn_ros.robot import Robot
 ARM = Robot.bundled("arm2")
 REAL = real_robot(ARM)
 OTHER = Robot.bundled("arm6")
+LONGER = Robot.from_urdf(ARM.urdf.replace('xyz="0 0 -0.26"', 'xyz="0 0 -0.52"'))
+"""With joints of the same names."""
 
 
 class Log(list):
@@ -55,11 +57,12 @@ def test_a_model_is_kept_where_it_was(tmp_path, session):
     assert [path.name for path in tmp_path.iterdir()] == ["model.bdnn"]
 
 
-@pytest.mark.parametrize("damaged", [False, True])
-def test_a_file_that_was_refused_is_kept(tmp_path, session, damaged):
+@pytest.mark.parametrize("first", ["other joints", "longer", "damaged"])
+def test_a_file_that_was_refused_is_kept(tmp_path, session, first):
     """What is learned goes to the next free name, is gone on from there, and the log says both."""
+    longer, damaged = first == "longer", first == "damaged"
     first, second = tmp_path / "model.bdnn", tmp_path / "model_2.bdnn"
-    save_model(first, nominal(OTHER))
+    save_model(first, nominal(LONGER if longer else OTHER))
     if damaged:
         first.write_bytes(first.read_bytes()[:100])
     before = first.read_bytes()

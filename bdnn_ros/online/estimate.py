@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bdnn_ros.dynamics import Dynamics
-from bdnn_ros.online.feed import Samples
+from bdnn_ros.online.feed import Feed, Samples
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.signals import SAMPLES_PER_CUTOFF, usual_cutoff
@@ -142,6 +142,12 @@ class Smoother:
     def count(self) -> int:
         """Samples that `at` needs at least; 0 before `settle`."""
         return int(np.ceil((2 * self._half + 1) * self._step / self._period)) + 3 if self._period else 0
+
+    def newest(self, feed: Feed, period: float) -> Instant | None:
+        """As `at`, of a stream of this period [s]; None too while it is too short."""
+        self.settle(period)
+        samples, stamps = feed.latest(self.count)
+        return self.at(samples, stamps) if len(samples) >= self.count else None
 
     def at(self, samples: Samples, stamps: np.ndarray) -> Instant | None:
         """Motion at the newest stamp that has half a kernel behind and before it, or None.

@@ -17,6 +17,7 @@ from bdnn_ros.online.course import Course
 from bdnn_ros.online.estimate import Instant, Smoother
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
+from bdnn_ros.online.likeness import require_arm
 from bdnn_ros.online.models import Model, build_model, load_model, save_model
 from bdnn_ros.online.order import require_joints
 from bdnn_ros.online.requests import Requests
@@ -182,10 +183,7 @@ class Session:
         """Low-passed motion at the newest stamp that allows it; None while there is none."""
         if self._feed is None or self.intake is None or self.intake.clock.period <= 0.0:
             return None
-        self._smoother.settle(self.intake.clock.period * 1e-9)
-        count = self._smoother.count
-        samples, stamps = self._feed.latest(count)
-        return self._smoother.at(samples, stamps) if len(samples) >= count else None
+        return self._smoother.newest(self._feed, self.intake.clock.period * 1e-9)
 
     # -- requests ----------------------------------------------------------------------------------
 
@@ -237,10 +235,10 @@ class Session:
         return self._files.submit(self.load_now, path)
 
     def read(self, path: Path) -> Model:
-        """A model of the joints in use, whatever their order; raises UsageError while these are not known."""
-        model = load_model(path)
-        known = with_mimics(Robot.from_urdf(self.description.urdf)) if self.description else ()
-        require_joints(model, self.known().joints, known, path.name)
+        """A model of this robot and the joints in use, whatever their order; raises UsageError while these are not known."""
+        model, robot = load_model(path), self.known()
+        require_joints(model, robot.joints, with_mimics(Robot.from_urdf(robot.urdf)), path.name)
+        require_arm(model, robot, path.name)
         return model
 
     def load_now(self, path: Path) -> Model:
