@@ -205,6 +205,17 @@ def test_what_cannot_be_written_is_said(tmp_path, session):
     assert Path(blocked).read_text() == "a file"
 
 
+def test_a_directory_that_cannot_be_looked_at_is_said(tmp_path, session):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    log = Log()
+    kept = Kept(str(loop), session, log)
+    kept.resume()
+    kept.save()
+    assert len(log) == 2 and all("cannot be looked at (Symlink loop)" in line for line in log)
+    assert session.served.number == 0
+
+
 def test_a_model_of_joints_that_the_parameter_leaves_out_says_what_to_set(tmp_path):
     path = save_model(tmp_path, nominal(ARM))
     session = Session(Settings(capacity=1000))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import socket
@@ -342,6 +343,27 @@ def test_a_model_is_found_as_a_file_and_in_a_directory(tmp_path):
     for name in "out", "out.bdnn":
         with pytest.raises(UsageError, match="leads out of model_directory"):
             model_to_load(str(tmp_path), name)
+
+
+def test_links_that_go_round_and_closed_directories_are_refused(tmp_path, monkeypatch):
+    (tmp_path / "round").symlink_to(tmp_path / "round")
+    for name in "round", "round/x", "round/x.bdnn":
+        for place in model_place, model_to_load:
+            with pytest.raises(UsageError, match=r"cannot be looked at \(Symlink loop\)\. Check permissions"):
+                place(str(tmp_path), name)
+    with pytest.raises(UsageError, match="cannot be looked at"):
+        model_place(str(tmp_path / "round"), "")
+
+    def closed(path):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(Path, "exists", closed)  # whoever runs this may be root, to whom nothing is closed
+    for name in "", "x", "x.bdnn":
+        with pytest.raises(UsageError, match=r"cannot be looked at \(Permission denied\)"):
+            model_to_load(str(tmp_path), name)
+    monkeypatch.setattr(Path, "is_dir", closed)
+    with pytest.raises(UsageError, match=r"cannot be looked at \(Permission denied\)"):
+        model_place(str(tmp_path), "x.bdnn")
 
 
 @pytest.mark.parametrize("directory", ["file", "file/below", "/proc/nothing", "~nobody-here/models"])

@@ -12,7 +12,7 @@ from typing import Any
 from bdnn_ros.bdnn.modelfile import SUFFIX
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.models import Model
-from bdnn_ros.online.places import model_place
+from bdnn_ros.online.places import looking_at, model_place
 from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session
 from bdnn_ros.physical.model import PhysicalModel
@@ -69,7 +69,12 @@ class Kept:
     def _look(self, early: bool = False) -> bool:
         """As `resume`; says whether there is one, but early, why there is none: fewer joints may come into use."""
         refused: list[str] = []
-        for path in self._existing():
+        try:
+            existing = self._existing()
+        except BdnnError as error:
+            self._logger().error(str(error))
+            return False
+        for path in existing:
             try:
                 model = self._session.load_now(path)
             except BdnnError as error:
@@ -141,7 +146,9 @@ class Kept:
         start = f"{first.stem}_"
         endings = [path.stem.removeprefix(start) for path in first.parent.glob(f"{start}*{SUFFIX}")]
         numbers = sorted({int(ending) for ending in endings if ending.isdecimal()} - {0, 1})
-        return [path for path in (first, *(_numbered(first, n) for n in numbers)) if path.exists()]
+        paths = (first, *(_numbered(first, n) for n in numbers))
+        with looking_at(str(first.parent)):
+            return [path for path in paths if path.exists()]
 
     def _free(self) -> Path:
         """The first name that no file has."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from bdnn_ros.bdnn import modelfile
@@ -25,11 +27,30 @@ def make_directory(directory: str) -> None:
         with tempfile.TemporaryFile(dir=root):
             pass
     except (OSError, RuntimeError) as error:  # RuntimeError: ~ of a user that does not exist
-        reason = getattr(error, "strerror", None) or error
         raise UsageError(
-            f"Models cannot be written to model_directory {directory} ({reason}).",
+            f"Models cannot be written to model_directory {directory} ({_reason(error)}).",
             "Set it to a directory that can be written to, or leave it empty to keep none.",
         ) from None
+
+
+@contextmanager
+def looking_at(what: str) -> Iterator[None]:
+    """Ask the file system for something; what it does not tell is refused.
+
+    Raises:
+        UsageError: a directory on the way is closed, links go round, and the like.
+    """
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # RuntimeError: links that go round
+        raise UsageError(
+            f"{what} cannot be looked at ({_reason(error)}).",
+            "Check permissions and links in model_directory.",
+        ) from None
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error).partition(" from ")[0].rstrip(".")
 
 
 def model_to_load(directory: str, name: str) -> Path:
@@ -39,10 +60,11 @@ def model_to_load(directory: str, name: str) -> Path:
         UsageError: as `model_place`.
     """
     place = model_place(directory, name)
-    if name and not name.endswith(SUFFIX) and not place.exists():
+    with looking_at(repr(name) if name else str(place)):
+        if place.exists() or not name or name.endswith(SUFFIX):
+            return place
         beside = model_place(directory, f"{name}{SUFFIX}")
         return beside if beside.exists() else place
-    return place
 
 
 def model_place(directory: str, name: str) -> Path:
@@ -51,11 +73,12 @@ def model_place(directory: str, name: str) -> Path:
     A name that ends in `.bdnn` is the file's own, unless there is a directory of that name.
 
     Raises:
-        UsageError: no directory is set, or the name would leave it.
+        UsageError: no directory is set, the name would leave it, or what is there cannot be looked at.
     """
     if not directory:
         raise UsageError("The parameter model_directory is not set.", "Set it to keep models.")
-    root = Path(directory).expanduser().resolve()
+    with looking_at(f"The model_directory {directory}"):
+        root = Path(directory).expanduser().resolve()
     if not name:
         return root / FILE_NAME
     parts = name.split("/")
@@ -66,7 +89,9 @@ def model_place(directory: str, name: str) -> Path:
         raise UsageError(
             f"{name[:LONGEST_NAME]!r} is not a name inside model_directory.", "Use a plain name."
         )
-    place = modelfile.model_place(root.joinpath(*parts))
-    if root not in place.resolve().parents:  # a link may lead out
+    with looking_at(repr(name)):
+        place = modelfile.model_place(root.joinpath(*parts))
+        inside = root in place.resolve().parents
+    if not inside:  # a link may lead out
         raise UsageError(f"{name!r} leads out of model_directory.", "Use a plain name.")
     return place
