@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.online.models import load_model, save_model
-from bdnn_ros.online.serving import Settings, nominal
+from bdnn_ros.online.serving import LEARNED_HERE, Settings, nominal
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
@@ -100,6 +101,31 @@ def test_what_was_learned_is_not_lost_to_another_kind_that_serves_at_the_end(tmp
     assert load_model(learned).kind == "physical" and load_model(other).kind == "bdnn"
 
 
+def learn(session: Session, path: Path) -> None:
+    """As if the model of a file had been learned from the stream."""
+    session.load_now(path)
+    session.served = replace(session.served, origin=LEARNED_HERE)
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_a_trial_that_was_loaded_does_not_take_the_place_of_what_is_kept(tmp_path, session, training):
+    path, trial = save_model(tmp_path, nominal(ARM)), save_model(tmp_path / "trial", nominal(REAL))
+    before = path.read_bytes()
+    session.set_training(training)
+    log = Log()
+    kept = Kept(str(tmp_path), session, log)
+    kept.resume()
+    session.load_now(trial)
+    kept.save_meanwhile()
+    session._files.submit(int).result()
+    kept.save()
+    assert path.read_bytes() == before and log[1:] == []
+    learn(session, trial)
+    kept.save_meanwhile()
+    session._files.submit(int).result()
+    assert path.read_bytes() != before
+
+
 def test_what_was_learned_meanwhile_is_kept_once(tmp_path, session):
     log = Log()
     kept = Kept(str(tmp_path), session, log)
@@ -113,9 +139,9 @@ def test_what_was_learned_meanwhile_is_kept_once(tmp_path, session):
         return written
 
     assert not kept_meanwhile()  # the description serves: nothing was learned
-    session.load_now(save_model(tmp_path / "other", nominal(ARM)))
+    learn(session, save_model(tmp_path / "other", nominal(ARM)))
     assert kept_meanwhile() and not kept_meanwhile() and log == []
-    session.load_now(tmp_path / "other")
+    learn(session, tmp_path / "other")
     (tmp_path / "blocked").write_text("a file")
     Kept(str(tmp_path / "blocked"), session, log).save_meanwhile()
     session.save(lambda: tmp_path / "after.bdnn").result()
@@ -145,7 +171,7 @@ def test_what_cannot_be_saved_meanwhile_is_tried_again(tmp_path, session):
     (tmp_path / "models").write_text("a file, as where a disk is not there yet")
     log = Log()
     kept = Kept(str(tmp_path / "models"), session, log)
-    session.load_now(save_model(tmp_path / "other", nominal(ARM)))
+    learn(session, save_model(tmp_path / "other", nominal(ARM)))
     for _ in range(2):
         kept.save_meanwhile()
         session._files.submit(int).result()
@@ -158,7 +184,7 @@ def test_what_cannot_be_saved_meanwhile_is_tried_again(tmp_path, session):
 
 def test_networks_that_are_loaded_while_a_save_waits_are_not_saved_in_its_place(tmp_path, session):
     path = tmp_path / "model.bdnn"
-    session.load_now(save_model(tmp_path / "other", nominal(ARM)))
+    learn(session, save_model(tmp_path / "other", nominal(ARM)))
     wait = threading.Event()
     session._files.submit(wait.wait)  # a slow disk
     Kept(str(tmp_path), session, Log()).save_meanwhile()

@@ -97,7 +97,7 @@ class Kept:
     def save_meanwhile(self) -> None:
         """Keep what was learned since the last time, without waiting for the disk: who ends without an end loses no more."""
         served = self._session.served
-        if served is None or not self._keeps(served) or served.number == 0 or served is self._saved:
+        if served is None or not self._keeps(served) or not served.learned or served is self._saved:
             return
         model = served.model  # by the time of writing another may serve, which is not to be kept
         writing = self._session.save(lambda: self.place(model), model)
@@ -114,11 +114,14 @@ class Kept:
             self._logger().error(str(error))
 
     def save(self) -> None:
-        """Keep what was learned at the end."""
-        if not self._keeps(self._session.served):
+        """Keep what was learned at the end, or what was loaded where nothing is kept yet."""
+        served = self._session.served
+        if not self._keeps(served):
             return
         try:
-            self._logger().info(f"model saved to {self._session.save_now(self.place())}")
+            place = self.place()
+            if served is None or served.learned or served.origin == str(place) or not place.exists():
+                self._logger().info(f"model saved to {self._session.save_now(place)}")
         except BdnnError as error:
             self._logger().error(str(error))
 

@@ -18,6 +18,8 @@ from bdnn_ros.physical.parameters import prior
 from bdnn_ros.robot import Robot
 
 COMMANDED, MEASURED = "command", "measured"
+LEARNED_HERE = "this stream"
+"""Origin of what was learned from the stream."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,11 @@ class Served:
     def __post_init__(self) -> None:
         if not self.joints:
             object.__setattr__(self, "joints", tuple(self.model.joints))
+
+    @property
+    def learned(self) -> bool:
+        """Whether it was learned from the stream, not only loaded or described."""
+        return self.origin == LEARNED_HERE
 
     @cached_property
     def _there(self) -> np.ndarray:

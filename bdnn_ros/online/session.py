@@ -21,7 +21,7 @@ from bdnn_ros.online.likeness import require_arm
 from bdnn_ros.online.models import Model, build_model, load_model, save_model
 from bdnn_ros.online.order import require_joints
 from bdnn_ros.online.requests import Requests
-from bdnn_ros.online.serving import COMMANDED, Counts, Served, Settings, nominal
+from bdnn_ros.online.serving import COMMANDED, LEARNED_HERE, Counts, Served, Settings, nominal
 from bdnn_ros.online.supervisor import Supervisor
 from bdnn_ros.online.watch import Watch
 from bdnn_ros.physical.model import PhysicalModel
@@ -315,4 +315,4 @@ class Session:
             return
         model = build_model(info["kind"], message.arrays, info["model"])
         number, samples = int(info["number"]), int(info["samples"])
-        self.served = Served(model, number, time.monotonic(), samples, "this stream")
+        self.served = Served(model, number, time.monotonic(), samples, LEARNED_HERE)
