@@ -327,3 +327,25 @@ def test_a_base_that_leans_is_found_however_long_the_recording_is(monkeypatch):
     model = identifier.fit([motion(leaning, 16.0, noise=0.003)])
     assert len(identifier._kept) < identifier.chunks and model.leans
     np.testing.assert_allclose(model.robot.gravity_vector, leaning.gravity_vector, atol=0.02)
+
+
+def test_it_beats_at_every_step_of_what_takes_long():
+    """Of many joints, one choice of terms takes minutes: whoever watches must not take that for a hang."""
+    arm = Robot.bundled("arm2")
+    recording, beats = motion(arm, 14.0, noise=0.01), [0]
+
+    def beat() -> None:
+        beats[0] += 1
+
+    identifier = Identifier(arm, settle_at=8, beat=beat)
+    steps = []
+    for rows in np.array_split(np.arange(len(recording)), 56):
+        before, chunks = beats[0], identifier.chunks
+        identifier.feed(recording.time[rows], recording.position[rows], recording.effort[rows])
+        if identifier.chunks > chunks:
+            steps.append(beats[0] - before)
+    assert max(steps) > 8 and min(steps) >= 1, steps
+    other, before = identifier.restarted(identifier.belief), beats[0]
+    assert len(recording) == identifier.samples
+    other.finish()
+    assert beats[0] > before

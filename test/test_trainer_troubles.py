@@ -13,6 +13,7 @@ from live_support import motion, real_robot
 
 from bdnn_ros.errors import UpdateRejected, UsageError
 from bdnn_ros.online import learning
+from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.learning import Learning
@@ -165,3 +166,13 @@ def test_after_a_reset_nothing_was_missed_yet(beside):
 
 def _columns(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return recording.time, recording.position, recording.require_effort()
+
+
+@pytest.mark.parametrize("beside", [5.0], indirect=True)
+def test_what_takes_long_is_no_silence(beside, monkeypatch):
+    """The trainer gives signs of life between the chunks of one batch, too."""
+    beats: list[Ring] = []
+    monkeypatch.setattr(Ring, "beat", lambda ring: beats.append(ring))
+    beside.begin()
+    beside.send(motion(REAL, 4.5, 100.0), 10**18)
+    assert beside.trainer._learn() and len(beats) >= 1 + 3

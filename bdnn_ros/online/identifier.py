@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
-from bdnn_ros.errors import RecordingError, UpdateRejected, UsageError
+from bdnn_ros.diagnosis.lateness import in_time
+from bdnn_ros.errors import UpdateRejected, UsageError
 from bdnn_ros.online.chunks import Chunks
+from bdnn_ros.online.recorded import stretches, usual_lateness
 from bdnn_ros.physical.dictionary import Scales
 from bdnn_ros.physical.handover import physical_model
 from bdnn_ros.physical.model import PhysicalModel
@@ -23,7 +24,7 @@ from bdnn_ros.physical.structure import Layout, Structure, layout, straightened,
 from bdnn_ros.physical.sums import Motion, Sums
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.signals import Signals
 
 MOST_KEPT = 300
 """Chunks of motion kept to be gone through again; what later ones say is only summed up."""
@@ -56,6 +57,7 @@ class Identifier:
         spread: how far the real robot may be from the prior.
         belief: what is known already, instead of the robot and the spread.
         settle_at: chunks after which the motion is gone through for the first time.
+        beat: called at every step of what takes long.
 
     Attributes:
         robot: the prior, set up as far as that is known.
@@ -75,6 +77,7 @@ class Identifier:
         spread: Spread | None = None,
         belief: Prior | None = None,
         settle_at: int = FIRST_SETTLED,
+        beat: Callable[[], None] = lambda: None,
     ) -> None:
         self.robot = self._described = robot
         self.belief = belief or prior(robot, spread)
@@ -85,6 +88,7 @@ class Identifier:
         self.chunks = 0
         self.latest: tuple[Signals, np.ndarray] | None = None
         self.rejected: list[str] = []
+        self._beat = beat
         self._stream = Chunks(robot.joints, cutoff)
         self.sums = Sums(robot, self.belief, self.scales)
         self._straight: tuple[np.ndarray, ...] = ()
@@ -142,14 +146,14 @@ class Identifier:
                     f"{recording.name} has other joints than the robot.", "Select the robot's joints."
                 )
             recording.require_effort()
-        late = self._lateness(recordings)
+        late = usual_lateness(recordings, self.robot, self._stream.asked)
         recordings = in_time(recordings, late)
         total = sum(recording.duration for recording in recordings) or 1.0
         done = 0.0
         self._settle_at = NEVER  # once is enough, at the end
         for recording in recordings:
             effort = recording.require_effort()
-            for rows in _stretches(recording, LONG_PAUSE):
+            for rows in stretches(recording, LONG_PAUSE):
                 if rows.start and recording.time[rows.start] - recording.time[rows.start - 1] > LONG_PAUSE:
                     self.finish()
                 self.feed(recording.time[rows], recording.position[rows], effort[rows])
@@ -166,16 +170,6 @@ class Identifier:
         if progress:
             progress(1.0, "done")
         return replace(model, lead=model.lead - late.delay, lag=late.lag)
-
-    def _lateness(self, recordings: Sequence[Recording]) -> Lateness:
-        """How late the efforts of recordings are, the median one; not at all where they are too short to tell."""
-        found = []
-        for recording in recordings:
-            try:
-                found.append(lateness(prepare(recording, self._stream.asked), self.robot))
-            except RecordingError:
-                continue
-        return sorted(found, key=lambda late: late.total)[len(found) // 2] if found else Lateness()
 
     # -- models out ------------------------------------------------------------------------------
 
@@ -217,7 +211,7 @@ class Identifier:
             return
         left = sums.recursion.solve(self.parameter_layout, ITERATIONS).noise
         if (left < LEARNED * sums.usual).any():
-            sums.again(self._kept, left)
+            self._sum_again(left)
             self._choose(plain, posterior.layout, bodies)
 
     def set_up(self) -> None:
@@ -238,14 +232,25 @@ class Identifier:
         if self.robot is not self._described or (self.sums.usual != noise).any():
             self.robot = self._described
             self.sums.take_for(self.robot)
-            self.sums.again(self._kept, noise)
+            self._sum_again(noise)
 
     def _take_for(self, posterior: Posterior, structure: Structure) -> None:
         """Sum all motion anew about the robot that is known by now."""
         known = physical_model(self.robot, posterior, structure, self.scales).robot
         self.robot = self.robot.set_up_as(known)
         self.sums.take_for(known)
-        self.sums.again(self._kept, posterior.noise)
+        self._sum_again(posterior.noise)
+
+    def _sum_again(self, usual: np.ndarray) -> None:
+        """Sum all motion anew, with what its residual usually is, (n,) [N·m]."""
+
+        def one_by_one() -> Iterator[Motion]:
+            for motion in self._kept:
+                self._beat()
+                yield motion
+
+        self.sums.again(one_by_one(), usual)
+        self._beat()
 
     def _as_set_up(self, whole: bool) -> tuple[Structure, Posterior]:
         """Nothing but bodies, rotors and friction, and of the setup what motion surely shows; what is unknown of that stays
@@ -261,6 +266,7 @@ class Identifier:
 
     def _choose(self, plain: Structure, without: Layout, bodies: np.ndarray | None) -> None:
         """Settle which terms are on; by the layout without any the noise of the evidence was estimated."""
+        self._beat()
         moves = self.sums.fast.any(axis=(1, 2))
         kinds: list[int] = np.where(moves, 1 + self.robot.slides, 0).tolist()
         structure = choose(self.sums.evidence, plain, without, kinds, bodies)
@@ -274,7 +280,7 @@ class Identifier:
 
     def restarted(self, belief: Prior) -> Identifier:
         """An identifier that goes on with this stream, but knows only this much of the robot."""
-        other = Identifier(self.robot, belief=belief, settle_at=self._settle_first)
+        other = Identifier(self.robot, belief=belief, settle_at=self._settle_first, beat=self._beat)
         other.version, other.samples, other.chunks = self.version, self.samples, self.chunks
         other._stream, other._state, other.rejected = self._stream, self._state, self.rejected
         return other
@@ -282,6 +288,7 @@ class Identifier:
     # -- chunks ----------------------------------------------------------------------------------
 
     def _take_in(self, chunk: tuple[Signals, np.ndarray] | None) -> None:
+        self._beat()
         self.chunks += 1
         if chunk is None:
             self._state = None
@@ -310,10 +317,3 @@ class Identifier:
         if self._state is None or not self._state[0][0] <= time <= self._state[0][-1]:
             return None
         return self._state[1].at(int(np.searchsorted(self._state[0], time, side="right")) - 1)
-
-
-def _stretches(recording: Recording, seconds: float) -> list[slice]:
-    """Rows of the recording in stretches of time."""
-    number = np.floor((recording.time - recording.time[0]) / seconds)
-    bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(recording)]
-    return [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +81,7 @@ class Learning:
         cutoff: of the low-pass [Hz], None chooses by the rate.
         resume: a model of the robot to go on from, instead of the robot description; its joints in any order.
         number: of the version before the first.
+        beat: called at every step of what takes long.
 
     Attributes:
         served: the last version handed over, or None.
@@ -95,6 +96,7 @@ class Learning:
         cutoff: float | None = None,
         resume: PhysicalModel | None = None,
         number: int = 0,
+        beat: Callable[[], None] = lambda: None,
     ) -> None:
         self._before: Dynamics = robot if resume is None else resume
         self._number = number
@@ -102,7 +104,7 @@ class Learning:
         if resume is not None:
             known = belief(resume, robot)
             robot = robot.set_up_as(resume.robot)
-        self.identifier = Identifier(robot, cutoff, belief=known, settle_at=SETTLE_AT)
+        self.identifier = Identifier(robot, cutoff, belief=known, settle_at=SETTLE_AT, beat=beat)
         self.served: Version | None = None
         self.errors: list[Error] = []
         self.rejected = self.identifier.rejected

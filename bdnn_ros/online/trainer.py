@@ -184,7 +184,10 @@ class Trainer:
             settings.convention(self.robot),
             int(info["kept"]),
         )
-        self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]))
+        beat = (
+            self.feed.states.beat
+        )  # of many joints, one choice of terms takes longer than a trainer may be silent
+        self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]), beat)
         self.analyst.begin(self.robot, self.feed, info)
         self.say(Message("begun", {"epoch": self.epoch}))
 

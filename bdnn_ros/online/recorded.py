@@ -1,0 +1,31 @@
+"""What identification asks of recordings before it takes in their samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.diagnosis.lateness import Lateness, lateness
+from bdnn_ros.errors import RecordingError
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+
+
+def stretches(recording: Recording, seconds: float) -> list[slice]:
+    """Rows of the recording in stretches of time."""
+    number = np.floor((recording.time - recording.time[0]) / seconds)
+    bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(recording)]
+    return [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+
+
+def usual_lateness(recordings: Sequence[Recording], robot: Robot, cutoff: float | None) -> Lateness:
+    """How late the efforts of recordings are, the median one; not at all where they are too short to tell."""
+    found = []
+    for recording in recordings:
+        try:
+            found.append(lateness(prepare(recording, cutoff), robot))
+        except RecordingError:
+            continue
+    return sorted(found, key=lambda late: late.total)[len(found) // 2] if found else Lateness()
