@@ -76,3 +76,24 @@ def test_where_nothing_was_learned_the_robot_description_is_gone_on_from(ring):
         course.died()
     told = introduced(course, ring, number=0)
     assert told["start"] == 5000 and told["number"] == 0 and "resume" not in told
+
+
+def change(course: Course, end: int) -> bool:
+    return course.tells({"epoch": course.epoch, "end": end, "diagnosis": {}})
+
+
+def test_a_change_is_told_once_however_often_trainers_catch_up(course):
+    """Of several at once each is; one that was told right before a trainer died is not new either."""
+    assert change(course, 4100) and change(course, 4100)
+    for _ in range(2):
+        course.died()
+        assert not change(course, 3000) and not change(course, 4100)
+        assert course.tells({"epoch": course.epoch, "diagnosis": {}}), "a diagnosis is new"
+    assert change(course, 4101)
+    course.begin(500, 0)
+    assert change(course, 600) and not course.tells({"epoch": course.epoch - 1, "end": 9000})
+
+
+def test_a_change_in_what_was_not_seen_is_told_by_the_next_trainer(course):
+    course.died()
+    assert not change(course, 4000) and change(course, 4001)

@@ -15,7 +15,7 @@ from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.models import save_model
-from bdnn_ros.online.serving import Settings, nominal
+from bdnn_ros.online.serving import Counts, Settings, nominal
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
 
@@ -94,6 +94,22 @@ def test_training_that_was_switched_off_stays_off(session, models):
     assert not introduced(session)["training"]
     session.set_training(True)
     assert introduced(session)["training"]
+
+
+@pytest.mark.parametrize("anew", ["reset", "description", "joints"])
+def test_what_was_counted_of_the_robot_before_is_forgotten(session, anew):
+    """A corrected description answered, and /diagnostics went on saying what was wrong with the one before."""
+    told = {"request": 0, "epoch": session._course.epoch, "error": "The wrong sign.", "unlike": True}
+    session._hear(Message("findings", told))
+    session._hear(Message("rejected", {"reason": "errs"}))
+    assert session.counts.unlike and session.counts.updates_rejected == 1
+    if anew == "reset":
+        session.reset()
+    elif anew == "description":
+        session.set_robot(OTHER)
+    else:
+        session.begin(ARM.joints[:1])
+    assert session.counts == Counts() and session.forgotten == 1
 
 
 def learned(session: Session, number: int) -> None:

@@ -55,12 +55,14 @@ class Change:
         rivals: others within `APART` of it.
         finding: as in the contract's diagnosis.json, with the time [s] on the stream's clock.
         belief: what is known of the robot after it.
+        seen: end of the motion that told it, on the stream's clock [s].
     """
 
     explanation: Explanation
     rivals: tuple[Explanation, ...]
     finding: dict[str, Any]
     belief: Prior
+    seen: float
 
 
 class Monitor:
@@ -160,7 +162,8 @@ class Monitor:
         found, belief = told
         before = self._drift.reference + found[0].mean
         self._start_over(belief)
-        return tuple(Change(each, (), finding(self.scene, each, (), before), belief) for each in found)
+        seen = float(signals.time[rows[-1]])
+        return tuple(Change(each, (), finding(self.scene, each, (), before), belief, seen) for each in found)
 
     def _start_over(self, belief: Prior) -> None:
         """The robot is another now: nothing is usual yet."""
@@ -203,7 +206,9 @@ class Monitor:
             return None
         spread = 0.5 * (best.spread + best.spread.T)
         belief = Prior(mean + best.mean, spread, self.scene.scale)
-        return Change(best, rivals, finding(self.scene, best, rivals, mean), belief)
+        signals, rows = window[-1]
+        seen = float(signals.time[rows[-1]])
+        return Change(best, rivals, finding(self.scene, best, rivals, mean), belief, seen)
 
     def _is_push(self, found: Explanation, now: float) -> bool:
         """Whether it is too strong and too long for a jolt of the robot's own, and over: a payload stays."""

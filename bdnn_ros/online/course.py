@@ -29,7 +29,7 @@ class Course:
         self.start = self.kept = 0
         self.resumed: PhysicalModel | None = None
         self._number = 0
-        self._trained = 0
+        self._trained = self._told = self._repeated = 0
         self._deaths = 0
 
     def begin(
@@ -37,7 +37,7 @@ class Course:
     ) -> None:
         """Begin anew with the sample `start`, after the version `number`; diagnoses look back to `kept`."""
         self.epoch += 1
-        self.start = self._trained = start
+        self.start = self._trained = self._told = self._repeated = start
         self.kept = start if kept is None else kept
         self._number, self.resumed = number, resumed
         self._deaths = 0
@@ -55,8 +55,9 @@ class Course:
         self._deaths = 0
 
     def died(self) -> None:
-        """A trainer ended."""
+        """A trainer ended; the next one goes through what this one had seen again."""
         self._deaths += 1
+        self._repeated = max(self._trained, self._told)
 
     def advance(self, info: dict[str, Any]) -> bool:
         """Whether a version is one of this course, and new: not of a trainer that only catches up."""
@@ -65,6 +66,15 @@ class Course:
         self._deaths = 0  # it got over what others may have died of
         self._trained = int(info["end"])
         return True
+
+    def tells(self, info: dict[str, Any]) -> bool:
+        """Whether findings are of this course, and new: no change that a trainer before has told already."""
+        if info["epoch"] != self.epoch:
+            return False
+        if "end" not in info:  # a diagnosis
+            return True
+        self._told = max(self._told, int(info["end"]))
+        return int(info["end"]) > self._repeated
 
     def introduction(
         self, ring: Ring, served: Served | None, training: bool

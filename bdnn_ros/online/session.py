@@ -123,7 +123,7 @@ class Session:
             self.robot, self._feed = robot, feed
             self.intake = Intake(joints, states, needs_effort=not commanded)
             self.commands = CommandIntake(joints, commands) if commands else None
-            self.counts, self.watch = Counts(), Watch()
+            self.watch = Watch()
             self.supervisor.ring = states
             self._begin_again(0, self._course.resumed)
 
@@ -204,7 +204,6 @@ class Session:
         robot = self.known()
         with self._turn:
             self.served = Served(nominal(robot), 0, time.monotonic())
-            self.counts = Counts()
             self._forget()
             self._begin_again(self._written)
 
@@ -255,6 +254,7 @@ class Session:
 
     def _forget(self) -> None:
         self.findings.clear()
+        self.counts = Counts()
         self.forgotten += 1
 
     def _begin_again(self, start: int, resumed: PhysicalModel | None = None, kept: int | None = None) -> None:
@@ -294,7 +294,7 @@ class Session:
             self.counts.trouble = str(info["reason"])
         elif message.kind == "findings":
             with self._turn:
-                if info["epoch"] == self._course.epoch:  # else it is of what was given up since
+                if self._course.tells(info):  # else it is of what was given up since, or old
                     self._take_note(message)
         elif message.kind == "lost":
             if info["ran"]:  # else it is not the samples that it died of

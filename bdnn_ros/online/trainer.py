@@ -121,7 +121,7 @@ class Trainer:
                     "model": info,
                     "number": version.number,
                     "samples": version.samples,
-                    "end": self._end(version),
+                    "end": self._end(version.time),
                     "epoch": self.epoch,
                     "missed": self._missed,
                 },
@@ -129,11 +129,11 @@ class Trainer:
             )
         )
 
-    def _end(self, version: Version) -> int:
-        """Number of the first sample the version has not seen."""
+    def _end(self, time: float) -> int:
+        """Number of the first sample after a moment of stream time [s]: what was known then has not seen it."""
         assert self.feed is not None
         states = self.feed.states
-        return states.first_after(states.origin + round(version.time * 1e9))
+        return states.first_after(states.origin + round(time * 1e9))
 
     def _tell_rejected(self) -> None:
         assert self.learning is not None
@@ -151,7 +151,7 @@ class Trainer:
             if change.explanation.kind != "push":
                 self.analyst.since = change.explanation.start
             finding = with_stamps(change.finding, self.feed.states)
-            told = {"diagnosis": self.analyst.with_change(finding)}
+            told = {"diagnosis": self.analyst.with_change(finding), "end": self._end(change.seen)}
             self.say(Message("findings", {"request": 0, "epoch": self.epoch, **told}))
         self.learning.changes.clear()
 
