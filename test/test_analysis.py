@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.online.analysis import Analyst, with_stamps
+from bdnn_ros.online.analysis import Analyst, diagnosis_with_stamps, with_stamps
 from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.feed import Feed
@@ -59,7 +59,7 @@ def test_times_of_a_diagnosis_are_the_publisher_s_stamps(monkeypatch):
         stamp = begun + row * 10_000_000
         intake.take(list(ARM.joints), [0.1 * row, 0.0], [0.0, 0.0], [0.0, 0.0], stamp, stamp)
     times = {"start": {"value": 1.5}, "end": {"value": 3.0}, "force_x": {"value": 7.0}}
-    found = {"effect": "external_wrench", "share": 0.5, "parameters": times}
+    found = {"sentence": "", "effect": "external_wrench", "share": 0.5, "parameters": times}
     diagnosis = {"verdict": "explained", "findings": [found], "gain": {"value": 0.5}, "advice": []}
     monkeypatch.setattr(Analyst, "_answer", lambda self, asked: {"diagnosis": diagnosis})
     analyst = Analyst(said.put)
@@ -101,7 +101,27 @@ def test_a_time_whose_sample_is_no_longer_kept_is_told_as_it_was(kind):
     write(ring, 0, 1000)
     oldest = 0.01 * ring.oldest
     times = {"start": {"value": 1.0, "std": 0.1}, "end": {"value": oldest, "std": 0.1}}
-    told = with_stamps({"effect": "payload", "parameters": times}, ring)["parameters"]
+    told = with_stamps({"effect": "payload", "parameters": times, "sentence": ""}, ring)["parameters"]
     assert told["start"]["value"] == pytest.approx(BEGUN_AT * 1e-9 + 1.0, rel=0, abs=1e-5)
     assert told["end"]["value"] == pytest.approx(BEGUN_AT * 1e-9 + oldest, rel=0, abs=1e-5)
+    ring.close()
+
+
+def test_sentences_tell_the_same_times_as_the_values():
+    """An operator who looked for 8.2 s in a bag of wall-clock stamps found nothing there."""
+    ring = Ring.create(2000, 1)
+    write(ring, 0, 1000)
+    push = {"start": {"value": 8.2, "std": 0.1}, "end": {"value": 9.41, "std": 0.1}}
+    sentence = "Something pushed l from 8.2 s to 9.4 s with (1.0, 2.0, 3.0) N for 8.2 s."
+    load = "Or l carries 1.2 kg from 8.2 s on: move it for 10.0 s, at 8.3 s or at 5.0 s."
+    diagnosis = {"findings": [{"parameters": push, "sentence": sentence}], "advice": [load]}
+    told = diagnosis_with_stamps(diagnosis, ring)
+    start = BEGUN_AT * 1e-9 + 8.2
+    assert told["findings"][0]["parameters"]["start"]["value"] == pytest.approx(start, rel=0, abs=1e-5)
+    assert told["findings"][0]["sentence"] == (
+        "Something pushed l from 1700000008.2 s to 1700000009.4 s with (1.0, 2.0, 3.0) N for 8.2 s."
+    )
+    assert told["advice"] == [
+        "Or l carries 1.2 kg from 1700000008.2 s on: move it for 10.0 s, at 8.3 s or at 5.0 s."
+    ]
     ring.close()

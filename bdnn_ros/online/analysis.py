@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import queue
+import re
 import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,10 @@ from bdnn_ros.robot import Robot
 FIRST = 10.0
 """Stream time before the first diagnosis of its own accord [s]."""
 MOST_WAITING = 4
+EDGES = ("start", "end")
+"""Parameters of findings that are moments."""
+MOMENT = re.compile(r"\b(at|from|to|until|since) (\d+\.\d+) s\b")
+"""How sentences tell them."""
 UNDIAGNOSED = (
     "Only this change was looked at so far. Move the robot, or call ~/diagnose, for what else differs."
 )
@@ -163,18 +168,48 @@ class Analyst:
 
 
 def diagnosis_with_stamps(diagnosis: dict[str, Any], states: Ring) -> dict[str, Any]:
-    """A diagnosis whose findings' times are the publisher's stamps [s] instead of stream time."""
-    return {**diagnosis, "findings": [with_stamps(finding, states) for finding in diagnosis["findings"]]}
+    """A diagnosis whose findings' times are the publisher's stamps [s] instead of stream time, in its sentences, too."""
+    times: list[tuple[float, float]] = []
+    findings = []
+    for finding in diagnosis["findings"]:
+        findings.append(with_stamps(finding, states))
+        times += _times(finding, findings[-1])
+    return {
+        **diagnosis,
+        "findings": findings,
+        "advice": [_in_stamps(sentence, times) for sentence in diagnosis["advice"]],
+    }
 
 
 def with_stamps(finding: dict[str, Any], states: Ring) -> dict[str, Any]:
-    """A finding whose times are the publisher's stamps [s] instead of stream time."""
+    """A finding whose times are the publisher's stamps [s] instead of stream time, in its sentence, too."""
     parameters = dict(finding["parameters"])
-    for name in ("start", "end"):
+    for name in EDGES:
         if name in parameters:
             time = states.origin + round(parameters[name]["value"] * 1e9)
             parameters[name] = {**parameters[name], "value": _stamp(time, states) * 1e-9}
-    return {**finding, "parameters": parameters}
+    told = {**finding, "parameters": parameters}
+    return {**told, "sentence": _in_stamps(finding["sentence"], _times(finding, told))}
+
+
+def _times(finding: dict[str, Any], told: dict[str, Any]) -> list[tuple[float, float]]:
+    """Each time of a finding, in stream time and as a stamp [s]."""
+    before, after = finding["parameters"], told["parameters"]
+    return [(before[name]["value"], after[name]["value"]) for name in EDGES if name in before]
+
+
+def _in_stamps(sentence: str, times: Sequence[tuple[float, float]]) -> str:
+    """A sentence that tells moments in stream time, with their stamps; durations stay as they are."""
+
+    def stamped(match: re.Match[str]) -> str:
+        word, text = match.groups()
+        digits = len(text.partition(".")[2])
+        for time, stamp in times:
+            if abs(float(text) - time) <= 10.0**-digits:
+                return f"{word} {stamp:.{digits}f} s"
+        return match[0]
+
+    return MOMENT.sub(stamped, sentence)
 
 
 def _stamp(time: int, states: Ring) -> int:

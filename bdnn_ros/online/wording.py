@@ -49,6 +49,11 @@ def _quantity(value: float, std: float, unit: str) -> dict[str, Any]:
     return {"value": float(f"{value:.6g}"), "std": float(f"{std:.3g}"), "unit": unit}
 
 
+def _moment(value: float, std: float) -> dict[str, Any]:
+    """A time of the stream, which may have come for days: to the millisecond all the same."""
+    return {"value": round(value, 3), "std": std, "unit": "s"}
+
+
 def _payload(scene: Scene, found: Explanation) -> dict[str, Any]:
     """Something gripped (mass added) or released (mass taken away)."""
     mass = float(found.value[0])
@@ -59,7 +64,7 @@ def _payload(scene: Scene, found: Explanation) -> dict[str, Any]:
     parameters = {
         "mass": _quantity(abs(mass), std[0], "kg"),
         **{f"com_{axis}": _quantity(centre[k], std[1 + k] / abs(mass), "m") for k, axis in enumerate("xyz")},
-        time: _quantity(found.start, 0.25, "s"),
+        time: _moment(found.start, 0.25),
     }
     link = scene.links[found.target]
     verb = "released" if released else "gripped"
@@ -79,7 +84,7 @@ def _friction(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str,
     parameters = {
         "start_value": _quantity(old, std[which], unit),
         "end_value": _quantity(new, std[which], unit),
-        "start": _quantity(found.start, 0.5, "s"),
+        "start": _moment(found.start, 0.5),
     }
     joint = scene.robot.joints[found.target]
     sentence = f"{joint} drifts: its {name} went from {old:.3g} to {new:.3g} {printed(unit)} since {found.start:.1f} s."
@@ -92,8 +97,8 @@ def _push(scene: Scene, found: Explanation) -> dict[str, Any]:
     names = [f"{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz"]
     units = ["N"] * 3 + ["N*m"] * 3
     parameters = {
-        "start": _quantity(found.start, 0.25, "s"),
-        "end": _quantity(found.end, 0.25, "s"),
+        "start": _moment(found.start, 0.25),
+        "end": _moment(found.end, 0.25),
         **{
             name: _quantity(value, spread, unit)
             for name, value, spread, unit in zip(names, found.value, std, units, strict=True)
