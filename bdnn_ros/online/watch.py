@@ -156,7 +156,7 @@ def absent(here: Collection[str], seen: Collection[str], used: Sequence[str], jo
         told.append(f"{listed(seldom)} came only now and then, or no longer: left out.")
     if told:
         told.append(
-            "The model takes what is left out to stand still at zero. Publish it with the rest, or set the "
-            f"parameter joints to [{', '.join(used)}] if that is right."
+            "The model takes what is left out to stand still at zero, or at the nearest limit. Publish it with the "
+            f"rest, or set the parameter joints to [{', '.join(used)}] if that is right."
         )
     return " ".join(told)
