@@ -110,6 +110,29 @@ def test_without_a_stamp_the_time_of_sending_stands(intake):
     assert intake.unstamped == 1
 
 
+@pytest.mark.parametrize("first", [0, 10 * MS])
+def test_a_simulation_that_begins_at_zero_is_one_stretch(intake, first):
+    """The first sample had the wall clock's time, and the second counted as a clock that was set back."""
+    for k in range(30):
+        stamp = first + 10 * k * MS
+        assert intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), stamp, START + stamp)
+    chunk = intake.ring.read(0)
+    assert chunk.stamp.tolist() == [first + 10 * k * MS for k in range(30)]
+    assert np.diff(chunk.time).tolist() == [10 * MS] * 29
+    assert intake.unstamped == intake.clock.restarts == intake.clock.pauses == 0 and not intake.rejected
+
+
+def test_stamps_that_come_late_in_a_stream_make_no_simulation_of_it(intake):
+    """Messages without a stamp, then some with one."""
+    for k in range(10):
+        intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), 0, START + k * MS)
+    for k in range(10, 20):
+        intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), START + k * MS, START + k * MS)
+    assert intake.unstamped == 10 and intake.ring.read(0).stamp.tolist() == [
+        START + k * MS for k in range(20)
+    ]
+
+
 def test_a_simulation_that_begins_again_at_zero_goes_on(intake):
     for run in range(50):
         for k in range(20):
@@ -117,7 +140,7 @@ def test_a_simulation_that_begins_again_at_zero_goes_on(intake):
             intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), stamp, START + 3 * run * PAUSE + stamp)
     times = intake.ring.read(0).time
     assert len(times) >= 50 * 19 and (np.diff(times) > 0).all()
-    assert intake.unstamped == 1, "the first stamp of all may be none; later ones are a simulation's"
+    assert intake.unstamped == 0 and intake.clock.restarts == 49
     assert times[-1] - times[0] < 50 * 5 * PAUSE
 
 
@@ -332,6 +355,20 @@ def test_a_stamp_that_repeats_or_goes_back_a_little_is_refused():
     assert clock.advance(START + MS) == -1
     assert clock.advance(START) == -1
     assert clock.advance(START + 2 * MS) == START + 2 * MS
+
+
+def test_a_clock_that_stands_still_is_not_set_back():
+    """As of a simulation that is paused while its driver goes on: every twentieth message became a sample 2 s later."""
+    clock = Clock()
+    before = advance(clock, START + MS * np.arange(100))
+    assert advance(clock, [START + 99 * MS] * 500) == [-1] * 500
+    assert clock.advance(START + 100 * MS) - before[-1] == MS and clock.restarts == 0
+
+
+def test_messages_that_all_come_twice_are_taken_once():
+    clock = Clock()
+    times = advance(clock, START + MS * np.repeat(np.arange(200), 2))
+    assert times[::2] == (START + MS * np.arange(200)).tolist() and times[1::2] == [-1] * 200
 
 
 def test_a_clock_that_jumps_back_goes_on_in_a_new_stretch():

@@ -128,6 +128,10 @@ class Ring:
         self._header[_WRITTEN] = self._next
         return number
 
+    def restamp(self, number: int, stamp: int) -> None:
+        """Give a sample that is still kept another stamp [ns]; who has read it already has the one before."""
+        self._stamp[number % self.capacity] = stamp
+
     # -- readers -----------------------------------------------------------------------------------
 
     @property

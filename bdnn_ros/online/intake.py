@@ -84,6 +84,8 @@ class Clock:
             self._gaps.pause()
             # up to the latest stamp an earlier clock is back, as of two publishers with one each
             step = min(max(stamp - self._latest, 2 * PAUSE), LONGEST)
+        elif step == 0:
+            return NONE  # the same message again, or a clock that stands still: none that goes back
         else:
             self._backwards += 1
             jumped, self._jumped = self._jumped, stamp if step <= -PAUSE else NONE
@@ -98,6 +100,10 @@ class Clock:
         self._stamp, self._latest = stamp, max(stamp, self._latest)
         self._time += step
         return self._time
+
+    def began_at_zero(self) -> None:
+        """The first sample's stamp was zero, whatever stood for it."""
+        self._stamp = self._latest = 0
 
     def refuse(self, stamp: int) -> None:
         """A sample with this stamp [ns] came but is left out: it is not lost."""
@@ -128,6 +134,7 @@ class Intake:
         self.needs_effort = needs_effort
         self.culprit = ""
         self.unstamped = 0
+        self._stamped = False
         self._assembly = Assembly(len(self.joints))
         self._kind = self.kinds.of(())
 
@@ -148,6 +155,10 @@ class Intake:
         if stamp < 0 or (stamp == 0 and not self.clock.since_zero):
             self.unstamped += 1
             stamp = sent
+        elif not self._stamped:
+            self._stamped = True
+            if stamp < SINCE_ZERO and self.ring.written <= 1:
+                self._begin_at_zero()
         kind.group.came(names, effort, stamp)
         if kind.foreign:
             return False
@@ -162,6 +173,13 @@ class Intake:
         row = self.ring.slot().reshape(3, -1)
         fault = self._fill(row, kind, position, velocity, effort)
         return self._reject(fault, stamp) if fault else self._commit(row, stamp, sent)
+
+    def _begin_at_zero(self) -> None:
+        """As the second message shows, the zero of the first was a simulation's time, and no stamp was missing."""
+        self.unstamped = 0
+        if self.ring.written:
+            self.clock.began_at_zero()
+            self.ring.restamp(0, 0)
 
     def _take_part(
         self, kind: Kind, position: Any, velocity: Any, effort: Any, stamp: int, sent: int
