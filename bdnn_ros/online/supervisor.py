@@ -18,8 +18,9 @@ from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 
 TRAINER = (sys.executable, "-m", "bdnn_ros.online.trainer")
-HANG = 60.0
-"""A trainer silent for so long [s] hangs and is replaced."""
+HANG = 120.0
+"""A trainer silent for so long [s] hangs and is replaced: where 28 joints learn on cores that others want as well, the longest
+step between two signs of life takes half a minute."""
 RESTART_PAUSE = (0.1, 5.0)
 """First and longest pause before a trainer that died is started again [s]."""
 STEADY = 30.0
