@@ -65,3 +65,8 @@ def listed(names: object, most: int = 8) -> str:
     """Names for a message, `a, b, c ...`, cut after `most`."""
     every = [str(name) for name in names]  # type: ignore[attr-defined]
     return ", ".join(every[:most]) + (f" ... ({len(every)} in all)" if len(every) > most else "")
+
+
+def article(noun: str) -> str:
+    """A noun, or what stands before one, with its article: `an extended`."""
+    return f"{'an' if noun[:1].lower() in 'aeiou' else 'a'} {noun}"

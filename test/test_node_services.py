@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,8 +24,11 @@ from rcl_interfaces.srv import GetParameters
 from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
-from bdnn_interfaces.srv import Diagnose, InverseDynamics, LoadModel, SaveModel
+from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.nodes.services import Services
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
@@ -196,3 +200,58 @@ def test_a_payload_gripped_on_the_way_is_named(tmp_path):
         value = dict(zip(told.parameter_names, told.values, strict=True))
         assert value["mass"] == pytest.approx(mass, rel=0.1)
         assert value["start"] == pytest.approx(1000 + moment, abs=0.6)
+
+
+def test_no_request_ends_the_node(tmp_path):
+    """Numbers that an effect's formula cannot hold, and names that say nothing."""
+    slip = parse_spec(f"stribeck_friction@{ARM.joints[0]}:coulomb=1,static=2,velocity=0.1", ARM)
+    wave = parse_spec(f"cogging@{ARM.joints[1]}:amplitude=1,periods_per_rev=9,phase=0", ARM)
+    found = ExtendedModel(
+        bare=ARM, effects=(slip, wave), noise=np.zeros(2), stds=({}, {}), lead=0.0, lag=0.0, sticking=()
+    )
+    kept = tmp_path / "models"
+    save_model(kept / "found", found)
+    still = {"velocity": [0.0, 0.0], "position": [0.0, 0.0], "acceleration": [0.0, 0.0]}
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": kept, "diagnosis_period": 0.0}
+    with node_process(tmp_path, 195, **parameters) as node, Robotics(195) as ros:
+        answer = ros.call(LoadModel, f"{NODE}/load_model", name="found")
+        assert answer.success and answer.message.startswith("An extended model serves"), answer.message
+        for field, joint in (("velocity", 0), ("position", 1)):
+            asked = {**still, field: [1e308 * (k == joint) for k in range(2)]}
+            answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **asked)
+            assert not answer.success and answer.message.startswith("The answer is not finite.")
+            assert not answer.joint_names and not answer.effort
+            asked["effort"] = asked.pop("acceleration")
+            answer = ros.call(ForwardDynamics, f"{NODE}/forward_dynamics", **asked)
+            assert not answer.success and answer.message.startswith("The answer is not finite.")
+        named = {"joint_names": ["", ARM.joints[0]]}
+        answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **named, **still)
+        assert answer.message.startswith("Unknown joint ''; the model has")
+        assert asked_effort(ros).shape == (2,)
+        assert node.end() == 0
+
+
+def refusal(callback):
+    """The answer to a callback of an offer that needs nothing else."""
+    logged: list[str] = []
+    node = SimpleNamespace(
+        context=SimpleNamespace(ok=lambda: True), get_logger=lambda: SimpleNamespace(error=logged.append)
+    )
+    offer = Services.__new__(Services)
+    offer._node = node
+    response = InverseDynamics.Response(success=True, effort=[1.0])
+    return offer._refusing(callback)(None, response), logged
+
+
+def test_whatever_a_callback_raises_is_a_refusal():
+    def fails(request, response):
+        raise error
+
+    error: Exception = PermissionError(13, "Permission denied", "/models/a")
+    answer, logged = refusal(fails)
+    assert not answer.success and not answer.effort and not logged
+    assert answer.message.startswith("/models/a cannot be used (Permission denied).")
+    error = RuntimeError("on purpose")
+    answer, logged = refusal(fails)
+    assert not answer.success and "RuntimeError: on purpose" in answer.message
+    assert len(logged) == 1 and "in fails" in logged[0]

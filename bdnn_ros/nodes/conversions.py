@@ -44,10 +44,10 @@ def requested(
     order = list(names) or list(joints)
     unknown = [name for name in order if name not in joints]
     if unknown:
-        raise UsageError(f"Unknown joint {listed(unknown)}; the model has {listed(joints, 20)}.")
+        raise UsageError(f"Unknown joint {listed(map(_shown, unknown))}; the model has {listed(joints, 20)}.")
     twice = sorted({name for name in order if order.count(name) > 1})
     if twice:
-        raise UsageError(f"Joint {listed(twice)} is named twice.")
+        raise UsageError(f"Joint {listed(map(_shown, twice))} is named twice.")
     missing = [name for name in joints if name not in order]
     if missing:
         joint, is_ = ("Joint", "is") if len(missing) == 1 else ("Joints", "are")
@@ -66,6 +66,11 @@ def requested(
         arranged[field] = np.empty(len(joints))
         arranged[field][index] = given
     return index, arranged
+
+
+def _shown(name: str) -> str:
+    """A name as a sentence shows it: quoted where it would not be seen otherwise."""
+    return name if name.isprintable() and name.strip() == name and name else repr(name)
 
 
 def estimate_message(joints: Sequence[str], instant: Instant, parts: Parts, version: int) -> DynamicsEstimate:

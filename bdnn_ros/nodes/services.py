@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import traceback
 import types
-from collections.abc import Awaitable, Callable, Generator
+from collections.abc import Awaitable, Callable, Generator, Iterator
 from concurrent.futures import Future as Later
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
@@ -16,7 +18,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
-from bdnn_ros.errors import BdnnError, UsageError
+from bdnn_ros.errors import BdnnError, UsageError, article
 from bdnn_ros.nodes.conversions import findings_message, numbers, requested
 from bdnn_ros.nodes.keeping import PAUSED, Kept
 from bdnn_ros.nodes.lane import Lane
@@ -27,6 +29,8 @@ from bdnn_ros.online.session import Session
 Result = TypeVar("Result")
 CLEANED_UP = UsageError("The node is being cleaned up.", "Ask again when it is configured.")
 BEYOND = UsageError("The answer is not finite.", "Ask for values that a robot can have.")
+FILES = "Check what model_directory holds, and its permissions."
+UNFORESEEN = "The node goes on, and its log says where; please report it."
 
 
 class Services:
@@ -64,8 +68,8 @@ class Services:
         self._services = [
             self._at_once(InverseDynamics, "~/inverse_dynamics", self._inverse_dynamics),
             self._at_once(ForwardDynamics, "~/forward_dynamics", self._forward_dynamics),
-            node.create_service(Trigger, "~/reset", self._reset),
-            node.create_service(SetBool, "~/set_training", self._set_training),
+            node.create_service(Trigger, "~/reset", self._refusing(self._reset)),
+            node.create_service(SetBool, "~/set_training", self._refusing(self._set_training)),
         ]
         # others go on meanwhile
         beside = ReentrantCallbackGroup()
@@ -107,8 +111,9 @@ class Services:
 
     def _at_once(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Any:
         """A service that waits for no executor."""
-        service = self._node.create_service(kind, name, callback, callback_group=self._lane.group())
-        self._lane.answer(service, callback)
+        answer = self._refusing(callback)
+        service = self._node.create_service(kind, name, answer, callback_group=self._lane.group())
+        self._lane.answer(service, answer)
         return service
 
     def _in_time(
@@ -121,10 +126,35 @@ class Services:
                 if self._closed:
                     raise CLEANED_UP
                 return await callback(request, response)
-            except BdnnError as error:
-                return _refused(response, error)
+            except Exception as error:
+                return self._refused(response, error)
 
         return self._node.create_service(kind, name, answer, callback_group=group)
+
+    def _refusing(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """The callback, whose errors are refusals."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:
+                return self._refused(response, error)
+
+        return answer
+
+    def _refused(self, response: Any, error: Exception) -> Any:
+        """The answer where a callback raised this: no request ends the node, whatever it asks for."""
+        if isinstance(error, OSError):
+            where = error.filename or "A file in model_directory"
+            error = UsageError(f"{where} cannot be used ({error.strerror or error}).", FILES)
+        elif not isinstance(error, BdnnError):
+            if not self._node.context.ok():
+                raise error  # at the end of ROS any call to it fails
+            self._node.get_logger().error("".join(traceback.format_exception(error)))
+            error = UsageError(f"The request failed ({type(error).__name__}: {error}).", UNFORESEEN)
+        refusal = type(response)()  # nothing of an answer that was begun
+        refusal.success, refusal.message = False, str(error)
+        return refusal
 
     # -- dynamics --------------------------------------------------------------------------------
 
@@ -137,16 +167,13 @@ class Services:
     def _inverse_dynamics(
         self, request: InverseDynamics.Request, response: InverseDynamics.Response
     ) -> InverseDynamics.Response:
-        try:
-            served = self._served()
-            fields = {name: getattr(request, name) for name in ("position", "velocity", "acceleration")}
-            index, motion = requested(served.joints, request.joint_names, fields)
-        except BdnnError as error:
-            return _refused(response, error)
-        with np.errstate(all="ignore"):
+        served = self._served()
+        fields = {name: getattr(request, name) for name in ("position", "velocity", "acceleration")}
+        index, motion = requested(served.joints, request.joint_names, fields)
+        with _computing():
             told = served.parts(motion["position"], motion["velocity"], motion["acceleration"])
         if not np.isfinite(told.effort).all():
-            return _refused(response, BEYOND)
+            raise BEYOND
         response.joint_names = [served.joints[k] for k in index]
         response.effort = numbers(told.effort[index])
         response.effort_std = numbers(told.std[index]) if len(told.std) else []
@@ -160,19 +187,13 @@ class Services:
     def _forward_dynamics(
         self, request: ForwardDynamics.Request, response: ForwardDynamics.Response
     ) -> ForwardDynamics.Response:
-        try:
-            served = self._served()
-            fields = {name: getattr(request, name) for name in ("position", "velocity", "effort")}
-            index, motion = requested(served.joints, request.joint_names, fields)
-            q, v, effort = (motion[name] for name in ("position", "velocity", "effort"))
-            with np.errstate(all="ignore"):
-                acceleration = served.forward_dynamics(q, v, effort)
-        except BdnnError as error:
-            return _refused(response, error)
-        except np.linalg.LinAlgError:
-            return _refused(response, UsageError("The mass matrix is singular in this position."))
+        served = self._served()
+        fields = {name: getattr(request, name) for name in ("position", "velocity", "effort")}
+        index, motion = requested(served.joints, request.joint_names, fields)
+        with _computing():
+            acceleration = served.forward_dynamics(motion["position"], motion["velocity"], motion["effort"])
         if not np.isfinite(acceleration).all():
-            return _refused(response, BEYOND)
+            raise BEYOND
         response.joint_names = [served.joints[k] for k in index]
         response.acceleration = numbers(acceleration[index])
         response.model_version = served.number
@@ -181,10 +202,7 @@ class Services:
     # -- learning --------------------------------------------------------------------------------
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            self._session.reset()
-        except BdnnError as error:
-            return _refused(response, error)
+        self._session.reset()
         self._forgotten()
         return _done(response, "What was learned is forgotten; the robot description serves.")
 
@@ -222,7 +240,7 @@ class Services:
             note = "training is switched off"
         elif not self._session.learning:
             note = PAUSED
-        return _done(response, f"A {model.kind} model serves; {note}.")
+        return _done(response, f"{article(model.kind).capitalize()} model serves; {note}.")
 
     async def _until(self, later: Later[Result]) -> Result:
         """Wait for a thread's result without holding up the executor."""
@@ -251,6 +269,18 @@ class Services:
         return result
 
 
+@contextmanager
+def _computing() -> Iterator[None]:
+    """Refuses what floating-point numbers cannot hold: arrays get infinities then, single numbers an exception."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except np.linalg.LinAlgError:
+        raise UsageError("The mass matrix is singular in this position.") from None
+    except (ArithmeticError, ValueError):
+        raise BEYOND from None
+
+
 @types.coroutine
 def _turn() -> Generator[None, None, None]:
     """Let the executor's other tasks have their turn."""
@@ -259,9 +289,4 @@ def _turn() -> Generator[None, None, None]:
 
 def _done(response: Any, message: str = "") -> Any:
     response.success, response.message = True, message
-    return response
-
-
-def _refused(response: Any, error: BdnnError) -> Any:
-    response.success, response.message = False, str(error)
     return response
