@@ -1,6 +1,8 @@
 """The identification node beside a robot: `ros2 launch bdnn_ros identification.launch.py`."""
 
-from launch.actions import DeclareLaunchArgument
+from typing import Any
+
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
@@ -15,10 +17,15 @@ ARGUMENTS = {
     "joint_states": ("joint_states", "topic of sensor_msgs/JointState"),
     "effort_commands": ("effort_commands", "topic of the commanded efforts, for effort_source command"),
     "robot_description": ("robot_description", "topic of the URDF"),
-    "model_directory": ("", "where models are kept; empty keeps none"),
-    "use_sim_time": ("false", "take the time from /clock"),
+    "model_directory": (
+        "",
+        "where models are kept; empty leaves it to params_file, whose default keeps none",
+    ),
+    "use_sim_time": ("", "true takes the time from /clock; empty leaves it to params_file"),
 }
 REMAPPED = ("joint_states", "effort_commands", "robot_description")
+PARAMETERS = {"model_directory": str, "use_sim_time": bool}
+"""Parameters that are arguments, too, and their types."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -27,19 +34,23 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=value, description=text)
         for name, (value, text) in ARGUMENTS.items()
     ]
+    return LaunchDescription([*declared, OpaqueFunction(function=_node)])
+
+
+def _node(context: Any) -> list[LifecycleNode]:
+    """The node; what is given goes before what params_file says, and what is not leaves that as it is."""
+    given = {
+        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+        for name, kind in PARAMETERS.items()
+        if context.launch_configurations[name]
+    }
     node = LifecycleNode(
         package="bdnn_ros",
         executable="identification_node",
         name="identification_node",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[
-            LaunchConfiguration("params_file"),
-            {
-                "model_directory": ParameterValue(LaunchConfiguration("model_directory"), value_type=str),
-                "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
-            },
-        ],
+        parameters=[LaunchConfiguration("params_file"), *([given] if given else [])],
         remappings=[(name, LaunchConfiguration(name)) for name in REMAPPED],
         output="screen",
     )
-    return LaunchDescription([*declared, node])
+    return [node]
