@@ -1,4 +1,4 @@
-"""What is written: files that take their names when they are complete, and numbers in full precision."""
+"""What is written: files that take their names when complete, names that any file can hold, numbers in full precision."""
 
 from __future__ import annotations
 
@@ -26,6 +26,11 @@ def whole(path: Path) -> Iterator[Path]:
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def spelled(text: object) -> str:
+    """A path, or a sentence with one, in characters that every file holds: bytes that are none get a code, as on a terminal."""
+    return str(text).encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def numbers(*values: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -59,6 +60,22 @@ def diagnosed(recording, tmp_path_factory) -> tuple[Path, str]:
     done = subprocess.run(words, capture_output=True, text=True, timeout=100, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return out, done.stdout
+
+
+def test_names_that_are_no_text_are_in_the_results_as_codes(tmp_path, capfd):
+    """A bag and a description whose paths hold a byte that no character has."""
+    bag, urdf, out = (tmp_path / os.fsdecode(b"\xff" + name) for name in (b"bag", b"arm.urdf", b"out"))
+    arm = Robot.bundled("arm2")
+    urdf.write_text(arm.urdf)
+    made = simulated(tmp_path / "made", "--duration", "12", "--rate", "50") / "bag"
+    made.rename(bag)
+    assert main(["diagnose", str(bag), "--urdf", str(urdf), "--out", str(out)]) == 0, capfd.readouterr().err
+    source = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["source"]
+    assert source["bags"] == [str(tmp_path / "\\udcffbag")] and source["urdf"].endswith("\\udcffarm.urdf")
+    assert "\\udcffbag" in (out / "report.html").read_text(encoding="utf-8")
+    capfd.readouterr()
+    assert main(["info", str(bag), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["bag"] == source["bags"][0]
 
 
 def report_of(out: Path) -> dict:

@@ -29,6 +29,7 @@ from bdnn_ros.report.report import write_report
 from bdnn_ros.report.words import cause, certainty, of_velocity, says_less
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
+from bdnn_ros.written import spelled
 
 REPORT = "report.html"
 SLIGHT_GAIN = 0.1
@@ -97,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         absent = [] if args.joints or earlier is not None else unheld(robot, recordings[0])
         remarks = [
             *of_the_unheld(absent),
-            *(str(remark) for remark in check_data(recordings, robot, args.cutoff)),
+            *(spelled(remark) for remark in check_data(recordings, robot, args.cutoff)),
         ]
         lines = verdict_lines(examination, known)
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
@@ -213,10 +214,10 @@ def _completed(examination: Examination, args: argparse.Namespace, remarks: Sequ
     robot = examination.robot
     in_bag = any(recording.urdf == robot.urdf for recording in examination.recordings)
     described = "/robot_description of the bag" if in_bag else args.robot
-    simulation = str(args.model or args.urdf or described)
     diagnosis = examination.diagnosis
-    source = {**diagnosis.source, "urdf": simulation, "bags": [str(b) for b in args.bags]}
-    return replace(diagnosis, source=source, notes=(*diagnosis.notes, *remarks))
+    simulation = spelled(args.model or args.urdf or described)
+    source = {**diagnosis.source, "urdf": simulation, "bags": [spelled(bag) for bag in args.bags]}
+    return replace(diagnosis, source=source, notes=(*map(spelled, diagnosis.notes), *remarks))
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from bdnn_ros.robot.urdf import Limits
 from bdnn_ros.scores import numbers
 from bdnn_ros.signals import Signals, mended, prepare
 from bdnn_ros.signals.unmeasured import AT_LIMIT, at_limit
+from bdnn_ros.written import spelled
 
 CLIPPED = 0.01
 """A share of samples at a limit that is worth a word."""
@@ -80,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Tell what is there, then whether it will do; the reason why not is the error."""
     topics = bags.topics(args.bags[0])
-    report: dict[str, Any] = {"bag": str(args.bags[0]), "topics": [vars(topic) for topic in topics]}
+    report: dict[str, Any] = {"bag": spelled(args.bags[0]), "topics": [vars(topic) for topic in topics]}
     problem, robot = None, None
     try:
         (recording,), robot = loading.load(args, moves=False, needs_robot=args.urdf is not None)

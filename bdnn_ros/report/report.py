@@ -17,7 +17,7 @@ from bdnn_ros.report import contents, panels, words
 from bdnn_ros.report.chart import SIZE
 from bdnn_ros.report.view import coverage, link_changes, view
 from bdnn_ros.robot.units import printed
-from bdnn_ros.written import whole
+from bdnn_ros.written import spelled, whole
 
 SEEN = 0.03
 """A cause whose contribution is this share of the spread of a joint's effort is named there."""
@@ -32,7 +32,7 @@ def write_report(examination: Examination, path: Path, data_check: Sequence[str]
         path: the file, usually `report.html`.
         data_check: what the check of the recordings had to say, one sentence each.
     """
-    text = render(examination, data_check)
+    text = spelled(render(examination, data_check))
     with whole(path) as beside:
         beside.write_text(text, encoding="utf-8")
 
