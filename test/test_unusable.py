@@ -40,7 +40,9 @@ class Stream:
         self.reporter = Reporter(self.session, self.logged.append, "/n")
         self._count = 0
 
-    def status(self, messages=100, bad=100, effort=(1.0, 2.0), position=(0.1, 0.2), step=MS):
+    def status(
+        self, messages=100, bad=100, effort=(1.0, 2.0), position=(0.1, 0.2), step=MS, names=ARM.joints
+    ):
         """After so many messages, the last `bad` of them with these numbers."""
         for k in range(messages):
             self._count += 1
@@ -49,7 +51,7 @@ class Stream:
                 self.session.intake.take(list(ARM.joints), (0.1, 0.2), (), (1.0, 2.0), stamp, stamp)
             else:
                 stamp = stamp if step else 10**18
-                self.session.intake.take(list(ARM.joints), position, (), effort, stamp, stamp)
+                self.session.intake.take(list(names), position, (), effort, stamp, stamp)
         told = self.reporter.status(ErrorNow(), True, "", 0)
         return told.level, told.message
 
@@ -68,6 +70,10 @@ def stream():
         ({"position": (NAN, 0.2)}, f"The position of {ARM.joints[0]} is not finite"),
         ({"effort": (1e13, 1.0)}, f"The effort of {ARM.joints[0]} is beyond 1e+12"),
         ({"effort": (1.0, 2.0, 3.0)}, "their lists are not as long as their names"),
+        (
+            {"names": (*ARM.joints, ARM.joints[1]), "position": (0.1, 0.2, 0.2), "effort": (1.0, 2.0, 2.0)},
+            f"they name {ARM.joints[1]} twice",
+        ),
         ({"step": 0}, "their stamps repeat or go back"),
         ({"effort": ()}, "Most joint states carry no effort"),
         ({"effort": (NAN, NAN)}, "Most joint states carry no effort"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from bdnn_ros.online.intake import BACKWARDS, LENGTH, NO_EFFORT, NOT_FINITE, OUT_OF_RANGE, Intake
+from bdnn_ros.online.intake import BACKWARDS, LENGTH, NO_EFFORT, NOT_FINITE, OUT_OF_RANGE, TWICE, Intake
 from bdnn_ros.readings import MOST
 
 SHARE, LEAST = 0.5, 3
@@ -17,6 +17,8 @@ TOLD = {
     OUT_OF_RANGE: "The {culprit} is beyond " + f"{MOST:g} {LEFT_OUT}" + " Check its driver and its bus.",
     LENGTH: "Most joint states are left out, as their lists are not as long as their names. "
     "Let the driver fill in a number for every name, or leave a list empty.",
+    TWICE: "Most joint states are left out, as they name {culprit} twice. "
+    "Let whoever fills joint_states give each joint a name of its own.",
     BACKWARDS: "Most joint states are left out, as their stamps repeat or go back. "
     "Let one publisher fill joint_states, and stamp at measurement.",
     NO_EFFORT: "Most joint states carry no effort, and nothing is learned from those. "

@@ -31,6 +31,7 @@ NONE = -1
 
 BACKWARDS = "stamp_backwards"
 JOINTS = "joints_missing"
+TWICE = "joint_twice"
 LENGTH = "wrong_length"
 NOT_FINITE = "not_finite"
 OUT_OF_RANGE = "out_of_range"
@@ -120,7 +121,8 @@ class Intake:
         kinds: of the messages that came, and how many of each.
         received: samples, and messages with any of the joints that did not become one.
         rejected: messages left out, by reason.
-        culprit: whose number made the last of these unusable, as "effort of joint2"; empty before the first.
+        culprit: whose number made the last of these unusable, as "effort of joint2", or which name comes twice in it;
+            empty before the first.
         unstamped: messages whose stamp is zero, and no time; when they were sent stands for it.
     """
 
@@ -163,7 +165,8 @@ class Intake:
         if kind.foreign:
             return False
         if kind.unusable:
-            return self._reject(JOINTS, stamp)
+            self.culprit = next((name for name in names if names.count(name) > 1), "")
+            return self._reject(TWICE if names else JOINTS, stamp)
         count = len(names)
         if len(position) != count or len(velocity) not in (0, count) or len(effort) not in (0, count):
             return self._reject(LENGTH, stamp)
