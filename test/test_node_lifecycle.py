@@ -209,3 +209,20 @@ def test_what_is_asked_while_refusals_are_sent_is_refused(node, tmp_path, kind):
         handle(kind.Request(), kind.Response()).send(None)
     answer = ended.value.value
     assert not answer.success and answer.message.startswith("The node is being cleaned up.")
+
+
+def test_a_complaint_about_names_goes_once_the_joints_are_known(node):
+    """Also where they are known by a parameter, after a clean-up or with the description."""
+    import rclpy
+    from rclpy.parameter import Parameter
+
+    assert node.trigger_configure() == rclpy.lifecycle.TransitionCallbackReturn.SUCCESS
+    assert not node._choose_joints(["gripper"]) and "gripper" in node._complained
+    node.trigger_cleanup()
+    node.trigger_configure()
+    assert node._complained == ""
+    assert not node._choose_joints(["gripper"]) and node._complained
+    node.trigger_cleanup()
+    node.set_parameters([Parameter("joints", value=list(ARM.joints))])
+    node.trigger_configure()
+    assert node._complained == "" and node._session.intake.joints == ARM.joints

@@ -102,7 +102,7 @@ class IdentificationNode(Lifecycle):
             self._trouble = str(error)
             self.finish()
             return TransitionCallbackReturn.FAILURE
-        self._trouble = ""
+        self._trouble = self._complained = ""
         session.start()
         self._session = session
         self._publishing = Publishing(self, session)
@@ -203,6 +203,7 @@ class IdentificationNode(Lifecycle):
 
     def _begin(self, session: Session, joints: Sequence[str]) -> None:
         again = session.intake is not None
+        self._complained = ""
         self._kept.begin(joints)
         self.get_logger().info(f"identifying {listed(joints, 20)}{', anew: more joints come now' * again}")
 
@@ -242,7 +243,6 @@ class IdentificationNode(Lifecycle):
         known = session.description.joints
         joints = [joint for joint in known if joint in names]
         if joints:
-            self._complained = ""
             self._begin(session, joints)
             return True
         complaint = f"joint_states has {listed(names, 20)}, the robot {listed(known, 20)}."
