@@ -15,15 +15,16 @@ _number = itertools.count()
 def whole(path: Path) -> Iterator[Path]:
     """A place in the same directory to write a file to, which takes its name at the end; what is there stays until then.
 
-    Whatever fails, nothing of the new file is left.
+    Whatever fails, nothing of the new file is left. A link stays one: it is what it leads to that is replaced.
 
     Raises:
         OSError: it cannot take the name.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.{next(_number)}")
+    target = Path(os.path.realpath(path))
+    beside = target.with_name(f".{target.name}.{os.getpid()}.{next(_number)}")
     try:
         yield beside
-        os.replace(beside, path)
+        os.replace(beside, target)
     finally:
         beside.unlink(missing_ok=True)
 

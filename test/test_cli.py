@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -16,7 +17,7 @@ from bag_cases import PENDULUM, bag_of, motion
 from cli_cases import Pendulum, swing
 
 from bdnn_ros import bags, cli
-from bdnn_ros.cli import info, loading, options
+from bdnn_ros.cli import info, loading, options, outputs
 from bdnn_ros.cli.main import BROKEN_PIPE_STATUS, INTERRUPTED_STATUS, VERBS, main
 from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.recording import Recording
@@ -91,6 +92,31 @@ def test_interruptions_and_full_pipes(monkeypatch: pytest.MonkeyPatch, tmp_path:
     )
     assert done.stderr == ""
     assert int(done.stdout) in (0, 141)
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_leaves_nothing_half_written(
+    number: int, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """One that is ignored, as by nohup, stays so."""
+
+    def interrupt(args: object) -> int:
+        with outputs.written_together(tmp_path / "out") as place:
+            (place / "a.txt").write_text("half")
+            os.kill(os.getpid(), number)
+            time.sleep(1.0)
+        return 0
+
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        monkeypatch.setattr(info, "run", interrupt)
+        assert main(["info", "bag"]) == status
+        assert signal.getsignal(number) == signal.SIG_DFL and list(tmp_path.iterdir()) == []
+        monkeypatch.setattr(info, "run", lambda args: os.kill(os.getpid(), number) or 0)
+        signal.signal(number, signal.SIG_IGN)
+        assert main(["info", "bag"]) == 0
+    finally:
+        signal.signal(number, before)
 
 
 def test_a_full_standard_output_is_said_to_be(pendulum: Robot, tmp_path: Path) -> None:

@@ -91,3 +91,30 @@ def test_results_that_cannot_all_take_their_place_leave_what_was_there(
         for name in ("a.txt", "b.txt", "c.txt"):
             (place / name).write_text("new")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.txt": "old", "c.txt": "old"}
+
+
+def test_a_link_among_results_stays_one(tmp_path: Path) -> None:
+    """Also one that leads nowhere yet; and so does a link in the directory's place."""
+    elsewhere = tmp_path / "elsewhere"
+    (tmp_path / "out").symlink_to("real/out")
+    for text in ("old", "new"):
+        with outputs.written_together(tmp_path / "out") as place:
+            for name in ("a.txt", "b.txt"):
+                (place / name).write_text(text)
+        if text == "old":
+            (tmp_path / "out" / "a.txt").unlink()
+            (tmp_path / "out" / "a.txt").symlink_to(elsewhere / "a.txt")
+    assert (tmp_path / "out").is_symlink() and (tmp_path / "real" / "out" / "a.txt").is_symlink()
+    assert (elsewhere / "a.txt").read_text() == (tmp_path / "out" / "b.txt").read_text() == "new"
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.txt", "b.txt"]
+
+
+def test_a_link_in_a_place_that_cannot_be_one_is_refused_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "round").symlink_to("round")
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("file/out")
+    with pytest.raises(UsageError, match="round is a link that leads nowhere"):
+        outputs.require_directory(tmp_path / "round" / "out")
+    for refused in (outputs.require_directory, outputs.require_file):
+        with pytest.raises(UsageError, match=f"{tmp_path / 'file'} is a file"):
+            refused(tmp_path / "link" / "a.csv")

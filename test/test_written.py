@@ -37,3 +37,13 @@ def test_two_writers_at_once_do_not_meet(tmp_path: Path) -> None:
         first.write_text("first")
         second.write_text("second")
     assert path.read_text() == "first" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_one_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link").symlink_to("there/one.txt")
+    for text in ("new", "newer"):
+        with whole(tmp_path / "link") as beside:
+            beside.write_text(text)
+        assert (tmp_path / "link").is_symlink() and (tmp_path / "there" / "one.txt").read_text() == text
+    assert [path.name for path in (tmp_path / "there").iterdir()] == ["one.txt"]

@@ -6,9 +6,13 @@ import argparse
 import errno
 import io
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
+from types import FrameType
 from typing import NoReturn
 
 from bdnn_ros.errors import BdnnError, DataError, UsageError, listed
@@ -30,8 +34,24 @@ USAGE_STATUS = 2
 BROKE_DOWN = (
     "The computation broke down on these numbers: check the recording with bdnn info, and the description"
 )
-INTERRUPTED_STATUS = 130
+SIGNALLED_STATUS = 128
+"""And the signal's number on top."""
+INTERRUPTED_STATUS = SIGNALLED_STATUS + signal.SIGINT
 BROKEN_PIPE_STATUS = 141
+ENDING = (signal.SIGTERM, signal.SIGHUP)
+"""Signals that end the work as Ctrl-C does, with nothing half-written left."""
+
+
+class Ended(KeyboardInterrupt):
+    """A signal has come that ends the work.
+
+    Args:
+        number: the signal's.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
 
 
 class Parser(argparse.ArgumentParser):
@@ -47,11 +67,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     _print_anything()
     try:
-        status = _run(words)
-        sys.stdout.flush()
+        with _signals():
+            status = _run(words)
+            sys.stdout.flush()
         return status
     except BdnnError as error:
         return _complain(str(error), error.exit_status)
+    except Ended as end:
+        return SIGNALLED_STATUS + end.number
     except KeyboardInterrupt:
         return INTERRUPTED_STATUS
     except BrokenPipeError:
@@ -65,6 +88,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(f"{BROKE_DOWN} ({error}).", DataError.exit_status)
     except OSError as error:
         return _complain(_of_a_file(error), USAGE_STATUS)
+
+
+@contextmanager
+def _signals() -> Iterator[None]:
+    """Raises `Ended` where a signal of `ENDING` comes meanwhile, unless somebody else minds it, as nohup does."""
+    main_thread = threading.current_thread() is threading.main_thread()
+    minded = [number for number in ENDING if main_thread and signal.getsignal(number) == signal.SIG_DFL]
+
+    def end(number: int, frame: FrameType | None) -> None:
+        for each in minded:
+            signal.signal(each, signal.SIG_IGN)  # a second one must not leave half a result
+        raise Ended(number)
+
+    for number in minded:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in minded:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _print_anything() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,9 +22,11 @@ def require_directory(path: Path) -> None:
     Raises:
         UsageError: a file is in its way, or there is no permission.
     """
-    there = next(place for place in (path, *path.parents) if place.exists())
+    real = _real(path)
+    there = next(place for place in (real, *real.parents) if os.path.lexists(place))
     if not there.is_dir():
-        raise UsageError(f"{path} cannot be a directory: {there} is a file.", "Name another one.")
+        what = "a file" if there.exists() else "a link that leads nowhere"
+        raise UsageError(f"{path} cannot be a directory: {there} is {what}.", "Name another one.")
     if not os.access(there, os.W_OK | os.X_OK):
         raise UsageError(f"Nothing can be written into {there}.", "Name another directory.")
 
@@ -35,7 +39,7 @@ def require_model_place(path: Path) -> None:
     """
     if path.is_file() and path.suffix != SUFFIX:
         raise UsageError(f"{path} is a file that is no model.", "Name a directory, or a .bdnn file.")
-    require_directory(model_place(path).parent)
+    require_directory(_real(model_place(path)).parent)
 
 
 def require_file(path: Path) -> None:
@@ -46,7 +50,12 @@ def require_file(path: Path) -> None:
     """
     if path.is_dir():
         raise UsageError(f"{path} is a directory.", "Name a file in it.")
-    require_directory(path.parent)
+    require_directory(_real(path).parent)
+
+
+def _real(path: Path) -> Path:
+    """Where a path leads, whether there is something or not: a link stays one."""
+    return Path(os.path.realpath(path))
 
 
 @contextmanager
@@ -62,9 +71,8 @@ def written_whole(path: Path) -> Iterator[TextIO]:
             with path.open("w", encoding="utf-8", newline="") as file:
                 yield file
             return
-        target = path.resolve()  # a link stays one
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with whole(target) as beside, beside.open("w", encoding="utf-8", newline="") as file:
+        _real(path).parent.mkdir(parents=True, exist_ok=True)
+        with whole(path) as beside, beside.open("w", encoding="utf-8", newline="") as file:
             yield file
     except BrokenPipeError:
         raise  # whoever reads has had enough
@@ -85,15 +93,16 @@ def written_together(out: Path) -> Iterator[Path]:
         UsageError: it is none, or something cannot be written; names the directory.
     """
     require_directory(out)
-    absent = [place for place in (out, *out.parents) if not place.exists()]
+    real = _real(out)
+    absent = [place for place in (real, *real.parents) if not place.exists()]
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".new.", dir=out) as scratch:
+        real.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".new.", dir=real) as scratch:
             new, old = Path(scratch) / "new", Path(scratch) / "old"
             new.mkdir()
             old.mkdir()
             yield new
-            _exchange(new, old, out)
+            _exchange(new, old, real)
     except BaseException as error:
         for place in absent:
             with suppress(OSError):  # it may be in use by now
@@ -106,16 +115,31 @@ def written_together(out: Path) -> Iterator[Path]:
 
 def _exchange(new: Path, old: Path, out: Path) -> None:
     """Moves all from one directory to another, and what is there under these names to a third; undone if it fails."""
-    names = sorted(path.name for path in new.iterdir())
+    places = {name: _place(out / name) for name in sorted(path.name for path in new.iterdir())}
     try:
-        for name in names:
-            if os.path.lexists(out / name):
-                os.rename(out / name, old / name)
-            os.rename(new / name, out / name)
+        for name, place in places.items():
+            place.parent.mkdir(parents=True, exist_ok=True)
+            if os.path.lexists(place):
+                _move(place, old / name)
+            _move(new / name, place)
     except BaseException:
-        for name in names:
-            if os.path.lexists(out / name) and not os.path.lexists(new / name):
-                os.rename(out / name, new / name)
+        for name, place in places.items():
+            if os.path.lexists(place) and not os.path.lexists(new / name):
+                _move(place, new / name)
             if os.path.lexists(old / name):
-                os.rename(old / name, out / name)
+                _move(old / name, place)
         raise
+
+
+def _place(path: Path) -> Path:
+    """Where what takes this name is put: where a link leads, unless that is a directory."""
+    return path if path.is_dir() else _real(path)
+
+
+def _move(source: Path, target: Path) -> None:
+    try:
+        os.rename(source, target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:  # a link may lead to another disk
+            raise
+        shutil.move(source, target)
