@@ -192,3 +192,14 @@ def test_limits_that_stand_for_missing_ones_are_said(tmp_path: Path, capsys) -> 
     capsys.readouterr()
     assert main([*words[:2], str(tmp_path / "shut.urdf"), *words[3:]]) == 0
     assert "limit" not in capsys.readouterr().err
+
+
+def test_joints_that_hardly_move_are_named(tmp_path: Path, capsys) -> None:
+    words = ["excite", "--robot", "arm2", "--duration", "6", "--out", str(tmp_path / "next")]
+    assert main([*words, "--range", f"{JOINTS[1]}=0.1:0.10001"]) == 0
+    said = capsys.readouterr().out
+    assert "it shows the parameters of the joints that move." in said
+    assert f"\n{JOINTS[1]}: travels less than 0.0005 rad" in said and JOINTS[0] not in said
+    assert main([*words, "--velocity", "1e-9"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("bdnn: error: Inside these limits every joint travels less than 0.0005 rad")

@@ -201,7 +201,8 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
 def _summary(found: Excitation, robot: Robot, case: Case | None) -> list[str]:
     seconds = found.trajectory.time[-1]
     if not found.separations:
-        return [f"A motion of {seconds:.1f} s; {_unasked(case)}it shows all parameters.", *found.notes]
+        shown = "the parameters of the joints that move" if found.still else "all parameters"
+        return [f"A motion of {seconds:.1f} s; {_unasked(case)}it shows {shown}.", *found.notes]
     lines = [f"A motion of {seconds:.1f} s; expected evidence ({DECISIVE:g} settles a question):"]
     for one in found.separations:
         pair = f"{one.finding.words(robot)} or {one.rival.words(robot)}"

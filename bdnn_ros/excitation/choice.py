@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.errors import DataError, UsageError
+from bdnn_ros.errors import DataError, UsageError, listed
 from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.motions import Piece, changed, drawn
 from bdnn_ros.excitation.rivals import Case, Suspect
@@ -36,6 +36,10 @@ BATCH = 40
 """Pieces compared at once: more take memory, not time."""
 NOISE_SHARE = 0.01
 """Effort noise where none was measured, as a share of the effort limit."""
+ENCODER = 5e-5
+"""Noise of a usual encoder [rad] ([m]), as simulated robots have it."""
+TRAVEL = 10.0 * ENCODER
+"""A joint that travels less shows nothing [rad] ([m])."""
 DECISIVE = 10.0
 """Expected evidence above which a question counts as settled [nats]."""
 
@@ -58,11 +62,12 @@ class Separation:
 
 @dataclass(frozen=True)
 class Excitation:
-    """The motion, what it is expected to settle, and what no motion of its kind can."""
+    """The motion, what it is expected to settle, what no motion of its kind can, and joints that hardly move in it."""
 
     trajectory: Trajectory
     separations: tuple[Separation, ...]
     notes: tuple[str, ...]
+    still: tuple[str, ...] = ()
 
 
 def excite(
@@ -86,7 +91,7 @@ def excite(
 
     Raises:
         UsageError: duration or rate make no sense.
-        DataError: no motion was found that keeps the limits.
+        DataError: no motion was found that keeps the limits, or none that encoders would see.
     """
     if not 4.0 <= duration <= 600.0:
         raise UsageError(f"A motion of {duration:g} s makes no sense.", "Use 4 to 600 s.")
@@ -109,7 +114,21 @@ def excite(
         Separation(pair.finding, pair.rival, float(value))
         for pair, value in zip(design.pairs, evidence, strict=True)
     ]
-    return Excitation(trajectory, tuple(separations), tuple(left_out(case, robot) if case else ()))
+    notes = left_out(case, robot) if case else []
+    still = _still(trajectory, robot)
+    if still:
+        hidden = f"less than {TRAVEL:g} rad (or m), which encoders hardly see"
+        remedy = "Allow more velocity and acceleration, or a wider range."
+        if len(still) == robot.width:
+            raise DataError(f"Inside these limits every joint travels {hidden}.", remedy)
+        notes.append(f"{listed(still)}: travels {hidden}, and shows nothing. {remedy}")
+    return Excitation(trajectory, tuple(separations), tuple(notes), still)
+
+
+def _still(trajectory: Trajectory, robot: Robot) -> tuple[str, ...]:
+    """Joints whose way is lost in their encoder's noise."""
+    travel = np.ptp(trajectory.position, axis=0)
+    return tuple(joint for joint, far in zip(robot.joints, travel, strict=True) if far < TRAVEL)
 
 
 def _better(design: Design, pieces: list[Piece], one: Piece | None) -> list[Piece]:
