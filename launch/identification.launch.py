@@ -24,8 +24,6 @@ ARGUMENTS = {
     "use_sim_time": ("", "true takes the time from /clock; empty leaves it to params_file"),
 }
 REMAPPED = ("joint_states", "effort_commands", "robot_description")
-PARAMETERS = {"model_directory": str, "use_sim_time": bool}
-"""Parameters that are arguments, too, and their types."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -38,19 +36,27 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _node(context: Any) -> list[LifecycleNode]:
-    """The node; what is given goes before what params_file says, and what is not leaves that as it is."""
-    given = {
-        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
-        for name, kind in PARAMETERS.items()
-        if context.launch_configurations[name]
-    }
+    """The node, with what params_file says and what is given beside it."""
     node = LifecycleNode(
         package="bdnn_ros",
         executable="identification_node",
         name="identification_node",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[LaunchConfiguration("params_file"), *([given] if given else [])],
+        parameters=[
+            LaunchConfiguration("params_file"),
+            *_given(context, {"model_directory": str, "use_sim_time": bool}),
+        ],
         remappings=[(name, LaunchConfiguration(name)) for name in REMAPPED],
         output="screen",
     )
     return [node]
+
+
+def _given(context: Any, kinds: dict[str, type]) -> list[dict[str, ParameterValue]]:
+    """Parameters from arguments of these types that are given; the others stay as the file has them."""
+    given = {
+        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+        for name, kind in kinds.items()
+        if context.launch_configurations[name]
+    }
+    return [given] if given else []

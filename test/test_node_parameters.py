@@ -13,3 +13,12 @@ def test_a_joint_is_named_once():
     said = joints.objection(["a", "b", "a", "c", "c"])
     assert said.startswith("joints holds a, c more than once") and said.count(".") == 1
     assert SETTINGS["effort_factors"].objection(["2.0", "2.0"]) == ""
+
+
+def test_a_low_pass_is_not_so_low_that_the_stream_is_not_kept_up_with():
+    """Zero is none: the rate chooses."""
+    cutoff = SETTINGS["cutoff"]
+    assert cutoff.objection(0.0) == cutoff.objection(0.1) == cutoff.objection(500.0) == ""
+    assert cutoff.objection(0.02) == "cutoff is 0.02; it must be 0, or 0.1 and more."
+    assert "between 0 and 500" in cutoff.objection(-0.02)
+    assert cutoff.descriptor.floating_point_range[0].from_value == 0.0

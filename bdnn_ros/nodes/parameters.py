@@ -30,6 +30,7 @@ class Setting:
     Attributes:
         default: gives the type, too; an empty list is a list of strings.
         low, high: range of a number, both ends allowed.
+        least: a number between `low` and this one is too small; `low` itself means something else, as none.
         choices: values of a string, any if empty.
         distinct: a list may hold nothing twice.
         live: may be changed while the node is configured.
@@ -40,6 +41,7 @@ class Setting:
     description: str
     low: float | None = None
     high: float | None = None
+    least: float | None = None
     choices: tuple[str, ...] = ()
     distinct: bool = False
     live: bool = False
@@ -66,6 +68,8 @@ class Setting:
             return f"{self.name} is {value!r}; it must be one of {listed(self.choices)}."
         if self.low is not None and self.high is not None and not self.low <= value <= self.high:
             return f"{self.name} is {value:g}; it must lie between {self.low:g} and {self.high:g}."
+        if self.least is not None and self.low < value < self.least:
+            return f"{self.name} is {value:g}; it must be {self.low:g}, or {self.least:g} and more."
         if self.distinct:
             twice = sorted(name for name, times in Counter(value or ()).items() if name and times > 1)
             if twice:
@@ -112,7 +116,15 @@ IDENTIFICATION = (
     ),
     Setting("autostart", True, "Configure and activate at start, without a lifecycle manager."),
     Setting("training", True, "Learn from the stream; false only serves the model.", live=True),
-    Setting("cutoff", 0.0, "-3 dB frequency of the low-pass [Hz]; 0 chooses by the rate.", 0.0, 500.0),
+    Setting(
+        "cutoff",
+        0.0,
+        "-3 dB frequency of the low-pass [Hz]; 0 chooses by the rate. Below 0.1 an estimate would take so long that "
+        "1000 joint states a second could not be kept up with.",
+        0.0,
+        500.0,
+        least=0.1,
+    ),
     Setting("estimate_rate", 120.0, "Estimates published per second [Hz]; 0 publishes none.", 0.0, 1000.0),
     Setting(
         "diagnosis_period", 30.0, "Time between diagnoses [s]; 0 diagnoses only when asked.", 0.0, 86400.0
