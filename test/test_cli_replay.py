@@ -12,7 +12,9 @@ import pytest
 from live_support import motion, real_robot
 
 from bdnn_ros import bags
+from bdnn_ros.cli import replay
 from bdnn_ros.cli.main import main
+from bdnn_ros.online.learning import Error
 from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 
@@ -84,3 +86,13 @@ def test_a_robot_that_weighs_nothing_is_said_to(bag, tmp_path, capsys):
 def test_a_bad_rate_is_refused(bag, capsys, rate):
     assert main(["replay", str(bag), "--rate", rate]) == 2
     assert f"--rate {rate} is not a speed above 0." in capsys.readouterr().err
+
+
+def test_an_error_that_is_no_number_is_null(bag, monkeypatch, capsys):
+    """JSON has neither NaN nor infinity."""
+    squared = np.array([[np.nan, np.inf], [0.5, 0.25]])
+    errors = [Error(float(k), row, np.ones(2), k) for k, row in enumerate(squared)]
+    monkeypatch.setattr(replay, "replayed", lambda *given: iter(errors))
+    assert main(["replay", str(bag), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["nmse"] == [[None, None], [0.5, 0.25]] and told["nmse_mean"] == [None, 0.375]

@@ -17,6 +17,7 @@ from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
 from bdnn_ros.recording import Recording
+from bdnn_ros.scores import numbers
 
 BATCH_SECONDS = 0.1
 """Samples are handed over in pieces of this length, as they would come."""
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
             print(_row(error), flush=True)
     took = time.perf_counter() - began
     if args.json:
-        print(json.dumps(_as_json(recording, learning, errors, took)))
+        print(json.dumps(_as_json(recording, learning, errors, took), allow_nan=False))
     else:
         _print(learning, errors, recording, took, table=args.rate is None)
     if args.out:
@@ -130,8 +131,8 @@ def _as_json(recording: Recording, learning: Learning, errors: list[Error], took
         "joints": list(recording.joints),
         "time": [round(error.time, 6) for error in errors],
         "version": [error.number for error in errors],
-        "nmse": [error.nmse.tolist() for error in errors],
-        "nmse_mean": [float(error.nmse.mean()) for error in errors],
+        "nmse": [numbers(error.nmse) for error in errors],
+        "nmse_mean": numbers([error.nmse.mean() for error in errors]),
         "samples": len(recording),
         "seconds": took,
         "rejected": learning.rejected,
