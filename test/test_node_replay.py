@@ -71,9 +71,12 @@ def test_what_is_wrong_is_told_with_parameters(tmp_path, capfd, parameters, reme
     recording = motion(ARM, 0.4, 250.0)
     bag = bags.write(recording, tmp_path / "bag", commands=(recording.time, recording.effort))
     arguments = [text for name, value in parameters.items() for text in ("-p", f"{name}:={value}")]
-    interrupted = signal.getsignal(signal.SIGINT)
+    ending = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in ending]
     assert replay_node.main(["--ros-args", "-p", f"bag:={bag}", *arguments]) in (1, 2)
-    signal.signal(signal.SIGINT, interrupted)  # it ends with the node, else
+    assert {signal.getsignal(number) for number in ending} == {signal.SIG_IGN}  # its end is not broken off
+    for number, handler in zip(ending, before, strict=True):
+        signal.signal(number, handler)
     said = capfd.readouterr().err
     assert remedy in said and "--" not in said
 

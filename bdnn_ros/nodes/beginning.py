@@ -1,4 +1,4 @@
-"""The beginning of every node: ROS is started, or it is said in one sentence why not."""
+"""The beginning of every node: ROS is started, or it is said in one sentence why not; and its end, undisturbed."""
 
 from __future__ import annotations
 
@@ -35,6 +35,12 @@ def begin(arguments: list[str] | None) -> None:
     set_logger_level("rcl", LoggingSeverity.UNSET)
     if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # else nohup wants the node to go on
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
+
+
+def undisturbed() -> None:
+    """Ignore signals from now on: a second one must not break off what a node does at its end."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
 
 
 def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

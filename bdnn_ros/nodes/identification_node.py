@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -20,7 +19,7 @@ from std_msgs.msg import String
 
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
-from bdnn_ros.nodes.beginning import begin, told
+from bdnn_ros.nodes.beginning import begin, told, undisturbed
 from bdnn_ros.nodes.choosing import with_joints
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
@@ -298,9 +297,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         # a signal that comes while the executor is at work makes any call to ROS fail: that is the end, too
     finally:
-        # a second one must not leave half a model
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
+        undisturbed()
         if node is not None:
             node.finish()
             status = status or int(node.failed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import sys
 import time
 from typing import Any
@@ -21,7 +20,7 @@ from std_msgs.msg import Float64MultiArray, String
 from bdnn_ros import bags
 from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.nodes import parameters
-from bdnn_ros.nodes.beginning import begin
+from bdnn_ros.nodes.beginning import begin, undisturbed
 from bdnn_ros.nodes.conversions import stamp
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -178,7 +177,7 @@ def main(arguments: list[str] | None = None) -> int:
         if rclpy.ok():  # else a signal came while a call to ROS was under way: that is the end, too
             raise
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        undisturbed()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
