@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-
-from tqdm import tqdm
 
 from bdnn_ros.checks.data import check_data
 from bdnn_ros.checks.handling import unloaded
@@ -18,7 +14,6 @@ from bdnn_ros.cli.describing import of_the_unheld, unheld
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
-from bdnn_ros.diagnosis.search import Progress
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extend import extend
@@ -92,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     for recording in recordings:
         fitness.require_measured(recording)
     known = [note for recording in recordings for note in recording.notes]
-    with _progress() as say:
+    with options.stages("diagnosing") as say:
         recordings = unloaded(recordings, robot, args.cutoff)
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
         absent = [] if args.joints or earlier is not None else unheld(robot, recordings[0])
@@ -218,16 +213,3 @@ def _completed(examination: Examination, args: argparse.Namespace, remarks: Sequ
     simulation = spelled(args.model or args.urdf or described)
     source = {**diagnosis.source, "urdf": simulation, "bags": [spelled(bag) for bag in args.bags]}
     return replace(diagnosis, source=source, notes=(*map(spelled, diagnosis.notes), *remarks))
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """What is being done, on one line of a terminal."""
-    with tqdm(
-        total=0,
-        bar_format="{desc} ({elapsed})",
-        disable=not sys.stderr.isatty(),
-        leave=False,
-        desc="diagnosing",
-    ) as bar:
-        yield lambda text: bar.set_description_str(f"diagnosing: {text}")

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from bdnn_ros.cli import options, outputs
 from bdnn_ros.cli.tables import csv_header
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.excitation.bounds import Bounds
-from bdnn_ros.excitation.choice import DECISIVE, Excitation, Progress, excite
+from bdnn_ros.excitation.choice import DECISIVE, Excitation, excite
 from bdnn_ros.excitation.rivals import Case, joints_of, read_case
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.robot import BUNDLED, Robot
@@ -94,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
         ranges=_ranges(args.ranges),
         model=model,
     )
-    with _progress() as say:
+    with options.stages("planning") as say:
         found = excite(
             robot,
             case,
@@ -221,11 +218,3 @@ def _unasked(case: Case | None) -> str:
     if case.open:
         return "what is open, no other motion settles: "
     return f"no rival is open, since none is {100 * TIE:.0f} % probable: "
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """What is being done, on one line of a terminal."""
-    bar = tqdm(total=0, bar_format="{desc} ({elapsed})", disable=not sys.stderr.isatty(), leave=False)
-    with bar:
-        yield bar.set_description_str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
@@ -136,6 +136,19 @@ def progress(label: str) -> Iterator[Progress]:
             bar.update(done - bar.n)
 
         yield show
+
+
+@contextmanager
+def stages(label: str) -> Iterator[Callable[[str], None]]:
+    """What is being done, on one line of stderr, on a terminal only: a callback that takes it."""
+    with tqdm(
+        total=0,
+        bar_format="{desc} ({elapsed})",
+        disable=not sys.stderr.isatty(),
+        leave=False,
+        desc=label,
+    ) as bar:
+        yield lambda text: bar.set_description_str(f"{label}: {text}")
 
 
 def _names(text: str) -> tuple[str, ...]:
