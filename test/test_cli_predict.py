@@ -25,6 +25,7 @@ from cli_cases import Pendulum, swing
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.cli.predict import effort_along
+from bdnn_ros.errors import RecordingError
 from bdnn_ros.robot import Robot
 
 
@@ -165,6 +166,13 @@ def test_a_state_without_a_stamp_has_a_row_at_zero(tmp_path: Path, pendulum: Rob
     assert len(told) == len(messages) and told[0] == 0 and told[1] == EPOCH
     assert np.isnan(predicted[0]) and measured[0] == 5.0
     assert np.isfinite(predicted[1:]).all()
+
+
+def test_a_joint_whose_position_is_never_a_number_is_named(tmp_path: Path) -> None:
+    nowhere = joint_state(("pivot", "wheel"), (0.1, np.nan), (), (1.0, 0.0), EPOCH)
+    bag = write_bag(tmp_path / "bag", [("/joint_states", JOINT_STATE, EPOCH, nowhere)] * 3)
+    with pytest.raises(RecordingError, match=r"in most what wheel reported is not finite.*--joints pivot"):
+        bags.read_every(bag)
 
 
 def test_states_without_a_command_have_rows(tmp_path: Path, pendulum: Robot) -> None:

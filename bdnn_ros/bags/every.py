@@ -13,7 +13,7 @@ from bdnn_ros.bags.clock import told
 from bdnn_ros.bags.reading import Progress, samples_of
 from bdnn_ros.bags.reported import reported_effort, reported_velocity, with_derived
 from bdnn_ros.errors import RecordingError, UsageError
-from bdnn_ros.readings import credible
+from bdnn_ros.readings import credible, refuse_all_left_out
 from bdnn_ros.recording import Recording
 
 
@@ -90,10 +90,13 @@ def read_every(
     name, count = str(path), len(samples)
     if len(set(samples.joints)) < len(samples.joints):
         raise UsageError(f"{name}: a joint is named twice.", "Name each joint once.")
-    shows = told(samples.stamp) & credible(samples.position).all(axis=1)
+    possible = credible(samples.position)
+    shows = told(samples.stamp) & possible.all(axis=1)
+    if not possible.all(axis=1).any():
+        refuse_all_left_out(name, samples.joints, ~possible)
     if not shows.any():
         raise RecordingError(
-            f"{name}: no joint state holds a position that a robot can have.", "Fix the driver."
+            f"{name}: no joint state has a stamp and a position that a robot can have.", "Fix the driver."
         )
     if not shows.all():
         notes.append(

@@ -162,9 +162,8 @@ class EffectsFile:
             raise UsageError(
                 f"The effects file {path} cannot be read ({error}).", "Check the path."
             ) from None
-        except (
-            Exception
-        ) as error:  # of dates, numbers and depth that cannot be, YAML raises errors of every kind
+        except Exception as error:
+            # of dates, numbers and depth that cannot be, YAML raises errors of every kind
             reason = (str(error).splitlines() or [type(error).__name__])[0]
             raise UsageError(
                 f"The effects file {path} cannot be read ({reason}).", "Give it as it was written."

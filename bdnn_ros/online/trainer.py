@@ -184,9 +184,8 @@ class Trainer:
             settings.convention(self.robot),
             int(info["kept"]),
         )
-        beat = (
-            self.feed.states.beat
-        )  # of many joints, one choice of terms takes longer than a trainer may be silent
+        # of many joints, one choice of terms takes longer than a trainer may be silent
+        beat = self.feed.states.beat
         self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]), beat)
         self.analyst.begin(self.robot, self.feed, info)
         self.say(Message("begun", {"epoch": self.epoch}))
