@@ -9,6 +9,7 @@ import numpy as np
 from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.checks.handling import handled
+from bdnn_ros.checks.rattled import rattled
 from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.checks.setup import tilted, zeros_off
 from bdnn_ros.errors import listed
@@ -104,6 +105,7 @@ def _oddities(recordings: Sequence[Recording], robot: Robot, signals: Sequence[S
             *handled(recording, one, robot),
             *(remark for remark in beyond(recording, robot) if remark.about not in told),
             *unread(recording),
+            *rattled(recording),
             *saturated(recording, robot),
         ]
         found += odd_velocity(recording, one)

@@ -17,6 +17,7 @@ from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.signals.glitches import without_glitches
 from bdnn_ros.signals.jitter import without_jitter
 from bdnn_ros.signals.kernels import even_grid, gaussian_kernel, gaussian_std
+from bdnn_ros.signals.rattling import rattling
 from bdnn_ros.signals.repeats import without_repeats
 from bdnn_ros.signals.signals import Signals
 from bdnn_ros.signals.unmeasured import unmeasured
@@ -78,10 +79,16 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
         position_noise=position_noise(recording),
         raw_rate=recording.rate,
         effort_noise=None if recording.effort is None else white_noise(recording.effort),
-        unmeasured=None
-        if recording.effort is None
-        else unmeasured(recording.effort)[np.searchsorted(recording.time, joined["time"])],
+        unmeasured=_unmeasured(recording, joined["time"]),
     )
+
+
+def _unmeasured(recording: Recording, time: np.ndarray) -> np.ndarray | None:
+    """At which moments (N,) an effort says nothing of what acts, (N, n) bool: where one drive rattles, none does."""
+    if recording.effort is None:
+        return None
+    nothing = unmeasured(recording.effort) | rattling(recording).any(axis=1)[:, None]
+    return nothing[np.searchsorted(recording.time, time)]
 
 
 def flattened(signals: Signals, cutoff: float) -> Signals:
