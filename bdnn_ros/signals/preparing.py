@@ -87,7 +87,8 @@ def _unmeasured(recording: Recording, time: np.ndarray) -> np.ndarray | None:
     """At which moments (N,) an effort says nothing of what acts, (N, n) bool: where one drive rattles, none does."""
     if recording.effort is None:
         return None
-    nothing = unmeasured(recording.effort) | rattling(recording).any(axis=1)[:, None]
+    shaken = np.asarray(rattling(recording).any(axis=1))
+    nothing = unmeasured(recording.effort) | shaken[:, None]
     return nothing[np.searchsorted(recording.time, time)]
 
 
