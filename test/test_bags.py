@@ -345,8 +345,8 @@ def test_velocity_that_one_joint_does_not_report_is_derived_for_it_alone(
     assert recording.velocity is not None
     silent = recording.velocity.copy()
     silent[:, 1] = value
-    wrapped = recording.position.copy()
-    wrapped[300:, 1] -= 2.0 * np.pi
+    wrapped = recording.position.copy()  # within a turn, whose end the joint passes
+    wrapped[:, 1] = np.remainder(wrapped[:, 1] - wrapped[300, 1], 2.0 * np.pi) - np.pi
     messages = [
         (t, k, log, joint_state(ARM, q, v, u, log))
         for (t, k, log, _), q, v, u in zip(states(recording), wrapped, silent, recording.effort, strict=True)
