@@ -46,6 +46,17 @@ def led(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
     return found
 
 
+def unseen(whole: Robot, robot: Robot) -> list[float]:
+    """Where each joint of the whole robot stands as long as nothing is seen of it [rad] ([m]).
+
+    Args:
+        robot: where it holds a joint that joint stands; the others at zero, or at the nearest limit.
+    """
+    nearest = np.clip(0.0, whole.limits.lower, whole.limits.upper).tolist()
+    held = dict(robot.held)
+    return [float(held.get(joint, at)) for joint, at in zip(whole.joints, nearest, strict=True)]
+
+
 def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
     """Joints that a recording holds, that are left out of a robot, and whose motion those feel that are looked at.
 
@@ -64,9 +75,7 @@ def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
     looked_at = [recording.joints.index(joint) for joint in robot.joints]
     own = [whole.joints.index(joint) for joint in robot.joints]
     motion = np.zeros((3, len(signals.time[rows]), whole.width))
-    # what no message holds stands where the robot has it
-    nearest = np.clip(0.0, whole.limits.lower, whole.limits.upper)
-    motion[0] = [dict(robot.held).get(joint, at) for joint, at in zip(whole.joints, nearest, strict=True)]
+    motion[0] = unseen(whole, robot)
     recorded = np.stack([signals.position, signals.velocity, signals.acceleration])[:, rows]
     motion[:, :, own] = recorded[:, :, looked_at]
     usual = whole.rigid_effort(*motion)[:, own]

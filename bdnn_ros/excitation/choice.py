@@ -21,6 +21,7 @@ from bdnn_ros.excitation.separation import Design, left_out
 from bdnn_ros.excitation.whole import LONGEST, whole
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
+from bdnn_ros.simulation.sensors import Noise
 
 DRAWS = 160
 """Pieces drawn at first, and again near the best ones."""
@@ -36,10 +37,8 @@ BATCH = 40
 """Pieces compared at once: more take memory, not time."""
 NOISE_SHARE = 0.01
 """Effort noise where none was measured, as a share of the effort limit."""
-ENCODER = 5e-5
-"""Noise of a usual encoder [rad] ([m]), as simulated robots have it."""
-TRAVEL = 10.0 * ENCODER
-"""A joint that travels less shows nothing [rad] ([m])."""
+TRAVEL = 10.0 * Noise.position
+"""A joint that travels less, ten times a usual encoder's noise, shows nothing [rad] ([m])."""
 DECISIVE = 10.0
 """Expected evidence above which a question counts as settled [nats]."""
 

@@ -12,6 +12,7 @@ import yaml
 
 from bdnn_ros.effects.registry import Installed, from_values
 from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.left_out import unseen
 from bdnn_ros.readings import credible
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import with_mimics
@@ -126,14 +127,9 @@ def effects_text(
 
 def _standing(robot: Robot) -> dict[str, float]:
     """Where the URDF's movable joints stand that are none of the robot's [rad] ([m]), as the robot has it."""
-    every = with_mimics(Robot.from_urdf(robot.urdf))
-    limits, known = Robot.from_urdf(robot.urdf, every).limits, dict(robot.held)
-    nearest = np.clip(0.0, limits.lower, limits.upper).tolist()
-    return {
-        joint: float(known.get(joint, at))
-        for joint, at in zip(every, nearest, strict=True)
-        if joint not in robot.joints
-    }
+    whole = Robot.from_urdf(robot.urdf, with_mimics(Robot.from_urdf(robot.urdf)))
+    stands = dict(zip(whole.joints, unseen(whole, robot), strict=True))
+    return {joint: at for joint, at in stands.items() if joint not in robot.joints}
 
 
 @dataclass(frozen=True)

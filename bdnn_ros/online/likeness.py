@@ -5,6 +5,7 @@ What the arm weighs, and its friction, may differ: that is what a model has lear
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,7 @@ def require_arm(model: Dynamics, robot: Robot, name: str) -> None:
     if own is None or own.urdf == robot.urdf:
         return
     # what both leave out stands alike: where it stood does not make another arm of it
-    theirs, ours = _seats(Robot.from_urdf(own.urdf, robot.joints)), _seats(robot)
+    theirs, ours = _seats(own.urdf, robot.joints), _seats(robot.urdf, robot.joints)
     reach = max(float(np.linalg.norm(seat.place)) for seat in ours)
     for joint, seat, other in zip(robot.joints, ours, theirs, strict=True):
         if not seat.like(other, reach):
@@ -78,10 +79,9 @@ def _description(model: object) -> Robot | None:
     return None if prior is None else _description(prior)
 
 
-def _seats(robot: Robot) -> list[Seat]:
-    """One of each joint, in the robot's order; zeros that were learned are not the arm's."""
-    bare = Robot.from_urdf(robot.urdf, robot.joints)
-    model, order = bare.pinocchio_model()
+def _seats(urdf: str, joints: Sequence[str]) -> list[Seat]:
+    """One of each joint of a URDF, in this order: with its zeros, whatever was learned of them."""
+    model, order = Robot.from_urdf(urdf, joints).pinocchio_model()
     data = model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     seats = []
