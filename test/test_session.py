@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from bdnn_cases import scales
 
@@ -161,6 +162,24 @@ def test_what_came_before_a_model_was_loaded_can_be_diagnosed(session, models):
     send(session, 50)
     session.load_now(models["physical"])
     assert introduced(session)["start"] == 350 and introduced(session)["kept"] == 300
+
+
+def test_a_velocity_that_a_driver_only_fills_in_is_none_of_a_recording():
+    def fed(velocity):
+        states = Ring.create(1000, 6)
+        for k in range(200):
+            states.slot()[:] = [0.001 * k, 0.002 * k, *velocity, 1.0, 1.0]
+            states.commit(k * MS, k * MS, k * MS)
+        recording = Feed(ARM.joints, states).recording(0.0)
+        states.close()
+        return recording
+
+    assert fed([0.0, 0.0]).velocity is None and "no velocity is reported" in fed([0.0, 0.0]).notes[0]
+    for absent in (0.0, np.nan):  # that of the other joint is kept
+        half = fed([absent, 2.0])
+        assert half.velocity == pytest.approx(np.tile([1.0, 2.0], (200, 1)))
+        assert ARM.joints[0] in half.notes[0]
+    assert fed([np.nan, np.nan]).velocity is None and not fed([np.nan, np.nan]).notes
 
 
 def test_a_feed_gives_what_is_kept():

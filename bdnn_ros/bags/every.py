@@ -111,7 +111,7 @@ def read_every(
     row = np.full(count, -1)
     row[shows] = which
     shown = samples.part(np.flatnonzero(shows)[first])
-    velocity, silent, more = reported_velocity(name, shown)
+    velocity, silent, more = reported_velocity(name, shown.joints, shown.position, shown.velocity)
     acting, also = reported_effort(name, samples)
     motion = Recording(
         (moments - moments[0]) * 1e-9,

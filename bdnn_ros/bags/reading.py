@@ -268,7 +268,7 @@ def recording_of(
 ) -> Recording:
     """The recording of samples: fields that nobody measured recognised."""
     stamps = samples.stamp
-    velocity, silent, more = reported_velocity(name, samples)
+    velocity, silent, more = reported_velocity(name, samples.joints, samples.position, samples.velocity)
     effort, also = samples.effort, []
     if effort is not None:
         absent = np.isnan(effort).all(axis=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,25 +16,31 @@ MOVES = 0.01
 """A joint that covers this much [rad] and reports a velocity of zero throughout does not report it."""
 
 
-def reported_velocity(name: str, samples: Samples) -> tuple[np.ndarray | None, np.ndarray, list[str]]:
+def reported_velocity(
+    name: str, joints: Sequence[str], position: np.ndarray, velocity: np.ndarray | None
+) -> tuple[np.ndarray | None, np.ndarray, list[str]]:
     """The velocity that the messages report.
+
+    Args:
+        name: what they came from.
+        position, velocity: (N, n); a velocity that a message lacks is NaN.
 
     Returns:
         It, (N, n), or None where no joint's is reported, or not in every message; whose is to be derived from the
         position, zero in it, (n,) bool; what there is to say.
     """
-    velocity, silent = samples.velocity, np.zeros(len(samples.joints), bool)
+    silent = np.zeros(len(joints), bool)
     if velocity is None:
         return None, silent, []
     absent = np.isnan(velocity).all(axis=0)
     unknown = ~(np.isfinite(velocity) & (velocity != 0.0)).any(axis=0)
-    moves = np.ptp(samples.position, axis=0) > MOVES if len(samples) else unknown
+    moves = np.ptp(position, axis=0) > MOVES if len(position) else unknown
     silent = (unknown & moves) | absent
     partly = np.isnan(velocity[:, ~absent]).all(axis=1) & (not absent.all())
     if partly.any():
         which = f"{partly.sum()} samples"
     elif silent.any():
-        which = listed(np.array(samples.joints)[silent])
+        which = listed(np.array(joints)[silent])
     else:
         return velocity, silent, []
     notes = [f"{name}: no velocity is reported for {which}; it is derived from the position."]

@@ -29,7 +29,13 @@ def question(recording: Recording, robot: Robot, cutoff: float | None) -> Messag
     arrays = {"time": recording.time, "position": recording.position, "effort": recording.require_effort()}
     if recording.velocity is not None:
         arrays["velocity"] = recording.velocity
-    info = {"urdf": robot.urdf, "joints": list(robot.joints), "name": recording.name, "cutoff": cutoff}
+    info = {
+        "urdf": robot.urdf,
+        "joints": list(robot.joints),
+        "name": recording.name,
+        "notes": list(recording.notes),
+        "cutoff": cutoff,
+    }
     return Message("diagnose", info, arrays)
 
 
@@ -50,7 +56,8 @@ def _diagnosis(message: Message) -> dict[str, Any]:
     info, arrays = message.info, message.arrays
     robot = Robot.from_urdf(info["urdf"], info["joints"])
     columns = arrays["position"], arrays.get("velocity"), arrays["effort"]
-    recording = Recording(arrays["time"], robot.joints, *columns, name=info["name"])
+    notes = tuple(info["notes"])
+    recording = Recording(arrays["time"], robot.joints, *columns, name=info["name"], notes=notes)
     return diagnose([recording], robot, cutoff=info["cutoff"]).as_json()
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.bags.reported import reported_velocity, with_derived
 from bdnn_ros.efforts import COMMAND_AGE, EffortConvention, in_force
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Chunk, Ring
@@ -112,10 +113,11 @@ class Feed:
                 "None of the joint states carries effort.",
                 "Set effort_source to command, or use a driver that fills it.",
             )
-        velocity = samples.velocity if np.isfinite(samples.velocity).all() else None
-        return Recording(
-            samples.time, self.joints, samples.position, velocity, samples.effort, name="live stream"
-        )
+        name, position, effort = "live stream", samples.position, samples.effort
+        velocity = samples.velocity if np.isfinite(samples.velocity).any() else None
+        velocity, silent, notes = reported_velocity(name, self.joints, position, velocity)
+        live = Recording(samples.time, self.joints, position, velocity, effort, name=name, notes=tuple(notes))
+        return with_derived(live, silent)
 
     def _ready(self, most: int, commands: Chunk) -> int:
         """How many joint states may be read: those whose commands have come, or are overdue."""
