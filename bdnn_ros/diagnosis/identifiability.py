@@ -173,7 +173,7 @@ def plainer(selection: Selection) -> Selection:
 def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     """What a term does that another on its joint cannot, root mean square where it does so, per spread of the effort."""
     equations, joint = pool.equations, pool.terms[one].target
-    rows = equations.exact[:, joint]
+    rows = equations.usable[:, joint]
     does = (equations.columns(pool.terms[one])[rows, joint]) @ pool.coefficients(fit, one)
     columns = equations.columns(pool.terms[part])[rows, joint]
     left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]
