@@ -10,11 +10,13 @@ from diagnosis_cases import equations_of, term, white
 
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.identifiability import plainer
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import contains, log_odds
 from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.settling import anew
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
@@ -149,6 +151,36 @@ def test_a_delay_of_all_joints_says_what_a_delay_of_one_does():
     assert not contains(Term(delay, 1), Term(delay, 2))
     assert contains(Term(get("stribeck_friction"), 1), Term(get("coulomb_friction"), 1))
     assert not contains(Term(get("stribeck_friction"), 1), Term(get("coulomb_friction"), 0))
+
+
+@pytest.mark.parametrize("extra, named", [(0.02, "stribeck_friction"), (0.006, "coulomb_friction")])
+def test_friction_that_only_falls_where_a_joint_dwells_has_to_be_worth_a_name(extra, named):
+    robot = Robot.bundled("arm2")
+    spec = f"stribeck_friction@arm2_joint2:coulomb=0.05,static={0.05 + extra},velocity=0.05"
+    equations, (law, coefficients) = equations_of([spec]), term(spec, robot)
+    falls = equations.columns(law)[:, 1, 1]
+    equations.dwelling[:, 1] |= np.abs(falls) > 1e-3 * np.abs(falls).max()
+    terms = [law, term("coulomb_friction@arm2_joint2:coulomb=0.05", robot)[0]]
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.effort_scale), terms, 0.02)
+    fit = pool.fit([0])
+    assert pool.coefficients(fit, 0) == pytest.approx(coefficients, abs=0.01)
+    (told,) = plainer(Selection(pool, (0,), fit)).terms
+    assert told.effect.name == named
+
+
+def test_a_shape_that_only_seems_to_fit_better_is_not_taken():
+    """A gain lets other terms leave their bounds; all of them together have to be the likelier for it."""
+    robot = Robot.bundled("arm2")
+    spec = "stribeck_friction@arm2_joint2:coulomb=0.05,static=0.15,velocity=0.15"
+    equations, (true, _) = equations_of([spec]), term(spec, robot)
+    wrong = true.shaped({"velocity": 0.3})
+
+    def sought(have: Term, seems: Term) -> Term:
+        pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.effort_scale), [have], 0.02)
+        asked = SimpleNamespace(anew=lambda equations, pool, rest, one: pool.replacing(one, seems))
+        return anew(asked, equations, pool).terms[0]
+
+    assert sought(true, wrong) == true and sought(wrong, true) == true
 
 
 def test_a_ripple_is_sought_anew_without_the_spring_that_led_it_astray():

@@ -47,12 +47,16 @@ def refined(
 def anew(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
     """The pool with each term's shape among all there are where one fits better by now: what moves a shape stays near it.
 
-    A term is found beside a load and others that are not known well yet. Pushes have a search of their own.
+    A term is found beside a load and others that are not known well yet. Pushes have a search of their own. What seems to
+    fit better is a gain for which others may leave their bounds: within these it has to, too.
     """
+    every = range(len(pool.terms))
     for one, term in enumerate(pool.terms):
         if not term.effect.timed:
-            rest = pool.fit([c for c in range(len(pool.terms)) if c != one])
-            pool = candidates.anew(equations, pool, rest, one)
+            rest = pool.fit([c for c in every if c != one])
+            other = candidates.anew(equations, pool, rest, one)
+            if other is not pool and other.fit(every).evidence > pool.fit(every).evidence:
+                pool = other
     return pool
 
 
