@@ -173,18 +173,20 @@ def plainer(selection: Selection) -> Selection:
 def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     """What a term does that another on its joint cannot, root mean square where it does so, per spread of the effort.
 
-    Where the joint dwells its dry friction is not known well: what shows there alone has to be worth a name of its own.
+    Where the joint dwells its dry friction passes for less than it is. What adds to the other may show there alone, but has
+    to be worth a name of its own.
     """
-    equations, joint = pool.equations, pool.terms[one].target
+    equations, law, plain = pool.equations, pool.terms[one], pool.terms[part]
+    joint = law.target
 
     def share(rows: np.ndarray) -> float:
-        does = (equations.columns(pool.terms[one])[rows, joint]) @ pool.coefficients(fit, one)
-        columns = equations.columns(pool.terms[part])[rows, joint]
+        does = (equations.columns(law)[rows, joint]) @ pool.coefficients(fit, one)
+        columns = equations.columns(plain)[rows, joint]
         left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]
         return rms(left[acting(left)]) / float(equations.effort_scale[joint])
 
-    everywhere = share(equations.usable[:, joint])
-    return everywhere if everywhere >= MINIMUM_SHARE else share(equations.exact[:, joint])
+    anywhere = share(equations.usable[:, joint]) if contains(law, plain) else 0.0
+    return anywhere if anywhere >= MINIMUM_SHARE else share(equations.exact[:, joint])
 
 
 def _judge(search: Search, selection: Selection, one: int) -> Judgement:
