@@ -117,7 +117,7 @@ class Candidates:
         return pool.replacing(one, found) if gain > pool.gain_of(fit, term)[0] else pool
 
     def refined(self, equations: Equations, pool: Pool, fit: Fit, chosen: int) -> Term:
-        """A term of a fit with its shape moved to where it fits best beside the others."""
+        """A term of a fit with its shape moved to where it fits best beside the others, which keep their bounds."""
         term = pool.terms[chosen]
         if not term.shape:
             return term
@@ -126,7 +126,11 @@ class Candidates:
         if term.effect.timed:
             return refined_push(pool, rest, term, self.robot)
         free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
-        return _refined(equations, pool, rest, term, free) if free else term
+        if not free:
+            return term
+        moved = _refined(equations, pool, rest, term, free)
+        before, after = (pool.replacing(chosen, one).fit(fit.terms).evidence for one in (term, moved))
+        return moved if after > before else term
 
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
         """Effort that really acts by the fit, and what drives take of it before the gear, at the working rate, (N, n) [N·m]."""
