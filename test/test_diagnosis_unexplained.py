@@ -41,6 +41,7 @@ def test_noise_depends_on_nothing(equations, seed):
         (f"{J1}.position", lambda m: np.sin(3.0 * m.position[:, 0])),
         (f"{J1}.velocity", lambda m: np.exp(-np.abs(m.velocity[:, 0]) / 0.2) * m.signals.sign[:, 0]),
         (f"{J2}.position", lambda m: np.cos(2.0 * m.position[:, 1])),
+        (f"{J2}.acceleration", lambda m: m.acceleration[:, 1]),
         ("time", lambda m: (m.time - m.time.mean()) / np.ptp(m.time)),
     ],
 )

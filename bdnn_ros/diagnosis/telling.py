@@ -176,10 +176,10 @@ def _unexplained_sentence(
     if remainder.depends_on:
         return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."
     if remainder.bursts:
-        return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, load or time predicts it."
+        return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, acceleration, load or time predicts it."
     if above:
-        return f"{left}; no position, velocity, load or time predicts it."
-    return "What is left looks like noise: no position, velocity, load or time predicts it."
+        return f"{left}; no position, velocity, acceleration, load or time predicts it."
+    return "What is left looks like noise: no position, velocity, acceleration, load or time predicts it."
 
 
 def _source(recordings: Sequence[Recording], equations: Equations) -> dict[str, object]:

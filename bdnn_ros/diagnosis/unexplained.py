@@ -10,6 +10,7 @@ from scipy.ndimage import binary_opening
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.noise import rms
 
+ACCELERATION = ".acceleration"
 HARMONICS = 6
 RIDGE = 1e-3
 VARIES = 1e-6
@@ -49,7 +50,8 @@ class Remainder:
 
 
 def describe(equations: Equations, residual: np.ndarray, stepping: np.ndarray | float = 0.0) -> Remainder:
-    """Regress a residual, rows (R, n) [N·m], on each joint's position, velocity, load and on time.
+    """Regress a residual, rows (R, n) [N·m], on its own and the next joints' position, velocity and load, on every joint's
+    acceleration, which inertia hands on to all, and on time.
 
     Args:
         stepping: what the steps in which the position is read may make of each joint, (n,) [N·m].
@@ -62,8 +64,11 @@ def describe(equations: Equations, residual: np.ndarray, stepping: np.ndarray | 
     for j in range(equations.width):
         rows = equations.usable[:, j]
         own = [key for key in groups if key.rpartition(".")[0] in (names[j], "")]
+        close = names[max(j - 1, 0) : j + 2]
         near = [
-            key for key in groups if key.rpartition(".")[0] in names[max(j - 1, 0) : j + 2] and key not in own
+            key
+            for key in groups
+            if key not in own and (key.rpartition(".")[0] in close or key.endswith(ACCELERATION))
         ]
         whole = np.concatenate([groups[key] for key in own + near], axis=1)
         predicted[:, j] = _cross_predicted(whole, residual[:, j], rows, equations.block)
@@ -113,6 +118,7 @@ def _inputs(equations: Equations) -> dict[str, np.ndarray]:
     groups: dict[str, np.ndarray] = {}
     for j, name in enumerate(motion.signals.joints):
         q, v, load = motion.position[:, j], motion.velocity[:, j], motion.load[:, j]
+        groups[name + ACCELERATION] = motion.acceleration[:, j : j + 1]
         waves = [f(k * q) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
         fast = np.abs(v) / max(float(np.std(v)), 1e-6)
         groups[f"{name}.position"] = np.stack(waves, axis=1)

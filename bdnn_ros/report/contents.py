@@ -251,7 +251,10 @@ def method(shown: View) -> list[tuple[str, str]]:
             "Value ± 1.96 standard deviations, joint with all other causes and the links, for noise that is "
             "coloured as the residual is.",
         ),
-        ("Noise floor", "RMS of what neither position, velocity, load nor time predicts of the residual."),
+        (
+            "Noise floor",
+            "RMS of what neither position, velocity, acceleration, load nor time predicts of the residual.",
+        ),
     ]
 
 
