@@ -206,8 +206,7 @@ def _hidden(
         case "payload":
             mass = float(rng.uniform(0.5, 2.0))
             centre = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.12)])
-            radius = float(rng.uniform(0.02, 0.08))
-            real.payload = pin.Inertia.FromSphere(mass, radius)
+            real.payload = pin.Inertia.FromBox(mass, *rng.uniform(0.04, 0.3, 3).tolist())
             real.payload.lever = centre
             return {"mass": mass, **dict(zip(("com_x", "com_y", "com_z"), centre.tolist(), strict=True))}
         case "base_tilt":

@@ -61,10 +61,9 @@ def test_a_payload_far_from_a_light_wrist_has_its_centre(worn):
     (found,) = (f for f in diagnose([simulated.recording], robot).findings if f.effect == "payload")
     assert found.link == "arm6_link6"
     assert found.parameters["mass"].value == pytest.approx(0.5, rel=0.15)
-    height = found.parameters[
-        "com_z"
-    ]  # less sure than of a point: what is carried may turn about itself as well
-    assert height.value == pytest.approx(0.128, abs=2.0 * height.std) and height.std < 0.012
+    height = found.parameters["com_z"]
+    # less sure than of a point: what is carried may be as large as a box, which turns about itself as well
+    assert height.value == pytest.approx(0.128, abs=2.0 * height.std) and height.std < 0.02
 
 
 def test_a_point_that_all_links_of_a_wrist_turn_about_is_on_any_of_them():
@@ -90,12 +89,13 @@ def test_what_an_arm_carries_is_not_believed_smaller_where_only_its_wrist_shows_
     assert np.mean(masses) == pytest.approx(1.0, abs=0.05)
 
 
-def test_what_is_carried_is_no_point_and_still_weighed_right():
+@pytest.mark.parametrize("mass, size", [(0.6, (0.16, 0.08, 0.05)), (1.5, (0.3, 0.3, 0.2))])
+def test_what_is_carried_is_no_point_and_still_weighed_right(mass, size):
     """What turns about its own centre is not put down to the link, which would grow by mass that the payload has."""
     robot = Robot.bundled("arm6")
     body, rotation, translation = robot.body_of("arm6_link6")
     at = rotation @ np.array([0.02, -0.03, 0.08]) + translation
-    box = pin.Inertia.FromBox(0.6, 0.16, 0.08, 0.05)
+    box = pin.Inertia.FromBox(mass, *size)
     box.lever = at
     inertials = robot.inertials.copy()
     inertials[body] += box.toDynamicParameters()
@@ -103,7 +103,7 @@ def test_what_is_carried_is_no_point_and_still_weighed_right():
     found = examine([recording], robot)
     (payload,) = found.diagnosis.findings
     assert (payload.effect, payload.link) == ("payload", "arm6_link6")
-    assert payload.parameters["mass"].value == pytest.approx(0.6, rel=0.02)
+    assert payload.parameters["mass"].value == pytest.approx(mass, rel=0.02)
     signals = found.equations.motion.signals
     left = found.equations.reduced(signals.effort - extend(found).predict(signals))
     assert rms(left, found.equations.usable) == pytest.approx(

@@ -24,8 +24,8 @@ POINT = 1 + len(SHAPE)
 ANY, NONE_LESS = (-np.inf, np.inf), (0.0, np.inf)
 CARRIED, OFF_CENTRE = 0.1, 0.1
 """Arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
-GYRATION = 0.03
-"""And what they carry has about such a radius of gyration about its own centre [m]."""
+GYRATION = 0.1
+"""And what they carry has up to such a radius of gyration about its own centre [m]: that of a box of 25 cm."""
 REACH = 0.5
 """Nothing is carried further than this from its link's origin [m]."""
 CERTAIN = 2.0
@@ -124,8 +124,8 @@ class Payload(OnBody):
 
     def general(self, robot: Robot, link: str) -> tuple[int, np.ndarray]:
         body, parameters = self.inertials(robot, dict.fromkeys(SHAPE, 0.0), link)
-        # a mass is so much further from the origin than from its own centre
-        parameters[:, POINT:] *= (OFF_CENTRE / GYRATION) ** 2
+        # about the origin a mass has the inertia of its centre's distance, too
+        parameters[:, POINT:] *= 1.0 + (OFF_CENTRE / GYRATION) ** 2
         return body, parameters
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
