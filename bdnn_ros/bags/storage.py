@@ -7,23 +7,23 @@ profiles differ from the file's, reads too.
 
 from __future__ import annotations
 
+import errno
 import re
-import struct
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from types import TracebackType
 from typing import Any
 
 import yaml
 from rosbags.rosbag2 import Reader, ReaderError
 
+from bdnn_ros.bags.databases import finished, require_all_pages, unfinished
 from bdnn_ros.bags.mixed import of_ros
 from bdnn_ros.errors import BagError, BdnnError, UsageError, listed
 
-SQLITE_HEADER = 100
 SUFFIXES = (".mcap", ".db3")
 JOINT_STATE = "sensor_msgs/msg/JointState"
 STRING = "std_msgs/msg/String"
@@ -61,7 +61,9 @@ class Storage:
             parts, in_order = _parts(self.path)
             for part in parts:
                 with _readable(part):
-                    _require_all_pages(part)
+                    if unfinished(part):
+                        part = finished(part, self._directory())
+                    require_all_pages(part)
                     self._readers.append(self._reader(part))
             if not in_order:
                 self._readers.sort(key=lambda reader: reader.start_time)
@@ -84,8 +86,11 @@ class Storage:
             foreign = isinstance(error, KeyError) or "Profile" in str(error)
             if part.suffix != ".mcap" or not foreign:
                 raise
-            directory = self._stack.enter_context(TemporaryDirectory())
-            return self._stack.enter_context(Reader(of_ros(part, Path(directory), READ)))
+            return self._stack.enter_context(Reader(of_ros(part, self._directory(), READ)))
+
+    def _directory(self) -> Path:
+        """A directory for a copy, there until the bag is closed."""
+        return Path(self._stack.enter_context(TemporaryDirectory()))
 
     @property
     def topics(self) -> list[Topic]:
@@ -113,20 +118,6 @@ class Storage:
                     yield connection.topic, stamp, data
 
 
-def _require_all_pages(path: Path) -> None:
-    """Raises where a database is shorter than its header says, which SQLite notices only page by page.
-
-    SQLite file format: page size at byte 16 (1 stands for 65536), number of pages at 28, valid if the change
-    counters at 24 and 92 agree.
-    """
-    if path.suffix != ".db3" or path.stat().st_size < SQLITE_HEADER:
-        return
-    with path.open("rb") as file:
-        page, counter, pages, valid = struct.unpack(">16xH6xII60xI4x", file.read(SQLITE_HEADER))
-    if counter == valid and path.stat().st_size < pages * (65536 if page == 1 else page):
-        raise EOFError(f"{pages} pages announced, the file ends before")
-
-
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     """What fails inside means a damaged file: on such files the library raises errors of every kind."""
@@ -137,6 +128,11 @@ def _readable(path: Path) -> Iterator[None]:
     except PermissionError:
         raise UsageError(f"{path} may not be read.", "Check its permissions.") from None
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise UsageError(
+                f"{path} is read from a copy, for which there is no room in {gettempdir()}.",
+                "Make room there, or name a directory with room in the environment variable TMPDIR.",
+            ) from None
         raise _damaged(path, error) from None
 
 
