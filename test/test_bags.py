@@ -26,7 +26,7 @@ from bag_cases import (
     write_bag,
 )
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 
@@ -152,6 +152,26 @@ def test_reads_what_the_mcap_library_writes(
             writer.add_message(channel, stamp, data, stamp)
         writer.finish()
     assert_equal(bags.read(path), recording)
+
+
+@pytest.mark.parametrize("counted", [True, False])
+@pytest.mark.parametrize("indexes", [IndexType.NONE, IndexType.ALL & ~IndexType.MESSAGE])
+def test_messages_that_no_index_lists_are_read(tmp_path: Path, indexes: IndexType, counted: bool) -> None:
+    """The messages were called ones that name no joint: chunks without an index were passed over."""
+    recording = motion(joints=ARM, samples=3000)
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file, chunk_size=100_000, index_types=indexes, use_statistics=counted)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(
+            JOINT_STATE, "ros2msg", TYPES.generate_msgdef(JOINT_STATE)[0].encode()
+        )
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for _, _, stamp, data in states(recording):
+            writer.add_message(channel, stamp, data, stamp)
+        writer.finish()
+    assert_equal(bags.read(path), recording)
+    assert bags.topics(path) == [bags.Topic("/joint_states", JOINT_STATE, 3000)]
 
 
 @pytest.mark.parametrize("profile", ["ros2", ""])

@@ -1,4 +1,4 @@
-"""MCAP files that hold more than ROS messages, or do not say that they hold such, as other tools than ROS write them."""
+"""MCAP files as other tools than ROS write them: with more than ROS messages, not said to hold such, or without indexes."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import yaml
 from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.rosbag2.storage_mcap import McapReader
 
 from bdnn_ros.bags.databases import finished, require_all_pages, unfinished
 from bdnn_ros.bags.mixed import of_ros
@@ -80,13 +81,16 @@ class Storage:
 
     def _reader(self, part: Path) -> Reader:
         try:
-            return self._stack.enter_context(Reader(part))
+            reader = self._stack.enter_context(Reader(part))
         except (KeyError, ReaderError) as error:
             # a schema of an encoding that it does not know, or another profile of the file
             foreign = isinstance(error, KeyError) or "Profile" in str(error)
             if part.suffix != ".mcap" or not foreign:
                 raise
-            return self._stack.enter_context(Reader(of_ros(part, self._directory(), READ)))
+        else:
+            if not _skips(reader):
+                return reader
+        return self._stack.enter_context(Reader(of_ros(part, self._directory(), READ)))
 
     def _directory(self) -> Path:
         """A directory for a copy, there until the bag is closed."""
@@ -116,6 +120,12 @@ class Storage:
             with _readable(self.path):
                 for connection, stamp, data in reader.messages(chosen):
                     yield connection.topic, stamp, data
+
+
+def _skips(reader: Reader) -> bool:
+    """Whether rosbags passes over chunks of an MCAP file: it looks for messages only where an index names their channels."""
+    storage = reader.storage
+    return isinstance(storage, McapReader) and any(not chunk.channel_count for chunk in storage.chunks)
 
 
 @contextmanager
