@@ -20,6 +20,7 @@ from typing import Any
 import yaml
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.rosbag2.storage_mcap import McapReader
+from zstandard import ZstdDecompressor
 
 from bdnn_ros.bags.databases import finished, require_all_pages, unfinished
 from bdnn_ros.bags.mixed import of_ros
@@ -31,6 +32,8 @@ STRING = "std_msgs/msg/String"
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 READ = (JOINT_STATE, STRING, MULTI_ARRAY)
 """Types of messages that are read."""
+ZSTANDARD = b"\x28\xb5\x2f\xfd"
+"""What a Zstandard frame begins with."""
 SPLIT = 1.0
 """Files of one bag that was split follow each other: they overlap, or leave a gap, of less than this [s]."""
 
@@ -119,7 +122,12 @@ class Storage:
                 continue
             with _readable(self.path):
                 for connection, stamp, data in reader.messages(chosen):
-                    yield connection.topic, stamp, data
+                    yield connection.topic, stamp, _decompressed(data)
+
+
+def _decompressed(data: bytes) -> bytes:
+    """A message that the recorder compressed, which metadata.yaml alone says: no CDR begins like Zstandard."""
+    return ZstdDecompressor().decompressobj().decompress(data) if data.startswith(ZSTANDARD) else data
 
 
 def _skips(reader: Reader) -> bool:
