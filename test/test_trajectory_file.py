@@ -47,6 +47,16 @@ def test_sampled_anew_it_is_the_same_motion(file: Path) -> None:
     assert not found.velocity[0].any() and not found.velocity[-1].any()
 
 
+@pytest.mark.parametrize("ends", ["", "\n", "\r\n \r\n", ",,,,,,\n"])
+def test_what_spreadsheets_add_changes_nothing(file: Path, ends: str) -> None:
+    """A byte order mark and an empty line were said to make it a table that lacks time, or one that cannot be read."""
+    before = read_trajectory(file, ROBOT, 500.0)
+    file.write_text("\ufeff" + file.read_text() + ends)
+    after = read_trajectory(file, ROBOT, 500.0)
+    np.testing.assert_array_equal(after.time, before.time)
+    np.testing.assert_array_equal(after.position, before.position)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [

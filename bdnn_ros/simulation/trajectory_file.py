@@ -22,7 +22,7 @@ def read_trajectory(path: Path, robot: Robot, rate: float) -> Trajectory:
     """The trajectory of a CSV file, sampled anew.
 
     Columns are `time`, then NAME.position, NAME.velocity and NAME.acceleration of every joint. Between points
-    it is the polynomial that meets all three at both, so it is as smooth as the points are.
+    it is the polynomial that meets all three at both, so it is as smooth as the points are. Empty lines do not count.
 
     Args:
         rate: of the new samples [Hz].
@@ -32,8 +32,8 @@ def read_trajectory(path: Path, robot: Robot, rate: float) -> Trajectory:
             simulated for so long or at this rate.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            header, *lines = list(csv.reader(file))
+        with path.open(encoding="utf-8-sig", newline="") as file:  # spreadsheets begin with a byte order mark
+            header, *lines = [line for line in csv.reader(file) if any(map(str.strip, line))]
         table = np.array([[float(x) for x in line] for line in lines], dtype=float)
     except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
         raise UsageError(
