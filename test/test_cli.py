@@ -94,6 +94,28 @@ def test_interruptions_and_full_pipes(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert int(done.stdout) in (0, 141)
 
 
+@pytest.mark.parametrize(
+    ("closed", "prints", "complains"),
+    [(">&-", False, True), ("2>&-", True, False), ("<&- >&- 2>&-", False, False)],
+)
+def test_streams_that_are_closed_take_nothing(
+    closed: str, prints: bool, complains: bool, tmp_path: Path
+) -> None:
+    """The work was done, and ended in a traceback."""
+    path = bag_of(tmp_path / "bag", motion(urdf=PENDULUM))
+    done, refused = (
+        subprocess.run(
+            ["bash", "-c", f"{sys.executable} -m bdnn_ros.cli.main {words} {closed}"],
+            capture_output=True,
+            text=True,
+        )
+        for words in (f"info {path}", f"info {path}x")
+    )
+    assert (done.returncode, bool(done.stdout), done.stderr) == (0, prints, "")
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr.startswith("bdnn: error: There is no bag") if complains else not refused.stderr
+
+
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_signal_leaves_nothing_half_written(
     number: int, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

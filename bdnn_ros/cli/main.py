@@ -111,7 +111,13 @@ def _signals() -> Iterator[None]:
 
 
 def _print_anything() -> None:
-    """A terminal or pipe that lacks a character gets its code: units have a dot, and names may have any letter."""
+    """A terminal or pipe that lacks a character gets its code: units have a dot, and names may have any letter.
+
+    Of a stream that the caller closed Python makes None; what is printed there goes nowhere, and no file takes its place.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode, encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
