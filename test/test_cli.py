@@ -18,7 +18,7 @@ from cli_cases import Pendulum, swing
 
 from bdnn_ros import bags, cli
 from bdnn_ros.cli import info, loading, options, outputs
-from bdnn_ros.cli.main import BROKEN_PIPE_STATUS, INTERRUPTED_STATUS, VERBS, main
+from bdnn_ros.cli.main import BROKEN_PIPE_STATUS, ENDING, INTERRUPTED_STATUS, VERBS, main
 from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -116,7 +116,9 @@ def test_streams_that_are_closed_take_nothing(
     assert refused.stderr.startswith("bdnn: error: There is no bag") if complains else not refused.stderr
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_a_signal_leaves_nothing_half_written(
     number: int, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -139,6 +141,32 @@ def test_a_signal_leaves_nothing_half_written(
         assert main(["info", "bag"]) == 0
     finally:
         signal.signal(number, before)
+
+
+@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("hung", [False, True])
+def test_a_second_signal_ends_only_what_hangs(
+    second: int, hung: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two Ctrl-C in a row left directories of half a result; one that comes late ends what would never end."""
+    cleared = []
+
+    def interrupt(args: object) -> int:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5.0)
+        finally:
+            time.sleep(0.1 if hung else 0.0)
+            os.kill(os.getpid(), second)
+            cleared.append(True)
+        return 0
+
+    monkeypatch.setattr(info, "run", interrupt)
+    monkeypatch.setattr("bdnn_ros.cli.main.PATIENCE", 0.05 if hung else 5.0)
+    handlers = [signal.getsignal(number) for number in ENDING]
+    assert main(["info", "bag"]) == INTERRUPTED_STATUS
+    assert bool(cleared) != (hung and second == signal.SIGINT)
+    assert [signal.getsignal(number) for number in ENDING] == handlers
 
 
 def test_a_full_standard_output_is_said_to_be(pendulum: Robot, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -38,8 +39,12 @@ SIGNALLED_STATUS = 128
 """And the signal's number on top."""
 INTERRUPTED_STATUS = SIGNALLED_STATUS + signal.SIGINT
 BROKEN_PIPE_STATUS = 141
-ENDING = (signal.SIGTERM, signal.SIGHUP)
-"""Signals that end the work as Ctrl-C does, with nothing half-written left."""
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end the work, with nothing half-written left."""
+UNMINDED = (signal.SIG_DFL, signal.default_int_handler)
+"""What Python does at a signal that nobody minds."""
+PATIENCE = 5.0
+"""So long [s] after a signal Ctrl-C does nothing while what is half-written is cleared away; later it ends that, too."""
 
 
 class Ended(KeyboardInterrupt):
@@ -94,11 +99,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _signals() -> Iterator[None]:
     """Raises `Ended` where a signal of `ENDING` comes meanwhile, unless somebody else minds it, as nohup does."""
     main_thread = threading.current_thread() is threading.main_thread()
-    minded = [number for number in ENDING if main_thread and signal.getsignal(number) == signal.SIG_DFL]
+    before = {number: signal.getsignal(number) for number in ENDING if main_thread}
+    minded = [number for number, handler in before.items() if handler in UNMINDED]
+    first = 0.0
 
     def end(number: int, frame: FrameType | None) -> None:
-        for each in minded:
-            signal.signal(each, signal.SIG_IGN)  # a second one must not leave half a result
+        nonlocal first
+        if first and (number != signal.SIGINT or time.monotonic() < first + PATIENCE):
+            return  # a second one must not leave half a result
+        first = time.monotonic()
         raise Ended(number)
 
     for number in minded:
@@ -107,7 +116,7 @@ def _signals() -> Iterator[None]:
         yield
     finally:
         for number in minded:
-            signal.signal(number, signal.SIG_DFL)
+            signal.signal(number, before[number])
 
 
 def _print_anything() -> None:
