@@ -149,6 +149,8 @@ def _run(words: list[str]) -> int:
         args = parser.parse_args(rest)
     except SystemExit as stop:  # --help
         return int(stop.code or 0)
+    if "require" in args:  # what options say together
+        args.require(args)
     return int(module.run(args))
 
 

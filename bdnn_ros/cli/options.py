@@ -96,6 +96,7 @@ def add_recording_arguments(
         action="store_true",
         help="leave out samples that are NaN or late, and join the parts of a clock that was set back",
     )
+    parser.set_defaults(require=_require_used)
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
@@ -149,6 +150,15 @@ def stages(label: str) -> Iterator[Callable[[str], None]]:
         desc=label,
     ) as bar:
         yield lambda text: bar.set_description_str(f"{label}: {text}")
+
+
+def _require_used(args: argparse.Namespace) -> None:
+    """Refuses a topic of commands of which nothing would be read, so that nobody takes measured efforts for commands."""
+    if args.effort_commands is not None and args.effort != "command":
+        raise UsageError(
+            f"--effort-commands {args.effort_commands} is not read: the efforts are the measured ones.",
+            "Pass --effort command as well, or leave the topic out.",
+        )
 
 
 def _names(text: str) -> tuple[str, ...]:
