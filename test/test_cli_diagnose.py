@@ -304,6 +304,14 @@ def test_an_unknown_model_or_bag_is_wrong_usage(recording, tmp_path, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("description", [(), ("--urdf", "a.urdf"), ("--robot", "arm2")])
+def test_a_description_beside_a_model_is_said_not_to_count(before, tmp_path, capsys, description):
+    words = ["diagnose", str(tmp_path / "nothing"), "--model", str(before), "--out", str(tmp_path / "out")]
+    assert main([*words, *description]) == 2
+    said = f"bdnn: note: the recording is compared with {before}, not with {''.join(description[1:])}."
+    assert (said in capsys.readouterr().err) == bool(description)
+
+
 def test_a_black_box_is_no_simulation_to_compare_with(recording, tmp_path, capsys):
     ones = np.ones(2)
     save_model(tmp_path / "box", BDNN.black_box((J1, J2), Scales(ones, ones, ones, 0.1 * ones), hidden=8))

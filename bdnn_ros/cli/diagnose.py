@@ -65,7 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "effects.yaml and effort.png",
     )
     parser.add_argument(
-        "--model", type=Path, help="compare with this model, identified earlier: what changed since?"
+        "--model",
+        type=Path,
+        help="compare with this model, identified earlier, instead of the robot description: what changed since?",
     )
 
 
@@ -73,6 +75,8 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose, write the files, say the verdict."""
     outputs.require_directory(args.out)
     earlier = load_model(args.model) if args.model else None
+    if earlier is not None and (args.urdf or args.robot):
+        options.say(f"the recording is compared with {args.model}, not with {args.urdf or args.robot}.")
     joints = earlier.joints if earlier else ()
     recordings, robot = loading.load(args, joints=joints, needs_robot=earlier is None, undisturbed=True)
     if earlier is not None:
