@@ -56,6 +56,7 @@ setup(
         "safetensors",
         "scipy",
         "tqdm",
+        "zstandard",
     ],
     extras_require={
         # a machine with ROS 2 Jazzy installed has these already
