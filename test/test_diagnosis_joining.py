@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.joining import concatenated
+from bdnn_ros.diagnosis.joining import concatenated, owners, stretches
+from bdnn_ros.diagnosis.notes import AT_AN_END
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -44,6 +45,31 @@ def test_a_push_in_one_of_several_is_told_with_when_each_begins():
             "Times are told on one clock, on which the recordings follow one another: "
             "bag1 begins at 0.0 s, bag2 begins at 21.0 s."
         ] * (len(recordings) - 1)
+
+
+def test_a_push_that_lasts_until_a_recording_ends_is_over_then():
+    """Not when the next one begins: nobody knows what was in between."""
+    pushed = recorded(2, "external_wrench@arm2_joint2:torque=3,start=17,end=99")
+    (finding,) = diagnose([pushed, recorded(1)], ARM).findings
+    assert 19.8 < finding.parameters["end"].value < 20.1
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_what_pushes_at_an_inner_end_only_is_at_an_end(first):
+    """A filter makes the same of every recording's ends, wherever it comes in a row."""
+    pushed = recorded(2, "external_wrench@arm2_joint2:torque=3,start=19.45,end=99")
+    found = diagnose([pushed, recorded(1)] if first else [recorded(1), pushed], ARM)
+    assert found.findings == () and AT_AN_END in found.notes
+
+
+def test_every_row_is_of_the_recording_that_began_last():
+    parts = [prepare(recorded(seed)) for seed in (1, 2)]
+    assert parts[0].begun == ()
+    joined = concatenated(parts)
+    np.testing.assert_array_equal(owners(joined.time, joined.begun), np.repeat([1, 2], [*map(len, parts)]))
+    ends = np.array(stretches(joined.time, joined.begun))
+    np.testing.assert_allclose(ends - ends[:, :1], [[0.0, np.ptp(part.time)] for part in parts])
+    assert stretches(parts[0].time, ()) == [(parts[0].time[0], parts[0].time[-1])]
 
 
 def test_recordings_of_two_rates_go_together_by_one_cutoff():

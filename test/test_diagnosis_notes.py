@@ -53,6 +53,26 @@ def test_a_push_that_may_be_a_load_is_said_to(force, start, end, said):
     assert len(notes) == bool(said) and all(said in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("start", "end", "said"),
+    [
+        (4.0, 10.0, "from 4.0 s to 10.0 s, as a load of 1 kg would that was taken up"),
+        (11.0, 15.0, "from 11.0 s to 15.0 s, as a load of 1 kg would that was put down"),
+        (11.0, 20.0, "from 11.0 s to 20.0 s, all through some of the recordings, as a load of 1 kg"),
+        (4.0, 20.0, "from 4.0 s to 20.0 s, as a load of 1 kg would that was taken up"),
+        (0.0, 4.0, "until 4.0 s, as a load of 1 kg would that was put down"),
+        (24.0, 30.0, "from 24.0 s on, as a load of 1 kg would that was taken up"),
+        (12.0, 15.0, ""),
+        (0.0, 30.0, ""),
+    ],
+)
+def test_a_load_may_be_of_one_of_several_recordings(start, end, said):
+    """Each has ends of its own, from 0 to 10 s, 11 to 20 s and 21 to 30 s."""
+    time = np.concatenate([np.linspace(begin, last, 90) for begin, last in ((0, 10), (11, 20), (21, 30))])
+    notes = loads(ARM, [pull((0.0, 0.0, -9.81), start, end)], time, (0.0, 11.0, 21.0))
+    assert len(notes) == bool(said) and all(said in note for note in notes)
+
+
 def test_a_load_that_is_taken_up_is_told_so():
     """By its weight: nothing but the recording's end tells it from a hand that pulls down."""
     weight = parse_spec("external_wrench@arm6_link6:start=9,end=100,force_z=-6", ARM)

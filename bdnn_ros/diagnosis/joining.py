@@ -73,6 +73,7 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
         ),
         position_noise=np.max([p.position_noise for p in parts], axis=0),
         effort_noise=_largest([p.effort_noise for p in parts]),
+        begun=tuple(float(part.time[0] + shift) for part, shift in zip(parts, moved, strict=True)),
         **{key: joined(key) for key in keys},
     )
 
@@ -80,6 +81,17 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
 def starts(times: Sequence[np.ndarray]) -> list[float]:
     """When each of some recordings begins on the clock of all, from their stamps [s]: a second after the one before it."""
     return np.cumsum([0.0, *(time[-1] - time[0] + 1.0 for time in times[:-1])]).tolist()
+
+
+def owners(time: np.ndarray, begun: Sequence[float]) -> np.ndarray:
+    """Which of several recordings that began at some times each stamp (N,) is of, (N,) int; nothing begun is one."""
+    return np.searchsorted(np.asarray(begun, float), time, side="right")
+
+
+def stretches(time: np.ndarray, begun: Sequence[float]) -> list[tuple[float, float]]:
+    """First and last of the stamps (N,) of each of several recordings that began at some times [s]."""
+    pieces = np.split(time, np.flatnonzero(np.diff(owners(time, begun))) + 1)
+    return [(float(piece[0]), float(piece[-1])) for piece in pieces]
 
 
 def _largest(values: Sequence[np.ndarray | None]) -> np.ndarray | None:

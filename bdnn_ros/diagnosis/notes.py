@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.joining import starts
+from bdnn_ros.diagnosis.joining import starts, stretches
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
 from bdnn_ros.diagnosis.term import Term
@@ -56,6 +56,10 @@ LIKE_A_LOAD = (
     "Something pulls {where} straight down {when}, as a load of {mass:.2g} kg would that was {done} then: a payload is told of "
     "a recording that has it from start to end."
 )
+CARRIED = (
+    "Something pulls {where} straight down {when}, all through some of the recordings, as a load of {mass:.2g} kg would: a "
+    "payload is told of recordings that all have it. Diagnose those apart from the others."
+)
 DOWN = math.cos(math.radians(30.0))
 """A force within this angle of gravity may be a weight: a load that is swung pulls sideways, too."""
 
@@ -93,19 +97,43 @@ def mostly_links(share: float, since: bool) -> list[str]:
     return [MOSTLY_LINKS.format(share=100.0 * min(share, 1.0), reference=reference(since))] * (share > MOST)
 
 
-def loads(robot: Robot, findings: Sequence[Finding], time: np.ndarray) -> list[str]:
-    """A note on each push that may be a load, taken up and kept to the end or there from the start and put down."""
+def loads(
+    robot: Robot, findings: Sequence[Finding], time: np.ndarray, begun: Sequence[float] = ()
+) -> list[str]:
+    """A note on each push that may be a load, taken up and kept to a recording's end, there from its start and put down, or both.
+
+    Args:
+        time: of the rows, (R,) [s].
+        begun: when each of several recordings begins, see `Signals`.
+    """
     notes, gravity = [], float(np.linalg.norm(robot.gravity_vector))
+    pieces = stretches(time, begun)
     for finding in findings:
         if finding.effect != ExternalWrench.name or finding.link is None:
             continue
         force = np.array([finding.parameters[axis].value for axis in FORCE])
         start, end = (finding.parameters[edge].value for edge in EDGES)
-        from_start, to_end = start < time[0] + ENDS, end > time[-1] - ENDS
         weight = float(force @ robot.gravity_vector) / max(gravity, 1e-9)
-        if from_start != to_end and weight > DOWN * float(np.linalg.norm(force)):
-            when, done = f"from {start:.1f} s on", "taken up"
-            if from_start:
-                when, done = f"until {end:.1f} s", "put down"
-            notes.append(LIKE_A_LOAD.format(where=finding.link, when=when, mass=weight / gravity, done=done))
+        if weight > DOWN * float(np.linalg.norm(force)):
+            notes += _held(finding.link, weight / gravity, start, end, pieces)
     return notes
+
+
+def _held(
+    where: str, mass: float, start: float, end: float, pieces: Sequence[tuple[float, float]]
+) -> list[str]:
+    """The note on what pulls as a mass [kg] would between two times [s], of recordings of such first and last times."""
+    first = next((begin for begin, last in pieces if last >= start), pieces[-1][0])
+    last = next((last for begin, last in reversed(pieces) if begin <= end), pieces[0][1])
+    from_start, to_end = start < first + ENDS, end > last - ENDS
+    at_first, at_last = first == pieces[0][0], last == pieces[-1][1]
+    meanwhile = f"from {start:.1f} s to {end:.1f} s"
+    if from_start and to_end:
+        return [] if at_first and at_last else [CARRIED.format(where=where, when=meanwhile, mass=mass)]
+    if not (from_start or to_end):
+        return []
+    if to_end:
+        when, done = f"from {start:.1f} s on" if at_last else meanwhile, "taken up"
+    else:
+        when, done = f"until {end:.1f} s" if at_first else meanwhile, "put down"
+    return [LIKE_A_LOAD.format(where=where, when=when, mass=mass, done=done)]

@@ -11,6 +11,7 @@ from scipy.linalg import cho_solve
 from bdnn_ros.diagnosis.contact import contact, point_of
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.gains import acting
+from bdnn_ros.diagnosis.joining import stretches
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.windows import LONGEST_SHARE, best_window
 from bdnn_ros.effects.environment import POINT, ExternalWrench, Push, window
@@ -170,8 +171,9 @@ def edges(push: Term) -> tuple[float, float]:
 
 def at_an_end(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     """Whether most of what a push explains is at a recording's ends, where a filter may have made it of the motion's own."""
-    time = pool.equations.motion.time[pool.equations.rows]
-    ends = (time < time[0] + ENDS) | (time > time[-1] - ENDS)
+    time, ends = pool.equations.motion.time[pool.equations.rows], np.zeros(len(pool.equations.rows), bool)
+    for first, last in stretches(time, pool.equations.motion.signals.begun):
+        ends |= ((time >= first) & (time < first + ENDS)) | ((time > last - ENDS) & (time <= last))
     return pool.terms[one].effect.timed and _mostly(ends, pool, chosen, [c for c in chosen if c != one])
 
 

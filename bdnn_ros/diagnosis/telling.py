@@ -107,7 +107,7 @@ def told(
             *one_clock(recordings, findings),
             *[AT_AN_END] * bool(at_ends),
             *[THROUGHOUT] * bool(always),
-            *loads(robot, findings, equations.motion.time[equations.rows]),
+            *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
             *unnamed([(found[one].term, name_of(robot, found[one].term)) for one in names.silent]),
             *[FAR_OFF] * far_off,
             *(mostly_links(_by_links(equations, attempt.fitted, held), since) if findings else ()),

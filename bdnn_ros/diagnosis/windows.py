@@ -9,6 +9,7 @@ from scipy.linalg import solve_triangular
 
 from bdnn_ros.diagnosis.bounded import solved
 from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.joining import owners
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import SHORTEST
 
@@ -31,7 +32,10 @@ def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
         np.unique(np.clip(np.arange(mark - step, mark + step + 1), 0, len(time))) for mark in (start, end)
     ]
     start, end = sums.best(near[0], near[1], time)
-    return term.shaped({**where, "start": float(time[start]), "end": float(time[min(end, len(time) - 1)])})
+    owner, over = owners(time, equations.motion.signals.begun), min(end, len(time) - 1)
+    if owner[over] != owner[over - 1]:  # it is seen up to a recording's last row, not to the next one's first
+        over -= 1
+    return term.shaped({**where, "start": float(time[start]), "end": float(time[over])})
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,7 @@ class Signals:
         own: low-pass that the efforts had passed before they were recorded, or what is left of it, or None.
         creep: velocities under which dry friction comes on little by little, ahead and back [rad/s], and how early it does
             [s], (n, 3), or None where it does at once.
+        begun: first stamp of each of several recordings that follow one another [s]; empty for one.
     """
 
     time: np.ndarray
@@ -88,6 +89,7 @@ class Signals:
     unmeasured: np.ndarray | None = None
     own: Lowpass | Restored | None = None
     creep: np.ndarray | None = None
+    begun: tuple[float, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time)
