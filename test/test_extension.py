@@ -18,6 +18,7 @@ from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import Installed, parse_spec
 from bdnn_ros.errors import ModelFileError, UsageError
+from bdnn_ros.extension import extended
 from bdnn_ros.extension.extend import corrected_links, extend, of_physical
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import Model, load_model, save_model
@@ -446,3 +447,16 @@ def test_friction_in_proportion_to_a_load_is_found_as_soon_whatever_the_load(
     assert len(rounds) < 25
     load = heavy.inverse_dynamics(*state)[0]
     np.testing.assert_allclose(effort[0], load + 0.3 * abs(effort[0]), rtol=1e-9)
+
+
+def test_friction_that_takes_nine_tenths_of_a_load_is_settled(robot: Robot, monkeypatch) -> None:
+    """The largest ratio that may be: each round of a fixed point leaves nine tenths of what the one before did."""
+    model = with_effects(robot, "load_dependent_friction@arm7_joint2:ratio=0.9")
+    signals = motion(robot)
+    state = signals.position, signals.velocity, signals.acceleration
+    rigid, way = robot.inverse_dynamics(*state)[:, 1], np.sign(signals.velocity[:, 1])
+    expected = rigid / (1.0 - 0.9 * way * np.sign(rigid))
+    np.testing.assert_allclose(model.inverse_dynamics(*state)[:, 1], expected, rtol=1e-12)
+    predicted = model.predict(signals)
+    monkeypatch.setattr(extended, "LOAD_ROUNDS", 2 * extended.LOAD_ROUNDS)
+    np.testing.assert_allclose(model.predict(signals), predicted, rtol=0.0, atol=1e-8)
