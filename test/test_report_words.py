@@ -127,6 +127,16 @@ def test_an_interval_of_what_became_less_is_below_nothing() -> None:
     assert words.estimate("mass", mass, parameter("payload", "mass"))[1] == "−1.020 to −0.980"
 
 
+@pytest.mark.parametrize(
+    ("value", "interval"),
+    [(-11.9, "−12.9 to −10.9"), (-9.9, "−10.0 to −8.9"), (9.9, "8.9 to 10.0"), (12.1, "11.1 to 13.1")],
+)
+def test_an_interval_holds_its_own_value(value: float, interval: str) -> None:
+    """The rest of a preloaded spring may lie beyond what a specification takes."""
+    rest = parameter("joint_spring", "rest")
+    assert words.estimate("rest", Quantity(value, 0.5, "rad"), rest)[1] == interval
+
+
 def test_the_centre_of_a_payload_that_no_motion_shows_has_no_number() -> None:
     height = parameter("payload", "com_z")
     assert words.estimate("com_z", Quantity(0.0, 0.13, "m"), height)[1] == "not shown by this motion"
