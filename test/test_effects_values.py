@@ -224,3 +224,14 @@ def test_a_bristle_as_short_as_any_that_is_tried_is_dry_friction(breakaway, show
     """However well its travel is known: it would rather be shorter."""
     values, stds = {"force": 1.0, "breakaway": breakaway}, {"force": 0.01, "breakaway": 1e-4}
     assert get("hysteresis").shown(values, stds) is shown
+
+
+@pytest.mark.parametrize(("stiffness", "less"), [(3.01, False), (-3.01, True)])
+def test_a_spring_is_less_by_its_stiffness_wherever_it_rests(stiffness, less):
+    """A preloaded one rests further off than a specification takes."""
+    said = get("joint_spring").sentence("elbow", {"stiffness": stiffness, "rest": -11.9})
+    assert said.startswith(
+        "elbow has less of a spring than the model"
+        if less
+        else "elbow has a spring that the model leaves out"
+    )

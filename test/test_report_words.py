@@ -155,6 +155,9 @@ def test_what_is_less_than_described_is_called_so() -> None:
         "Viscous friction",
         "Less viscous friction",
     ]
+    spring = finding("joint_spring", "joint", stiffness=3.0, rest=-11.9)
+    assert words.cause(spring) == "Spring"
+    assert words.cause(finding("joint_spring", "joint", stiffness=-3.0, rest=-11.9)) == "Less spring"
     assert words.cause(found(-0.3), found(-0.1)) == "Less viscous friction"
     assert words.cause(found(-0.3), found(0.2)) == "More or (negative) less viscous friction"
     assert words.kinds([found(-0.3), found(-0.1), found(0.2)]) == (

@@ -291,6 +291,11 @@ class Effect(ABC):
         changed.coefficient_bounds = ((-had, most), *others)  # type: ignore[misc]
         return changed
 
+    def says_less(self, values: Values) -> bool:
+        """Whether values say that there is less of it than a model has: less than nothing of its first parameter's kind."""
+        alike = [p for p in self.parameters if p.unit == self.parameters[0].unit and p.lower >= 0.0]
+        return any(values.get(p.name, p.lower) < p.lower for p in alike)
+
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
         numbers = ", ".join(
@@ -298,8 +303,9 @@ class Effect(ABC):
             for p in self.parameters
             if p.name in values
         )
-        if any(values.get(p.name, p.lower) < p.lower for p in self.parameters):
-            return f"{where} has less {self.title} than the model ({numbers})."
+        if self.says_less(values):
+            of = "of " * self.title.startswith(("a ", "an "))
+            return f"{where} has less {of}{self.title} than the model ({numbers})."
         return f"{where} has {self.title} that the model leaves out ({numbers})."
 
 

@@ -98,8 +98,8 @@ def cause(*findings: Finding) -> str:
 
 def says_less(finding: Finding) -> bool:
     """Whether there is less of a cause than the model has."""
-    lower = {p.name: p.lower for p in get(finding.effect, finding.variant).parameters}
-    return any(quantity.value < lower[name] for name, quantity in finding.parameters.items())
+    values = {name: quantity.value for name, quantity in finding.parameters.items()}
+    return get(finding.effect, finding.variant).says_less(values)
 
 
 def decapitalised(text: str) -> str:
