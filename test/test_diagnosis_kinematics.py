@@ -52,6 +52,14 @@ def test_nothing_where_the_velocity_is_the_positions_derivative(source, seed):
     assert reported_velocity([recorded(seed=seed, velocity_source=source)]) == []
 
 
+def test_recordings_without_a_velocity_leave_the_others_checked():
+    """What a driver does shows in any recording that tells of it, as if it were the only one."""
+    filtered = recorded(f"velocity_filter@{J1}:cutoff=6")
+    silent = replace(recorded(seed=1), velocity=None)
+    assert reported_velocity([silent, filtered]) == reported_velocity([filtered]) != []
+    assert reported_velocity([silent, silent]) == []
+
+
 def test_a_filtered_difference_is_found():
     spec = f"velocity_filter@{J2}:cutoff=6"
     found = reported_velocity([recorded(spec, velocity_source="differentiated")])
@@ -62,7 +70,6 @@ def test_a_filtered_difference_is_found():
 def test_without_a_reported_velocity_there_is_nothing_to_say():
     filtered = recorded(f"velocity_filter@{J1}:cutoff=5")
     assert reported_velocity([replace(filtered, velocity=None)]) == []
-    assert reported_velocity([filtered, replace(filtered, velocity=None)]) == []
 
 
 def test_an_effect_in_the_effort_is_none_in_the_velocity():

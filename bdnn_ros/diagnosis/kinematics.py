@@ -24,11 +24,13 @@ def reported_velocity(recordings: Sequence[Recording], cutoff: float | None = No
     """A finding for each joint whose reported velocity lags behind its motion like a first-order low-pass.
 
     Args:
+        recordings: those without a velocity tell nothing.
         cutoff: low-pass [Hz], None chooses.
     """
-    if any(recording.velocity is None for recording in recordings):
+    reporting = [recording for recording in recordings if recording.velocity is not None]
+    if not reporting:
         return []
-    signals = concatenated(prepared_alike(recordings, cutoff))
+    signals = concatenated(prepared_alike(reporting, cutoff))
     moving = np.flatnonzero(further(signals.position, signals.position_noise))
     return [finding for j in moving.tolist() if (finding := _filtered(signals, j)) is not None]
 
