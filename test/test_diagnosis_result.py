@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,8 @@ def test_an_interrupted_write_leaves_the_old_file(diagnosis, tmp_path, monkeypat
 def test_where_it_sits(diagnosis):
     friction, tilt = diagnosis.findings
     assert (friction.where, tilt.where) == ("panda_joint4", "base")
+    assert replace(friction, effect="effort_delay", joint=None).where == "all joints"
+    assert Rival("effort_delay", None, None, 0.4).where == "all joints"
 
 
 @pytest.mark.parametrize(

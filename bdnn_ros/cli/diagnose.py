@@ -202,8 +202,7 @@ def _close(finding: Finding) -> list[Rival]:
 
 def _rivals(finding: Finding) -> str:
     others = ", ".join(
-        f"{rival.effect} at {rival.link or rival.joint or 'base'} {rival.probability:.2f}"
-        for rival in _close(finding)
+        f"{rival.effect} at {rival.where} {rival.probability:.2f}" for rival in _close(finding)
     )
     return f"    {finding.effect} at {finding.where} could also be: {others}"
 

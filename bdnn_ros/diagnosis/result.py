@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.written import whole
 
 FORMAT = "bdnn_ros/diagnosis"
@@ -37,6 +38,11 @@ class Rival:
     probability: float
     variant: str = ""
 
+    @property
+    def where(self) -> str:
+        """As a finding's."""
+        return place(self.joint, self.link, self.effect)
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -60,8 +66,8 @@ class Finding:
 
     @property
     def where(self) -> str:
-        """Joint or link it acts on, or "base"."""
-        return self.link or self.joint or "base"
+        """Joint or link it acts on, "base", or "all joints"."""
+        return place(self.joint, self.link, self.effect)
 
 
 @dataclass(frozen=True)
@@ -139,6 +145,14 @@ def _place_json(one: Finding | Rival) -> dict[str, Any]:
 def _rounded(value: float) -> float:
     """Six significant digits: what the data could ever support."""
     return float(f"{float(value):.6g}")
+
+
+def place(joint: str | None, link: str | None, effect: str) -> str:
+    """Where an effect is: a link, a joint, the base or all joints."""
+    if link or joint:
+        return str(link or joint)
+    known = EFFECTS.get(effect)
+    return "base" if known is not None and known.on == "base" else "all joints"
 
 
 def reference(since: bool) -> str:

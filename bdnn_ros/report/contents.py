@@ -156,7 +156,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[ParameterRow]:
             rows.append(
                 ParameterRow(
                     title=words.cause(finding),
-                    where=words.place(finding.joint, finding.link, finding.effect),
+                    where=finding.where,
                     first=len(finding.parameters) if k == 0 else 0,
                     name=words.label(name),
                     value=value,

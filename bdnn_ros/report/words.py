@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from bdnn_ros.diagnosis.identifiability import TIE
-from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, reference
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, place, reference
 from bdnn_ros.effects.base import Parameter
-from bdnn_ros.effects.registry import ALL, EFFECTS, get
+from bdnn_ros.effects.registry import ALL, get
 from bdnn_ros.robot.units import printed
 
 INTERVAL = 1.96
@@ -38,14 +38,6 @@ def title(effect: str) -> str:
     for article in ("a ", "an "):
         text = text.removeprefix(article)
     return text[:1].upper() + text[1:]
-
-
-def place(joint: str | None, link: str | None, effect: str) -> str:
-    """Where it is: a link, a joint, the base or all joints."""
-    if link or joint:
-        return str(link or joint)
-    known = EFFECTS.get(effect)
-    return "base" if known is not None and known.on == "base" else "all joints"
 
 
 def at(joint: str | None, link: str | None, effect: str) -> str:
