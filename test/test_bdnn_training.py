@@ -216,6 +216,40 @@ def test_a_state_carries_the_whole_training(arm2):
             np.testing.assert_array_equal(value, others[key])
 
 
+@pytest.mark.parametrize("kind", ["robot", "opaque"])
+def test_a_training_on_a_prior_keeps_what_it_learned(arm2, tmp_path, kind):
+    """Its budget may be spent: what was learned within it is the model."""
+    robot, train, validation, test = arm2
+    plain = robot.with_joint_parameters(robot.armature, 0.0 * robot.viscous, 0.0 * robot.coulomb)
+    prior = plain if kind == "robot" else Opaque(plain)
+    pieces = 0
+
+    def interrupt(*_: object) -> None:
+        nonlocal pieces
+        pieces += 1
+        if pieces == (2 if kind == "robot" else 1):
+            raise KeyboardInterrupt
+
+    options = {"prior": prior, "state": tmp_path / "training.state", "clock": Clock()}
+    with pytest.raises(KeyboardInterrupt):
+        identify(train, validation, budget=10.0, progress=interrupt, **options)
+    at_once = identify(train, validation, budget=1e-3, **options)
+    whole = identify(train, validation, budget=10.0, **options)
+    again = identify(train, validation, budget=1e-3, **options)
+    untouched = identify(train, validation, prior=prior, budget=10.0, clock=Clock())
+    assert nmse(at_once, test).mean() < 5e-3
+    for model in (whole, again):  # as if nothing had interrupted it
+        np.testing.assert_allclose(model.predict(test), untouched.predict(test), rtol=1e-9, atol=1e-9)
+
+
+def test_the_state_of_another_prior_is_refused(arm2, tmp_path):
+    robot, train, validation, _ = arm2
+    options = {"state": tmp_path / "training.state", "budget": 5.0}
+    identify(train, validation, prior=robot, clock=Clock(), **options)
+    with pytest.raises(ModelFileError, match="damaged"):
+        identify(train, validation, prior=Opaque(robot), clock=Clock(), **options)
+
+
 def test_a_foreign_or_damaged_state_is_refused(arm2, tmp_path):
     _, train, validation, _ = arm2
     foreign = modelfile.save(tmp_path / "foreign.state", "bdnn", {}, {})

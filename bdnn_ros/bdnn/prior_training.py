@@ -14,6 +14,7 @@ from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
+from bdnn_ros.bdnn.restoring import prior_core, prior_core_state
 from bdnn_ros.bdnn.samples import (
     Samples,
     joined,
@@ -36,6 +37,7 @@ ROUNDS = 3
 NOISE_FLOOR = 1e-3
 CORRECTION_SHARE = 0.8
 """Share of the budget after which the correction of M stops."""
+STAGES = ("bodies", "networks", "correction", "finished")
 THICKNESS = 1e-4
 """Least principal moment of a body over its largest: URDFs hold points and rods."""
 
@@ -102,11 +104,19 @@ class PriorTraining:
             self._core = replace(self._core, prior=robot, local=self._core.local.with_offset(offset))
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays and JSON-able rest; every stage is quick enough to be done again."""
-        return {}, {}
+        """Arrays and JSON-able rest from which the training goes on; a prior that is no robot stays as it was given."""
+        arrays, info = prior_core_state(self._core, with_prior=isinstance(self._core.prior, Robot))
+        return arrays, {**info, "stage": self.stage, "rng": self._rng.bit_generator.state}
 
     def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
-        """Go on from a state: from the beginning, which costs little."""
+        """Go on from a state of the same data and prior."""
+        given = self._core.prior
+        core = prior_core(arrays, info, lambda kind, held, told: given)
+        of_another = isinstance(core.prior, Robot) != isinstance(given, Robot)
+        if of_another or core.prior.joints != given.joints or info["stage"] not in STAGES:
+            raise ValueError("state")
+        self._core, self.stage = core, str(info["stage"])
+        self._rng.bit_generator.state = info["rng"]
 
 
 def belief_of(robot: Robot, samples: Samples) -> Belief:

@@ -20,8 +20,13 @@ Build = Callable[[str, dict[str, np.ndarray], dict[str, Any]], Dynamics]
 """Makes a prior of another kind from its kind, arrays and info."""
 
 
-def prior_core_state(core: PriorCore) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def prior_core_state(
+    core: PriorCore, with_prior: bool = True
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Arrays and JSON-able rest of a core.
+
+    Args:
+        with_prior: not where who restores it has the prior, to be given by `build`.
 
     Raises:
         ModelFileError: the prior cannot be saved.
@@ -30,7 +35,7 @@ def prior_core_state(core: PriorCore) -> tuple[dict[str, np.ndarray], dict[str, 
     arrays["slow"] = core.slow
     if core.h is not None:
         put_network("h", core.h, arrays, info)
-    kind, held, told = _prior_state(core.prior)
+    kind, held, told = _prior_state(core.prior) if with_prior else ("given", {}, {})
     arrays |= {f"prior.{key}": value for key, value in held.items()}
     return arrays, {**info, "prior": {"kind": kind, "info": told}}
 
