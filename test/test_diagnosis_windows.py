@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -82,6 +83,23 @@ def test_windows_are_neither_tiny_nor_everything():
     step = float(np.median(np.diff(times(pool))))
     assert length + step >= SHORTEST and length <= LONGEST_SHARE * np.ptp(times(pool)) + step
     assert length > 0.7 * np.ptp(times(pool))
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "found_end"), [(4.0, 6.0, (5.9, 6.1)), (5.95, 7.1, (7.1, 7.5)), (4.0, 9.0, (8.9, 9.1))]
+)
+def test_the_pause_between_recordings_is_no_time_that_a_window_lasts(start, end, found_end):
+    """It may go on in the next one, but neither ends in between nor passes for long by what nobody recorded."""
+    pool, true = pool_of(f"external_wrench@{J1}:start={start},end={end - 1.0 if end > 6.5 else end},torque=1")
+    equations = pool.equations
+    signals = equations.motion.signals
+    stamps = np.where(signals.time < 6.0, signals.time, signals.time + 1.0)  # from 7 s on the second one
+    equations.motion = replace(equations.motion, signals=replace(signals, time=stamps, begun=(0.0, 7.0)))
+    equations._columns.clear()
+    found = dict(best_window(pool, pool.fit(()), true).shape)
+    inside = (times(pool) >= found["start"]) & (times(pool) <= found["end"])
+    assert inside.sum() * float(np.median(np.diff(times(pool)))) >= SHORTEST
+    assert found_end[0] <= found["end"] <= found_end[1]
 
 
 def test_coloured_noise_alone_gives_a_window_all_the_same():

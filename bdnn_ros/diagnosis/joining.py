@@ -94,6 +94,13 @@ def stretches(time: np.ndarray, begun: Sequence[float]) -> list[tuple[float, flo
     return [(float(piece[0]), float(piece[-1])) for piece in pieces]
 
 
+def without_pauses(time: np.ndarray, begun: Sequence[float]) -> np.ndarray:
+    """Stamps (N,) on a clock that stands still between recordings that began at some times, (N,) [s]."""
+    next_one = np.diff(owners(time, begun), prepend=0) > 0
+    next_one[:1] = False
+    return np.asarray(time - np.cumsum(np.where(next_one, np.diff(time, prepend=time[:1]), 0.0)))
+
+
 def _largest(values: Sequence[np.ndarray | None]) -> np.ndarray | None:
     given = [value for value in values if value is not None]
     return np.max(given, axis=0) if len(given) == len(values) else None

@@ -9,7 +9,7 @@ from scipy.linalg import solve_triangular
 
 from bdnn_ros.diagnosis.bounded import solved
 from bdnn_ros.diagnosis.evidence import Fit, Pool
-from bdnn_ros.diagnosis.joining import owners
+from bdnn_ros.diagnosis.joining import owners, without_pauses
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import SHORTEST
 
@@ -27,12 +27,14 @@ def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
     sums = _Sums.of(pool, fit, term, equations.columns(always))
     step = max(round(COARSE / max(float(np.median(np.diff(time))), 1e-6)), 1)
     marks = np.unique([*range(0, len(time), step), len(time)])
-    start, end = sums.best(marks, marks, time)
+    begun = equations.motion.signals.begun
+    clock = without_pauses(time, begun)
+    start, end = sums.best(marks, marks, clock)
     near = [
         np.unique(np.clip(np.arange(mark - step, mark + step + 1), 0, len(time))) for mark in (start, end)
     ]
-    start, end = sums.best(near[0], near[1], time)
-    owner, over = owners(time, equations.motion.signals.begun), min(end, len(time) - 1)
+    start, end = sums.best(near[0], near[1], clock)
+    owner, over = owners(time, begun), min(end, len(time) - 1)
     if owner[over] != owner[over - 1]:  # it is seen up to a recording's last row, not to the next one's first
         over -= 1
     return term.shaped({**where, "start": float(time[start]), "end": float(time[over])})
@@ -72,7 +74,11 @@ class _Sums:
         )
 
     def best(self, starts: np.ndarray, ends: np.ndarray, time: np.ndarray) -> tuple[int, int]:
-        """Rows (start, end) of the window of most evidence, correlation with the fit's other terms counted."""
+        """Rows (start, end) of the window of most evidence, correlation with the fit's other terms counted.
+
+        Args:
+            time: of the rows, on a clock that stands still between recordings, (R,) [s].
+        """
         a, b = (grid.ravel() for grid in np.meshgrid(starts, ends, indexing="ij"))
         length = time[np.minimum(b, len(time) - 1)] - time[np.minimum(a, len(time) - 1)]
         allowed = (length >= SHORTEST) & (length <= LONGEST_SHARE * (time[-1] - time[0]))
