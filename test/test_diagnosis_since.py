@@ -10,8 +10,12 @@ import pytest
 
 from bdnn_ros.diagnosis.building import IDENTIFIED, build, nominal_effort
 from bdnn_ros.diagnosis.diagnose import Examination, examine
-from bdnn_ros.effects.registry import get
+from bdnn_ros.diagnosis.result import Finding
+from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.extension.urdf import extended_urdf
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.model import PhysicalModel
@@ -20,7 +24,7 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.scores import score_model
-from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.signals import Signals, flattened, prepare
 from bdnn_ros.simulation.excitation import fourier
 from bdnn_ros.simulation.scenario import Scenario
 
@@ -164,3 +168,60 @@ def test_what_was_identified_on_a_tilted_base_is_compared_as_it_stands(leaning, 
         assert {name: told[place][name] for name in values} == pytest.approx(values, rel=0.05, abs=near)
     standing = extend(found).robot.gravity_vector
     np.testing.assert_allclose(np.degrees(tilt_of(standing)), tilt, atol=0.1)
+
+
+FIRST, SECOND = ARM.joints
+BEARS = "payload@arm2_link2:mass=1,com_x=0.2"
+OFF = f"position_offset@{FIRST}:offset=0.1"
+
+
+def extended_by(*effects: str) -> ExtendedModel:
+    """The model of a diagnosis that found just these effects."""
+    return ExtendedModel(ARM, tuple(parse_spec(spec, ARM) for spec in effects), np.full(2, 0.01))
+
+
+@cache
+def with_sensors(*effects: str) -> Recording:
+    return Scenario(ARM, effects, seed=3, duration=24.0, rate=200.0).run()[0].recording
+
+
+def told_at(findings: tuple[Finding, ...]) -> dict[tuple[str, str], dict[str, float]]:
+    """Values by effect and place."""
+    return {(f.effect, f.where): {name: q.value for name, q in f.parameters.items()} for f in findings}
+
+
+def error_of(model: ExtendedModel, signals: Signals) -> np.ndarray:
+    """Root mean square error of a model's prediction, low-passed, (n,) [N·m]."""
+    error = signals.smooth(model.predict(signals) - signals.effort)[signals.interior]
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "changes"),
+    [
+        ((OFF,), (OFF, BEARS), {("payload", "arm2_link2"): {"mass": 1.0, "com_x": 0.2}}),
+        (
+            (OFF,),
+            (f"position_offset@{FIRST}:offset=0.15",),
+            {("position_offset", FIRST): {"offset": 0.05}},
+        ),
+    ],
+)
+def test_only_what_changed_is_told_beside_sensors_of_an_earlier_model(before, now, changes, tmp_path):
+    """Sensors are as they were, and the extended model holds of what there is now, in its files too."""
+    recording, earlier = with_sensors(*now), extended_by(*before)
+    examination = examine([recording], earlier.robot, model=earlier)
+    found = told_at(examination.diagnosis.findings)
+    assert found.keys() == changes.keys()
+    for place, values in changes.items():
+        assert {name: found[place][name] for name in values} == pytest.approx(values, rel=0.02, abs=0.006)
+    model, signals = extend(examination), prepare(recording)
+    least = error_of(extended_by(*now), signals)
+    assert (error_of(model, signals) < 1.1 * least + 1e-3).all()
+    write_model_files(model, tmp_path)
+    file = EffectsFile.read(tmp_path / "effects.yaml")
+    robot = file.robot(Robot.from_file(tmp_path / "extended.urdf"))
+    again = (
+        Scenario(robot, installed=file.effects(robot), seed=3, duration=24.0, rate=200.0).run()[0].recording
+    )
+    assert (error_of(model, prepare(again)) < 1.1 * least + 1e-2).all()

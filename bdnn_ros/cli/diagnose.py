@@ -11,6 +11,7 @@ from bdnn_ros.checks.data import check_data
 from bdnn_ros.checks.handling import unloaded
 from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.describing import of_the_unheld, unheld
+from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
@@ -91,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
     for recording in recordings:
         fitness.require_measured(recording)
     known = [note for recording in recordings for note in recording.notes]
+    robot = Compared.of(earlier, robot).robot
     with options.stages("diagnosing") as say:
         recordings = unloaded(recordings, robot, args.cutoff)
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from bdnn_ros.checks.description import require_mass
 from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, Looks, best_attempt
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.compared import Compared, Predicts
 from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
@@ -38,13 +38,6 @@ FEWEST_VALUES = 12.0
 """A low-pass has to leave so many independent values of the joint that moves longest: fewer suit any cause."""
 
 
-class Predicts(Protocol):
-    """A model that predicts the effort along a motion."""
-
-    def predict(self, signals: Signals) -> np.ndarray:
-        """(N, n) [N·m], not low-passed."""
-
-
 @dataclass(frozen=True)
 class Examination:
     """A diagnosis with what it was made from, for the extended model and the report.
@@ -54,6 +47,7 @@ class Examination:
         estimates: the findings' terms with their parameters, in the order of `fit.terms`.
         test: rows kept out of the search, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
+        robot: what was believed of it, at the positions that the joints report.
         model: what took the simulation's place, if anything did.
         late: how late the efforts came, before that was taken back.
     """
@@ -98,7 +92,8 @@ def examine(
         robot: what the simulation believes.
         cutoff: low-pass [Hz], None chooses.
         progress: called with a few words on what is being done.
-        model: what takes the simulation's place: findings are then what changed since it was identified.
+        model: what takes the simulation's place: findings are then what changed since it was identified. Where it says of
+            sensors what they do, the robot is its own; see `Compared`.
 
     Raises:
         RecordingError: no effort, too short, or no motion.
@@ -108,6 +103,9 @@ def examine(
     say = progress or (lambda text: None)
     for recording in recordings:
         recording.require_effort()
+    known = Compared.of(model, robot)
+    given, model = model, known.model
+    robot = known.robot
     require_mass(robot)
     if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
         raise _too_short(recordings)
@@ -152,7 +150,7 @@ def examine(
         attempt.test,
         attempt.extended,
         remainder,
-        model,
+        given,
         late,
     )
 

@@ -13,6 +13,7 @@ from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
+from bdnn_ros.extension.earlier import at_another_time, known_effects, with_effects
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of
 from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.model import PhysicalModel
@@ -92,10 +93,9 @@ def _earlier(examination: Examination) -> ExtendedModel:
     if model is None:
         return ExtendedModel(examination.robot, (), none)
     if isinstance(model, ExtendedModel):
-        stds = model.stds or ({},) * len(model.effects)
-        kept = [(e, s) for e, s in zip(model.effects, stds, strict=True) if e.effect.name not in IN_ROBOT]
-        effects, spreads = (e for e, _ in kept), (s for _, s in kept)
-        return replace(model, bare=model.robot, effects=tuple(effects), stds=tuple(spreads))
+        acting = at_another_time(model)
+        beside = [one for one in known_effects(acting) if one[0].effect.name not in IN_ROBOT]
+        return with_effects(replace(acting, bare=acting.robot), beside)
     if isinstance(model, PhysicalModel):
         return of_physical(model)
     raise UsageError(

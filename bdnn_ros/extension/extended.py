@@ -11,11 +11,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bdnn_ros.diagnosis.building import nominal_effort
+from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import BdnnError, ModelFileError
+from bdnn_ros.extension import earlier
 from bdnn_ros.extension.effects_file import entry, from_entries
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
@@ -107,6 +109,10 @@ class ExtendedModel:
     def robot(self) -> Robot:
         """The robot with those effects that it can hold: bodies, gravity, armature, viscous friction."""
         return self.plant.robot
+
+    def compared(self) -> Compared:
+        """Itself as recordings of another time are compared with it."""
+        return earlier.compared(self)
 
     # -- pointwise -------------------------------------------------------------------------------------------
 
