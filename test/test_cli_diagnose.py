@@ -25,7 +25,8 @@ from bdnn_ros.cli.diagnose import _together, verdict_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, CUTOFFS
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
-from bdnn_ros.effects.registry import get
+from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -345,6 +346,20 @@ def test_the_joint_whose_friction_grew_is_all_that_changed(before, tmp_path):
     (finding,) = changes(before, tmp_path, "--effect", f"coulomb_friction@{J2}:coulomb=0.04")
     assert (finding["effect"], finding["joint"]) == ("coulomb_friction", J2)
     assert finding["parameters"]["coulomb"]["value"] == pytest.approx(0.04, rel=0.1)
+
+
+def test_what_sensors_of_an_earlier_diagnosis_do_is_said_and_is_no_change(tmp_path, capsys):
+    effects = f"position_offset@{J1}:offset=0.1", f"effort_scale@{J2}:scale=0.7"
+    arm = Robot.bundled("arm2")
+    model = ExtendedModel(arm, tuple(parse_spec(spec, arm) for spec in effects), np.full(2, 0.01))
+    save_model(tmp_path / "before", model)
+    bag = simulated(tmp_path / "now", *(word for spec in effects for word in ("--effect", spec)))
+    words = ["diagnose", str(bag), "--model", str(tmp_path / "before"), "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    assert report_of(tmp_path / "out")["findings"] == []
+    said = capsys.readouterr().out
+    assert f"efforts are looked at as they act by the earlier model, times 0.7 at {J2}." in said
+    assert "Data check" not in said
 
 
 def test_the_payload_of_two_joints_is_all_that_changed(before, tmp_path):

@@ -171,8 +171,11 @@ def test_what_was_identified_on_a_tilted_base_is_compared_as_it_stands(leaning, 
 
 
 FIRST, SECOND = ARM.joints
+RUBS = f"viscous_friction@{SECOND}:viscous=0.5"
 BEARS = "payload@arm2_link2:mass=1,com_x=0.2"
 OFF = f"position_offset@{FIRST}:offset=0.1"
+SCALED = f"effort_scale@{SECOND}:scale=0.7"
+BIASED = f"effort_offset@{SECOND}:offset=0.5"
 
 
 def extended_by(*effects: str) -> ExtendedModel:
@@ -205,6 +208,12 @@ def error_of(model: ExtendedModel, signals: Signals) -> np.ndarray:
             (f"position_offset@{FIRST}:offset=0.15",),
             {("position_offset", FIRST): {"offset": 0.05}},
         ),
+        ((SCALED, BIASED), (SCALED, BIASED, RUBS), {("viscous_friction", SECOND): {"viscous": 0.5}}),
+        (
+            (SCALED, BIASED),
+            (f"effort_scale@{SECOND}:scale=0.84", BIASED),
+            {("effort_scale", SECOND): {"scale": 1.2}},
+        ),
     ],
 )
 def test_only_what_changed_is_told_beside_sensors_of_an_earlier_model(before, now, changes, tmp_path):
@@ -225,3 +234,13 @@ def test_only_what_changed_is_told_beside_sensors_of_an_earlier_model(before, no
         Scenario(robot, installed=file.effects(robot), seed=3, duration=24.0, rate=200.0).run()[0].recording
     )
     assert (error_of(model, prepare(again)) < 1.1 * least + 1e-2).all()
+
+
+def test_efforts_in_other_units_are_said_to_be():
+    """The errors of a model with a scale are those of the efforts that act; the extended model's noise is measured again."""
+    earlier = extended_by(SCALED)
+    examination = examine([with_sensors(SCALED, RUBS)], earlier.robot, model=earlier)
+    (note,) = (one for one in examination.diagnosis.notes if "as they act" in one)
+    assert f"0.7 at {SECOND}" in note
+    acts, measured = examination.diagnosis.effort_rmse["extended"], extend(examination).noise
+    assert measured == pytest.approx(acts / np.array([1.0, 0.7]), rel=1e-6)

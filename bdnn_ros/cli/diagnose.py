@@ -91,17 +91,18 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("There is no simulation to compare with.", "Give --urdf FILE or --robot NAME.")
     for recording in recordings:
         fitness.require_measured(recording)
-    known = [note for recording in recordings for note in recording.notes]
-    robot = Compared.of(earlier, robot).robot
+    said = [note for recording in recordings for note in recording.notes]
+    known = Compared.of(earlier, robot)
+    robot = known.robot
     with options.stages("diagnosing") as say:
         recordings = unloaded(recordings, robot, args.cutoff)
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
         absent = [] if args.joints or earlier is not None else unheld(robot, recordings[0])
         remarks = [
             *of_the_unheld(absent),
-            *(spelled(remark) for remark in check_data(recordings, robot, args.cutoff)),
+            *(spelled(remark) for remark in check_data(known.acting(recordings), robot, args.cutoff)),
         ]
-        lines = verdict_lines(examination, known)
+        lines = verdict_lines(examination, said)
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")
         with outputs.written_together(args.out) as place:

@@ -47,6 +47,7 @@ class Examination:
         estimates: the findings' terms with their parameters, in the order of `fit.terms`.
         test: rows kept out of the search, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
+        recordings: what was looked at, efforts in the units in which they act.
         robot: what was believed of it, at the positions that the joints report.
         model: what took the simulation's place, if anything did.
         late: how late the efforts came, before that was taken back.
@@ -93,7 +94,7 @@ def examine(
         cutoff: low-pass [Hz], None chooses.
         progress: called with a few words on what is being done.
         model: what takes the simulation's place: findings are then what changed since it was identified. Where it says of
-            sensors what they do, the robot is its own; see `Compared`.
+            sensors what they do, that is taken out of the recordings first, and the robot is its own; see `Compared`.
 
     Raises:
         RecordingError: no effort, too short, or no motion.
@@ -105,7 +106,7 @@ def examine(
         recording.require_effort()
     known = Compared.of(model, robot)
     given, model = model, known.model
-    robot = known.robot
+    robot, recordings = known.robot, known.acting(recordings)
     require_mass(robot)
     if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
         raise _too_short(recordings)

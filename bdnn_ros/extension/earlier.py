@@ -1,10 +1,12 @@
-"""An extended model in recordings of another time."""
+"""An extended model in recordings of another time, its sensors aside; and its sensors with what was found since."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.effects.plant import Plant
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
 
 Known = tuple[Installed, Mapping[str, float]]
 """An effect with the standard deviations of its values, where they are known."""
+AT_SENSORS = frozenset({"effort_scale"})
+"""Effects that are taken out of recordings."""
 IN_ZEROS = "position_offset"
 
 
@@ -29,19 +33,51 @@ def with_effects(model: ExtendedModel, known: Iterable[Known]) -> ExtendedModel:
     return replace(model, effects=tuple(e for e, _ in pairs), stds=tuple(std for _, std in pairs))
 
 
-def at_another_time(model: ExtendedModel) -> ExtendedModel:
-    """A model as it predicts along a motion of another time: its encoders' zeros are its robot's."""
+def at_another_time(model: ExtendedModel) -> tuple[ExtendedModel, list[Known]]:
+    """A model as it predicts what acts along a motion of another time, and what its sensors do beside.
+
+    Its encoders' zeros are its robot's.
+    """
     known = known_effects(model)
     offsets = Plant(model.bare)
     for effect, _ in known:
         if effect.effect.name == IN_ZEROS:
             effect.install(offsets)
-    acting = with_effects(model, (one for one in known if one[0].effect.name != IN_ZEROS))
+    aside = {IN_ZEROS, *AT_SENSORS}
+    acting = with_effects(model, (one for one in known if one[0].effect.name not in aside))
     zeros = model.bare.zeros + offsets.position_offset
-    return replace(acting, bare=replace(model.bare, zeros=zeros))
+    sensors = [one for one in known if one[0].effect.name in AT_SENSORS]
+    return replace(acting, bare=replace(model.bare, zeros=zeros)), sensors
 
 
 def compared(model: ExtendedModel) -> Compared:
     """A model as recordings of another time are compared with it."""
-    acting = at_another_time(model)
-    return Compared(acting, acting.robot)
+    acting, sensors = at_another_time(model)
+    plant = Plant(acting.bare)
+    for effect, _ in sensors:
+        effect.install(plant)
+    return Compared(acting, acting.robot, plant.scale)
+
+
+def with_sensors(sensors: Sequence[Known], found: Sequence[Known]) -> list[Known]:
+    """Effects that were found in recordings with sensors taken out of them, and those sensors: at each place one of a kind.
+
+    A scale that was found counts beside the one that was known.
+    """
+    places = {(one.effect.name, one.target): k for k, (one, _) in enumerate(found)}
+    result, kept = list(found), []
+    for effect, std in sensors:
+        at = places.get((effect.effect.name, effect.target))
+        if at is None:
+            kept.append((effect, std))
+        else:
+            result[at] = _both_scales((effect, std), result[at])
+    return [*kept, *result]
+
+
+def _both_scales(first: Known, second: Known) -> Known:
+    """One scale that does what two do."""
+    (effect, stds), (other, others) = first, second
+    scale, further = effect.values["scale"], other.values["scale"]
+    spread = float(np.hypot(stds.get("scale", 0.0) * further, others.get("scale", 0.0) * scale))
+    return replace(other, values={"scale": scale * further}), {"scale": spread}

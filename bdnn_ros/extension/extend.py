@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
-from bdnn_ros.extension.earlier import at_another_time, known_effects, with_effects
+from bdnn_ros.extension.earlier import Known, at_another_time, known_effects, with_effects, with_sensors
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of
 from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.model import PhysicalModel
@@ -37,13 +37,14 @@ def extend(examination: Examination) -> ExtendedModel:
 
     The links' errors are those of the fit, moved as little as its information allows to bodies that can
     exist together with the effects on them, so that M(q) is positive-definite. Where a model took the
-    simulation's place, what it has of effects and offsets comes first.
+    simulation's place, what it has of effects and offsets comes first; its sensors were taken out of the recordings,
+    and are put before them again.
 
     Raises:
         UsageError: that model holds more than a robot with effects.
     """
     equations, fit = examination.equations, examination.fit
-    earlier = _earlier(examination)
+    earlier, sensors = _earlier(examination)
     robot = earlier.bare
     estimates = [e for e in examination.estimates if not e.term.effect.timed or _told(e, examination)]
     found = [Installed(e.term.effect, e.term.target, e.term.link, dict(e.values)) for e in estimates]
@@ -67,7 +68,8 @@ def extend(examination: Examination) -> ExtendedModel:
     rows = equations.usable & examination.test[:, None]
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
-    effects, spreads = (*earlier.effects, *found), (*earlier.stds, *stds)
+    effects = with_sensors(sensors, [*known_effects(earlier), *zip(found, stds, strict=True)])
+    scale = plant_of(robot, [effect for effect, _ in sensors]).scale
     late = examination.late
     lead = earlier.lead + parted(examination.pool, fit)[0] - late.delay
     sticking = _sticking(examination, corrected, found)
@@ -76,9 +78,9 @@ def extend(examination: Examination) -> ExtendedModel:
         sticking = sticking + earlier.sticking
     return ExtendedModel(
         corrected,
-        effects,
-        noise,
-        spreads,
+        tuple(effect for effect, _ in effects),
+        noise / scale,
+        tuple(std for _, std in effects),
         lead,
         earlier.lag + late.lag,
         earlier.beyond,
@@ -87,17 +89,17 @@ def extend(examination: Examination) -> ExtendedModel:
     )
 
 
-def _earlier(examination: Examination) -> ExtendedModel:
-    """What was diagnosed against, as a robot with those effects that it cannot hold itself."""
+def _earlier(examination: Examination) -> tuple[ExtendedModel, list[Known]]:
+    """What was diagnosed against, as a robot with those effects that it cannot hold itself, and sensors that were taken out."""
     model, none = examination.model, np.zeros(examination.robot.width)
     if model is None:
-        return ExtendedModel(examination.robot, (), none)
+        return ExtendedModel(examination.robot, (), none), []
     if isinstance(model, ExtendedModel):
-        acting = at_another_time(model)
+        acting, sensors = at_another_time(model)
         beside = [one for one in known_effects(acting) if one[0].effect.name not in IN_ROBOT]
-        return with_effects(replace(acting, bare=acting.robot), beside)
+        return with_effects(replace(acting, bare=acting.robot), beside), sensors
     if isinstance(model, PhysicalModel):
-        return of_physical(model)
+        return of_physical(model), []
     raise UsageError(
         "The model compared with has learned more than a robot with effects can say.",
         "Identify the earlier recording with --prior urdf.",
