@@ -176,6 +176,7 @@ BEARS = "payload@arm2_link2:mass=1,com_x=0.2"
 OFF = f"position_offset@{FIRST}:offset=0.1"
 SCALED = f"effort_scale@{SECOND}:scale=0.7"
 BIASED = f"effort_offset@{SECOND}:offset=0.5"
+FILTERED = f"velocity_filter@{FIRST}:cutoff=5"
 
 
 def extended_by(*effects: str) -> ExtendedModel:
@@ -214,6 +215,12 @@ def error_of(model: ExtendedModel, signals: Signals) -> np.ndarray:
             (f"effort_scale@{SECOND}:scale=0.84", BIASED),
             {("effort_scale", SECOND): {"scale": 1.2}},
         ),
+        ((FILTERED,), (FILTERED,), {}),
+        (
+            (FILTERED,),
+            (f"velocity_filter@{FIRST}:cutoff=10", RUBS),
+            {("velocity_filter", FIRST): {"cutoff": 10.0}, ("viscous_friction", SECOND): {"viscous": 0.5}},
+        ),
     ],
 )
 def test_only_what_changed_is_told_beside_sensors_of_an_earlier_model(before, now, changes, tmp_path):
@@ -234,6 +241,17 @@ def test_only_what_changed_is_told_beside_sensors_of_an_earlier_model(before, no
         Scenario(robot, installed=file.effects(robot), seed=3, duration=24.0, rate=200.0).run()[0].recording
     )
     assert (error_of(model, prepare(again)) < 1.1 * least + 1e-2).all()
+
+
+def test_a_low_pass_that_is_gone_is_told_and_leaves_the_model():
+    earlier = extended_by(FILTERED)
+    examination = examine([with_sensors()], earlier.robot, model=earlier)
+    (finding,) = examination.diagnosis.findings
+    assert (finding.effect, finding.joint) == ("velocity_filter", FIRST)
+    assert finding.sentence.endswith(
+        "is the derivative of its position, no longer behind a low-pass of 5 Hz."
+    )
+    assert extend(examination).effects == ()
 
 
 def test_efforts_in_other_units_are_said_to_be():

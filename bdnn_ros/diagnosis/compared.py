@@ -41,18 +41,20 @@ class Compared:
         model: predicts `scale` times what is measured; None where the simulation is compared with.
         robot: what it believes, at the positions that the joints report.
         scale: effort that acts, but for an offset, per measured effort, (n,).
+        velocity_cutoff: of the low-passes on reported velocities, (n,) [Hz], infinite for none.
     """
 
     model: Predicts | None
     robot: Robot
     scale: np.ndarray
+    velocity_cutoff: np.ndarray
 
     @classmethod
     def of(cls, model: Predicts | None, robot: Robot) -> Compared:
         """A model with its robot; the robot is its own where it says of sensors what they do."""
         if isinstance(model, KnowsSensors):
             return model.compared()
-        return cls(model, robot, np.ones(robot.width))
+        return cls(model, robot, np.ones(robot.width), np.full(robot.width, np.inf))
 
     def acting(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings with efforts in the units in which they act, and a note where those are others."""

@@ -138,7 +138,7 @@ def examine(
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
     equations.count(pool.sure)
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff))
-    since = model is not None
+    since = None if model is None else known
     diagnosis = told(recordings, robot, equations, attempt, found, remainder, since, cutoff)
     return Examination(
         diagnosis,

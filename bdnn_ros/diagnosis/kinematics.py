@@ -18,24 +18,40 @@ SAMPLES_OF_LAG = 1.5
 HALF_SAMPLE = 1.0 / np.sqrt(12.0)
 """Standard deviation of a lag in sample periods: how a driver's filter takes the samples is not known, ± half a period."""
 BLOCKS = 12
+FASTEST = 1000.0
+"""A low-pass that lets more through is none [Hz]."""
 
 
-def reported_velocity(recordings: Sequence[Recording], cutoff: float | None = None) -> list[Finding]:
+def reported_velocity(
+    recordings: Sequence[Recording], cutoff: float | None = None, before: np.ndarray | None = None
+) -> list[Finding]:
     """A finding for each joint whose reported velocity lags behind its motion like a first-order low-pass.
 
     Args:
         recordings: those without a velocity tell nothing.
         cutoff: low-pass [Hz], None chooses.
+        before: cut-offs of low-passes that are known already, (n,) [Hz], infinite for none: what differs from them is found.
     """
     reporting = [recording for recording in recordings if recording.velocity is not None]
     if not reporting:
         return []
     signals = concatenated(prepared_alike(reporting, cutoff))
     moving = np.flatnonzero(further(signals.position, signals.position_noise))
-    return [finding for j in moving.tolist() if (finding := _filtered(signals, j)) is not None]
+    known = np.full(signals.width, np.inf) if before is None else before
+    return [finding for j in moving.tolist() if (finding := _filtered(signals, j, known[j])) is not None]
 
 
-def _filtered(signals: Signals, joint: int) -> Finding | None:
+def none_is_left(cutoff: float, rate: float) -> bool:
+    """Whether a low-pass [Hz] is none at so many samples per second [Hz]: differentiating lags as much."""
+    return lag_of(cutoff) < SAMPLES_OF_LAG / rate
+
+
+def lag_of(cutoff: float) -> float:
+    """Time constant [s] of a low-pass of first order [Hz]."""
+    return 1.0 / (2.0 * np.pi * cutoff)
+
+
+def _filtered(signals: Signals, joint: int, known: float) -> Finding | None:
     assert signals.reported_velocity is not None
     rows = signals.interior & ~signals.at_rest[:, joint]
     if rows.sum() < 10 * BLOCKS or not brisk(signals, rows)[joint]:
@@ -45,13 +61,14 @@ def _filtered(signals: Signals, joint: int) -> Finding | None:
     lag = _lag(signals, joint, np.flatnonzero(rows))
     std = float(np.std(lags) / np.sqrt(BLOCKS))
     least = SAMPLES_OF_LAG / signals.raw_rate
-    if lag - 3.0 * std < least:
+    if abs(lag - lag_of(known)) - 3.0 * std < least:
         return None
-    velocity, reported = signals.velocity[rows, joint], signals.reported_velocity[rows, joint]
-    before = float(np.mean((reported - velocity) ** 2))
+    reported = signals.reported_velocity[rows, joint]
+    before = float(np.mean((reported - _delayed(signals, joint, lag_of(known))[rows]) ** 2))
     after = float(np.mean((reported - _delayed(signals, joint, lag)[rows]) ** 2))
     if after > 0.5 * before:
         return None
+    lag = max(lag, lag_of(FASTEST))
     cutoff = 1.0 / (2.0 * np.pi * lag)
     unknown = cutoff * float(np.hypot(std, HALF_SAMPLE / signals.raw_rate)) / lag
     name = signals.joints[joint]
@@ -63,8 +80,17 @@ def _filtered(signals: Signals, joint: int) -> Finding | None:
         share=1.0 - after / before,
         probability=0.99,
         rivals=(),
-        sentence=f"The reported velocity of {name} is the derivative of its position behind a low-pass of {cutoff:.3g} Hz.",
+        sentence=_sentence(name, cutoff, known, none_is_left(cutoff, signals.raw_rate)),
     )
+
+
+def _sentence(name: str, cutoff: float, known: float, none: bool) -> str:
+    derivative = f"The reported velocity of {name} is the derivative of its position"
+    if np.isinf(known):
+        return f"{derivative} behind a low-pass of {cutoff:.3g} Hz."
+    if none:
+        return f"{derivative}, no longer behind a low-pass of {known:.3g} Hz."
+    return f"{derivative} behind a low-pass of {cutoff:.3g} Hz, no longer of {known:.3g} Hz."
 
 
 def _lag(signals: Signals, joint: int, rows: np.ndarray) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.building import least_motion
+from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import gain_of, rms, share_of
@@ -50,7 +51,7 @@ def told(
     attempt: Attempt,
     found: Sequence[Estimate],
     remainder: Remainder,
-    since: bool = False,
+    since: Compared | None = None,
     cutoff: float | None = None,
 ) -> Diagnosis:
     """The diagnosis, its errors and its gain on rows that the search has not seen.
@@ -58,7 +59,7 @@ def told(
     Args:
         found: the chosen terms' estimates from all rows, in the order of the attempt's.
         remainder: what all of them leave.
-        since: whether an earlier model takes the simulation's place.
+        since: the earlier model that takes the simulation's place, if one does.
         cutoff: low-pass that was asked for [Hz].
     """
     extended, held = attempt.extended, equations.usable & attempt.test[:, None]
@@ -70,7 +71,8 @@ def told(
     at_ends = {one for one in every if at_an_end(attempt.fitted, every, one)}
     always = {one for one in every if throughout(attempt.fitted, every, one)}
     names = named(robot, equations, attempt, found, unfit, at_ends | always)
-    findings = [*names.findings, *reported_velocity(recordings, cutoff)]
+    before = None if since is None else since.velocity_cutoff
+    findings = [*names.findings, *reported_velocity(recordings, cutoff, before)]
     findings.sort(key=lambda finding: -finding.share)
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
@@ -91,7 +93,7 @@ def told(
         unexplained_share=share,
         unexplained_depends_on=remainder.depends_on[:6],
         unexplained_sentence=_unexplained_sentence(
-            share, remainder, _above(robot, near_floor), reference(since), bool(findings)
+            share, remainder, _above(robot, near_floor), reference(bool(since)), bool(findings)
         ),
         advice=tuple(
             advice(
@@ -110,8 +112,8 @@ def told(
             *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
             *unnamed([(found[one].term, name_of(robot, found[one].term)) for one in names.silent]),
             *[FAR_OFF] * far_off,
-            *(mostly_links(_by_links(equations, attempt.fitted, held), since) if findings else ()),
-            *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
+            *(mostly_links(_by_links(equations, attempt.fitted, held), bool(since)) if findings else ()),
+            *[AT_REST.format(joints=listed(at_rest), reference=reference(bool(since)))] * bool(at_rest),
         ),
     )
 

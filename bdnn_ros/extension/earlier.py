@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 Known = tuple[Installed, Mapping[str, float]]
 """An effect with the standard deviations of its values, where they are known."""
-AT_SENSORS = frozenset({"effort_scale"})
-"""Effects that are taken out of recordings."""
+AT_SENSORS = frozenset({"effort_scale", "velocity_filter"})
+"""Effects that are taken out of recordings, or told apart from what was found in them."""
 IN_ZEROS = "position_offset"
 
 
@@ -56,13 +56,13 @@ def compared(model: ExtendedModel) -> Compared:
     plant = Plant(acting.bare)
     for effect, _ in sensors:
         effect.install(plant)
-    return Compared(acting, acting.robot, plant.scale)
+    return Compared(acting, acting.robot, plant.scale, plant.velocity_cutoff)
 
 
 def with_sensors(sensors: Sequence[Known], found: Sequence[Known]) -> list[Known]:
     """Effects that were found in recordings with sensors taken out of them, and those sensors: at each place one of a kind.
 
-    A scale that was found counts beside the one that was known.
+    A scale that was found counts beside the one that was known; a low-pass takes the place of what was there.
     """
     places = {(one.effect.name, one.target): k for k, (one, _) in enumerate(found)}
     result, kept = list(found), []
@@ -70,7 +70,7 @@ def with_sensors(sensors: Sequence[Known], found: Sequence[Known]) -> list[Known
         at = places.get((effect.effect.name, effect.target))
         if at is None:
             kept.append((effect, std))
-        else:
+        elif effect.effect.name == "effort_scale":
             result[at] = _both_scales((effect, std), result[at])
     return [*kept, *result]
 

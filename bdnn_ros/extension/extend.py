@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bdnn_ros.diagnosis.kinematics import none_is_left
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
@@ -68,7 +69,10 @@ def extend(examination: Examination) -> ExtendedModel:
     rows = equations.usable & examination.test[:, None]
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
-    effects = with_sensors(sensors, [*known_effects(earlier), *zip(found, stds, strict=True)])
+    rate = equations.motion.signals.raw_rate
+    gone = [one for one in found if one.effect.kinematic and none_is_left(one.values["cutoff"], rate)]
+    known = with_sensors(sensors, [*known_effects(earlier), *zip(found, stds, strict=True)])
+    effects = [one for one in known if one[0] not in gone]
     scale = plant_of(robot, [effect for effect, _ in sensors]).scale
     late = examination.late
     lead = earlier.lead + parted(examination.pool, fit)[0] - late.delay
