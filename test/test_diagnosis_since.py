@@ -177,6 +177,9 @@ OFF = f"position_offset@{FIRST}:offset=0.1"
 SCALED = f"effort_scale@{SECOND}:scale=0.7"
 BIASED = f"effort_offset@{SECOND}:offset=0.5"
 FILTERED = f"velocity_filter@{FIRST}:cutoff=5"
+PUSHED = f"external_wrench@{SECOND}:start=5,end=9,torque=1.5"
+WARMING = f"drift@{SECOND}:of=viscous,start_value=0.2,end_value=1,end=20"
+WARM = f"viscous_friction@{SECOND}:viscous=1"
 
 
 def extended_by(*effects: str) -> ExtendedModel:
@@ -221,10 +224,15 @@ def error_of(model: ExtendedModel, signals: Signals) -> np.ndarray:
             (f"velocity_filter@{FIRST}:cutoff=10", RUBS),
             {("velocity_filter", FIRST): {"cutoff": 10.0}, ("viscous_friction", SECOND): {"viscous": 0.5}},
         ),
+        ((PUSHED,), (RUBS,), {("viscous_friction", SECOND): {"viscous": 0.5}}),
+        ((WARMING,), (WARM,), {}),
+        ((WARMING,), (WARM, BEARS), {("payload", "arm2_link2"): {"mass": 1.0, "com_x": 0.2}}),
     ],
 )
-def test_only_what_changed_is_told_beside_sensors_of_an_earlier_model(before, now, changes, tmp_path):
-    """Sensors are as they were, and the extended model holds of what there is now, in its files too."""
+def test_only_what_changed_is_told_beside_sensors_and_times_of_an_earlier_model(
+    before, now, changes, tmp_path
+):
+    """Sensors are as they were, pushes are over, and the extended model holds of what there is now, in its files too."""
     recording, earlier = with_sensors(*now), extended_by(*before)
     examination = examine([recording], earlier.robot, model=earlier)
     found = told_at(examination.diagnosis.findings)
@@ -262,3 +270,11 @@ def test_efforts_in_other_units_are_said_to_be():
     assert f"0.7 at {SECOND}" in note
     acts, measured = examination.diagnosis.effort_rmse["extended"], extend(examination).noise
     assert measured == pytest.approx(acts / np.array([1.0, 0.7]), rel=1e-6)
+
+
+def test_what_has_ended_is_left_out_with_its_deviations():
+    """A drift stays at its end, with the deviation of that; a push is over."""
+    known = replace(extended_by(WARMING, PUSHED, RUBS), stds=({"end_value": 0.1}, {}, {"viscous": 0.2}))
+    examination = examine([with_sensors(WARM, RUBS, BIASED)], known.robot, model=known)
+    assert examination.robot.viscous.tolist() == pytest.approx([0.0, 1.5])
+    assert [one.effect.name for one in extend(examination).effects] == ["effort_offset"]

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bdnn_ros.diagnosis.compared import Compared
+from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.plant import Plant
-from bdnn_ros.effects.registry import Installed
+from bdnn_ros.effects.registry import Installed, get
 
 if TYPE_CHECKING:
     from bdnn_ros.extension.extended import ExtendedModel
@@ -36,17 +37,17 @@ def with_effects(model: ExtendedModel, known: Iterable[Known]) -> ExtendedModel:
 def at_another_time(model: ExtendedModel) -> tuple[ExtendedModel, list[Known]]:
     """A model as it predicts what acts along a motion of another time, and what its sensors do beside.
 
-    Its encoders' zeros are its robot's.
+    What pushed has ended, what drifted stays where it ended, and its encoders' zeros are its robot's.
     """
-    known = known_effects(model)
+    lasting = [one for before in known_effects(model) for one in _lasting(*before)]
     offsets = Plant(model.bare)
-    for effect, _ in known:
+    for effect, _ in lasting:
         if effect.effect.name == IN_ZEROS:
             effect.install(offsets)
     aside = {IN_ZEROS, *AT_SENSORS}
-    acting = with_effects(model, (one for one in known if one[0].effect.name not in aside))
+    acting = with_effects(model, (one for one in lasting if one[0].effect.name not in aside))
     zeros = model.bare.zeros + offsets.position_offset
-    sensors = [one for one in known if one[0].effect.name in AT_SENSORS]
+    sensors = [one for one in lasting if one[0].effect.name in AT_SENSORS]
     return replace(acting, bare=replace(model.bare, zeros=zeros)), sensors
 
 
@@ -57,6 +58,18 @@ def compared(model: ExtendedModel) -> Compared:
     for effect, _ in sensors:
         effect.install(plant)
     return Compared(acting, acting.robot, plant.scale, plant.velocity_cutoff)
+
+
+def _lasting(effect: Installed, std: Mapping[str, float]) -> list[Known]:
+    """What is left of an effect once its recording is over."""
+    if effect.effect.timed:
+        return []
+    if not isinstance(effect.effect, Drift):
+        return [(effect, std)]
+    lasting = get(str(effect.effect.settles_into))
+    (name,) = (parameter.name for parameter in lasting.parameters)
+    spread = {name: std["end_value"]} if "end_value" in std else {}
+    return [(Installed(lasting, effect.target, effect.link, {name: effect.values["end_value"]}), spread)]
 
 
 def with_sensors(sensors: Sequence[Known], found: Sequence[Known]) -> list[Known]:

@@ -38,8 +38,8 @@ def extend(examination: Examination) -> ExtendedModel:
 
     The links' errors are those of the fit, moved as little as its information allows to bodies that can
     exist together with the effects on them, so that M(q) is positive-definite. Where a model took the
-    simulation's place, what it has of effects and offsets comes first; its sensors were taken out of the recordings,
-    and are put before them again.
+    simulation's place, what it has of effects and offsets comes first, as it is at another time; its sensors were taken out
+    of the recordings, and are put before them again.
 
     Raises:
         UsageError: that model holds more than a robot with effects.
