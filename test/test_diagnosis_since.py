@@ -176,6 +176,7 @@ BEARS = "payload@arm2_link2:mass=1,com_x=0.2"
 OFF = f"position_offset@{FIRST}:offset=0.1"
 SCALED = f"effort_scale@{SECOND}:scale=0.7"
 BIASED = f"effort_offset@{SECOND}:offset=0.5"
+DELAYED = "effort_delay:delay=0.02"
 FILTERED = f"velocity_filter@{FIRST}:cutoff=5"
 PUSHED = f"external_wrench@{SECOND}:start=5,end=9,torque=1.5"
 WARMING = f"drift@{SECOND}:of=viscous,start_value=0.2,end_value=1,end=20"
@@ -217,6 +218,19 @@ def error_of(model: ExtendedModel, signals: Signals) -> np.ndarray:
             (SCALED, BIASED),
             (f"effort_scale@{SECOND}:scale=0.84", BIASED),
             {("effort_scale", SECOND): {"scale": 1.2}},
+        ),
+        (
+            (DELAYED,),
+            (DELAYED, RUBS, BEARS),
+            {
+                ("viscous_friction", SECOND): {"viscous": 0.5},
+                ("payload", "arm2_link2"): {"mass": 1.0, "com_x": 0.2},
+            },
+        ),
+        (
+            (f"effort_delay@{SECOND}:delay=0.015", SCALED),
+            (f"effort_delay@{SECOND}:delay=0.04", SCALED),
+            {("effort_delay", SECOND): {"delay": 0.025}},
         ),
         ((FILTERED,), (FILTERED,), {}),
         (
@@ -270,6 +284,20 @@ def test_efforts_in_other_units_are_said_to_be():
     assert f"0.7 at {SECOND}" in note
     acts, measured = examination.diagnosis.effort_rmse["extended"], extend(examination).noise
     assert measured == pytest.approx(acts / np.array([1.0, 0.7]), rel=1e-6)
+
+
+def test_efforts_are_moved_by_known_delays_within_what_was_recorded():
+    """Across a pause nothing is known of them."""
+    time = np.concatenate([np.arange(100), np.arange(150, 250)]) / 100.0
+    effort = np.stack([10.0 * time, np.ones_like(time)], axis=1)
+    recording = Recording(time, ARM.joints, np.zeros_like(effort), effort=effort)
+    delayed = extended_by(f"effort_delay@{FIRST}:delay=0.015", "effort_delay:delay=0.02").compared()
+    (moved,) = delayed.acting([recording])
+    np.testing.assert_allclose(moved.effort[:, 0], 10.0 * (moved.time - 0.035))
+    assert moved.time[0] == 0.04 and not ((moved.time > 1.0) & (moved.time < 1.535)).any()
+    assert moved.notes[-1].endswith(f"35 ms later at {FIRST}, 20 ms later at {SECOND}.")
+    (alike,) = extended_by("effort_delay:delay=0.02").compared().acting([recording])
+    assert alike.notes[-1].endswith("by the earlier model, 20 ms later.")
 
 
 def test_what_has_ended_is_left_out_with_its_deviations():

@@ -35,18 +35,20 @@ class KnowsSensors(Predicts, Protocol):
 
 @dataclass(frozen=True)
 class Compared:
-    """A model of efforts in the units in which they act, and what its sensors do beside.
+    """A model of efforts when and in the units in which they act, and what its sensors do beside.
 
     Attributes:
-        model: predicts `scale` times what is measured; None where the simulation is compared with.
+        model: predicts `scale` times what is measured, when it acts; None where the simulation is compared with.
         robot: what it believes, at the positions that the joints report.
         scale: effort that acts, but for an offset, per measured effort, (n,).
+        delay: by which efforts act after their stamps, (n,) [s].
         velocity_cutoff: of the low-passes on reported velocities, (n,) [Hz], infinite for none.
     """
 
     model: Predicts | None
     robot: Robot
     scale: np.ndarray
+    delay: np.ndarray
     velocity_cutoff: np.ndarray
 
     @classmethod
@@ -54,16 +56,33 @@ class Compared:
         """A model with its robot; the robot is its own where it says of sensors what they do."""
         if isinstance(model, KnowsSensors):
             return model.compared()
-        return cls(model, robot, np.ones(robot.width), np.full(robot.width, np.inf))
+        none, same = np.zeros(robot.width), np.ones(robot.width)
+        return cls(model, robot, same, none, np.inf * same)
 
     def acting(self, recordings: Sequence[Recording]) -> list[Recording]:
-        """Recordings with efforts in the units in which they act, and a note where those are others."""
-        other = np.flatnonzero(self.scale != 1.0)
-        if not len(other):
+        """Recordings with efforts when and in the units in which they act, and a note where those are others."""
+        joints = list(zip(self.robot.joints, self.scale.tolist(), self.delay.tolist(), strict=True))
+        changes = [f"times {scale:.3g} at {joint}" for joint, scale, _ in joints if scale != 1.0]
+        if len({*self.delay.tolist()}) == 1:
+            changes += [f"{1e3 * self.delay[0]:.3g} ms later"] * bool(self.delay[0])
+        else:
+            changes += [f"{1e3 * delay:.3g} ms later at {joint}" for joint, _, delay in joints if delay]
+        if not changes:
             return list(recordings)
-        factors = listed((f"{self.scale[k]:.3g} at {self.robot.joints[k]}" for k in other), 20)
-        said = f"efforts are looked at as they act by the earlier model, times {factors}."
-        return [
-            replace(one, effort=one.require_effort() * self.scale, notes=(*one.notes, f"{one.name}: {said}"))
-            for one in recordings
-        ]
+        said = f"efforts are looked at as they act by the earlier model, {listed(changes, 20)}."
+        scaled = (replace(one, effort=one.require_effort() * self.scale) for one in recordings)
+        return [replace(_later(one, self.delay), notes=(*one.notes, f"{one.name}: {said}")) for one in scaled]
+
+
+def _later(recording: Recording, delay: np.ndarray) -> Recording:
+    """A recording with each joint's effort by so much later, (n,) [s], without the moments of which none is known then."""
+    if not delay.any():
+        return recording
+    effort = recording.require_effort().copy()
+    known = np.zeros(len(recording), bool)
+    for rows in recording.segments():
+        time = recording.time[rows]
+        known[rows] = time >= time[0] + delay.max()
+        for joint in np.flatnonzero(delay):
+            effort[rows, joint] = np.interp(time - delay[joint], time, effort[rows, joint])
+    return replace(recording, effort=effort).part(known)

@@ -47,7 +47,7 @@ class Examination:
         estimates: the findings' terms with their parameters, in the order of `fit.terms`.
         test: rows kept out of the search, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
-        recordings: what was looked at, efforts in the units in which they act.
+        recordings: what was looked at, efforts when and in the units in which they act.
         robot: what was believed of it, at the positions that the joints report.
         model: what took the simulation's place, if anything did.
         late: how late the efforts came, before that was taken back.

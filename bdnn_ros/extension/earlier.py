@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Known = tuple[Installed, Mapping[str, float]]
 """An effect with the standard deviations of its values, where they are known."""
-AT_SENSORS = frozenset({"effort_scale", "velocity_filter"})
+AT_SENSORS = frozenset({"effort_scale", "effort_delay", "velocity_filter"})
 """Effects that are taken out of recordings, or told apart from what was found in them."""
 IN_ZEROS = "position_offset"
 
@@ -57,7 +57,7 @@ def compared(model: ExtendedModel) -> Compared:
     plant = Plant(acting.bare)
     for effect, _ in sensors:
         effect.install(plant)
-    return Compared(acting, acting.robot, plant.scale, plant.velocity_cutoff)
+    return Compared(acting, acting.robot, plant.scale, plant.delay, plant.velocity_cutoff)
 
 
 def _lasting(effect: Installed, std: Mapping[str, float]) -> list[Known]:
@@ -75,7 +75,7 @@ def _lasting(effect: Installed, std: Mapping[str, float]) -> list[Known]:
 def with_sensors(sensors: Sequence[Known], found: Sequence[Known]) -> list[Known]:
     """Effects that were found in recordings with sensors taken out of them, and those sensors: at each place one of a kind.
 
-    A scale that was found counts beside the one that was known; a low-pass takes the place of what was there.
+    A scale or delay that was found counts beside the one that was known; a low-pass takes the place of what was there.
     """
     places = {(one.effect.name, one.target): k for k, (one, _) in enumerate(found)}
     result, kept = list(found), []
@@ -85,6 +85,8 @@ def with_sensors(sensors: Sequence[Known], found: Sequence[Known]) -> list[Known
             kept.append((effect, std))
         elif effect.effect.name == "effort_scale":
             result[at] = _both_scales((effect, std), result[at])
+        elif effect.effect.name == "effort_delay":
+            result[at] = _both_delays((effect, std), result[at])
     return [*kept, *result]
 
 
@@ -94,3 +96,10 @@ def _both_scales(first: Known, second: Known) -> Known:
     scale, further = effect.values["scale"], other.values["scale"]
     spread = float(np.hypot(stds.get("scale", 0.0) * further, others.get("scale", 0.0) * scale))
     return replace(other, values={"scale": scale * further}), {"scale": spread}
+
+
+def _both_delays(first: Known, second: Known) -> Known:
+    """One delay that does what two do."""
+    (effect, stds), (other, others) = first, second
+    spread = float(np.hypot(stds.get("delay", 0.0), others.get("delay", 0.0)))
+    return replace(other, values={"delay": effect.values["delay"] + other.values["delay"]}), {"delay": spread}
