@@ -30,6 +30,23 @@ RAIL = """<robot name="rail"><link name="base"/>
 <limit lower="-1" upper="1" velocity="1" effort="100"/></joint></robot>"""
 
 
+def test_what_the_extended_model_mends_without_a_name_is_told_by_its_reason():
+    """Links that are a little off, or efforts that come half a sample before or after the motion: neither is a cause."""
+
+    def said(recording):
+        told = verdict_lines(examine([recording], ARM))
+        assert told[0].startswith("Nothing wrong was found")
+        return [line for line in told if "the extended model mends" in line]
+
+    recording = Scenario(ARM, seed=4, duration=20.0, rate=200.0).run()[0].recording
+    late = replace(recording, effort=np.roll(recording.effort, 1, axis=0))
+    for one, way in ((recording, "early"), (late, "late")):  # an effort that is held leads by half a sample
+        (of_lead,) = said(one)
+        assert float(of_lead.split(" ms")[0].split()[-1]) == pytest.approx(2.5, abs=0.25) and way in of_lead
+    (of_links,) = said(Scenario(ARM, seed=6, duration=20.0, wrong=0.05).run()[0].recording)
+    assert of_links.startswith("Errors of the links' masses and inertias")
+
+
 def pull(force: tuple[float, float, float], start: float, end: float) -> Finding:
     values = {"start": start, "end": end, **dict(zip(("force_x", "force_y", "force_z"), force, strict=True))}
     parameters = {name: Quantity(value, 0.1, "") for name, value in values.items()}

@@ -28,8 +28,6 @@ from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
 
 REPORT = "report.html"
-SLIGHT_GAIN = 0.1
-"""A gain above this without a cause is the links' alone, and is said to be."""
 MANY = 3
 """Places at which one kind of cause is said in one line."""
 MOST_REMARKS = 3
@@ -124,12 +122,6 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
     lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
-    if diagnosis.verdict == "nothing_wrong" and diagnosis.gain_interval[0] > SLIGHT_GAIN:
-        errors = "the links' masses and inertias" if examination.model is None else "the earlier model"
-        lines.append(
-            f"Errors of {errors}, none of which stands out, account for what differs; "
-            "the extended model mends them."
-        )
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
         said = group[0].sentence if len(group) == 1 else _together(group)
         lines.append(f" {number}. {said} ({_share(group)}, probability {_probability(group)})")

@@ -23,6 +23,15 @@ MOSTLY_LINKS = (
     "Beside the named causes, errors of all links' masses and inertias make up {share:.0f} % of the {reference}'s squared "
     "error: none of them is sure by itself, and wrong units or what has no name may be among them."
 )
+BY_LINKS = (
+    "Errors of {whose}, none of which stands out, account for what differs; the extended model mends them."
+)
+BY_LEAD = (
+    "Efforts are stamped {much:.1f} ms too {way} for the motion, as where one is held until the next or both are not read at "
+    "once; that accounts for what differs, and the extended model mends it."
+)
+SLIGHT = 0.1
+"""Share of the squared error below which it is not said what of that the extended model mends without a name."""
 MOST = 0.5
 """Share of the squared error above which that is said."""
 ALONE = (
@@ -95,6 +104,20 @@ def unnamed(terms: Sequence[tuple[Term, str]]) -> list[str]:
 def mostly_links(share: float, since: bool) -> list[str]:
     """A note where the links' corrections remove most of the squared error, this share of it."""
     return [MOSTLY_LINKS.format(share=100.0 * min(share, 1.0), reference=reference(since))] * (share > MOST)
+
+
+def mended(by_links: float, by_lead: float, lead: float, since: bool) -> list[str]:
+    """A note on what the extended model mends where nothing is named.
+
+    Args:
+        by_links, by_lead: share of the squared error that the links' corrections remove, and a lead of the effort.
+        lead: how far efforts lead the motion [s].
+    """
+    if max(by_links, by_lead) < SLIGHT:
+        return []
+    if by_lead > by_links:
+        return [BY_LEAD.format(much=1e3 * abs(lead), way="early" if lead > 0.0 else "late")]
+    return [BY_LINKS.format(whose="the earlier model" if since else "the links' masses and inertias")]
 
 
 def loads(

@@ -15,12 +15,14 @@ from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import gain_of, rms, share_of
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.naming import name_of, named
+from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
     FAR_OFF,
     THROUGHOUT,
     loads,
+    mended,
     mostly_links,
     of_recording,
     one_clock,
@@ -113,6 +115,7 @@ def told(
             *unnamed([(found[one].term, name_of(robot, found[one].term)) for one in names.silent]),
             *[FAR_OFF] * far_off,
             *(mostly_links(_by_links(equations, attempt.fitted, held), bool(since)) if findings else ()),
+            *(_mended(equations, attempt.fitted, held, since) if verdict == "nothing_wrong" else ()),
             *[AT_REST.format(joints=listed(at_rest), reference=reference(bool(since)))] * bool(at_rest),
         ),
     )
@@ -122,6 +125,14 @@ def _by_links(equations: Equations, fitted: Pool, rows: np.ndarray) -> float:
     """Part of the simulation's squared error in some rows that the links' corrections remove."""
     part = equations.rigid @ fitted.whole.coefficients[: equations.rigid.shape[2]]
     return share_of(part, fitted.left(), equations.target, rows)
+
+
+def _mended(equations: Equations, fitted: Pool, rows: np.ndarray, since: Compared | None) -> list[str]:
+    """What the extended model mends in some rows that has no name."""
+    lead = parted(fitted, fitted.whole)[0]
+    part = equations.nuisances[:, :, 0] * lead
+    by_lead = share_of(part, fitted.left(), equations.target, rows)
+    return mended(_by_links(equations, fitted, rows), by_lead, lead, bool(since))
 
 
 def _near(error: np.ndarray, floor: np.ndarray, scale: np.ndarray) -> np.ndarray:
