@@ -10,6 +10,7 @@ import pytest
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.gaps import BLOCK
 from bdnn_ros.online.intake import PAUSE, Clock, CommandIntake, Intake
+from bdnn_ros.online.silent import PATIENCE
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
@@ -67,7 +68,8 @@ def test_missing_velocity_and_effort_are_kept_as_missing(intake):
         ({"position": (1.0, float("nan"))}, "not_finite"),
         ({"position": (1.0, float("inf"))}, "not_finite"),
         ({"position": (float("inf"), float("-inf"))}, "not_finite"),
-        ({"velocity": (float("nan"), 1.0)}, "not_finite"),
+        ({"velocity": (float("inf"), 1.0)}, "not_finite"),
+        ({"effort": (1.0, float("nan"))}, "not_finite"),
         ({"effort": (1.0, float("-inf"))}, "not_finite"),
         ({"position": (1.0, 1e13)}, "out_of_range"),
         ({"position": (-1e308, 1.0)}, "out_of_range"),
@@ -98,6 +100,30 @@ def test_what_cannot_be_used_is_counted_by_reason(intake, fields, reason):
 def test_whose_number_cannot_be_used_is_known(intake, fields, culprit):
     assert not send(intake, 0, **fields)
     assert intake.culprit == culprit
+
+
+def test_a_velocity_that_one_joint_lacks_is_not_measured_there(intake):
+    assert send(intake, 0, velocity=(0.1, float("nan")))
+    assert np.isnan(intake.ring.read(0).values[0]).tolist() == [False] * 3 + [True] + [False] * 2
+
+
+def test_a_joint_without_a_sensor_for_its_effort_spoils_nothing(intake):
+    """ros2_control's broadcaster says NaN for what a joint has no interface for."""
+    lacks = {"effort": (3.0, float("nan"))}
+    for k in range(PATIENCE):
+        assert not send(intake, k, **lacks)  # its driver may only start late
+    for k in range(PATIENCE, 2 * PATIENCE):
+        assert send(intake, k, **lacks)
+    assert intake.rejected == {"not_finite": PATIENCE} and intake.silent.joints.tolist() == [False, True]
+    assert intake.ring.read(0).values[:, 4:].tolist() == [[3.0, 0.0]] * PATIENCE
+    assert send(intake, 2 * PATIENCE) and not intake.silent.joints.any()
+    assert not send(intake, 2 * PATIENCE + 1, **lacks)
+
+
+def test_where_commands_are_the_effort_no_measured_one_is_missed():
+    intake = Intake(("a", "b"), Ring.create(16, 6), needs_effort=False)
+    assert send(intake, 0, effort=(3.0, float("nan"))) and not intake.rejected
+    intake.ring.close()
 
 
 def test_large_but_finite_numbers_are_taken(intake):

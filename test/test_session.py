@@ -165,10 +165,11 @@ def test_what_came_before_a_model_was_loaded_can_be_diagnosed(session, models):
 
 
 def test_a_velocity_that_a_driver_only_fills_in_is_none_of_a_recording():
-    def fed(velocity):
+    def fed(velocity, missing=()):
         states = Ring.create(1000, 6)
         for k in range(200):
-            states.slot()[:] = [0.001 * k, 0.002 * k, *velocity, 1.0, 1.0]
+            said = [np.nan, velocity[1]] if k in missing else velocity
+            states.slot()[:] = [0.001 * k, 0.002 * k, *said, 1.0, 1.0]
             states.commit(k * MS, k * MS, k * MS)
         recording = Feed(ARM.joints, states).recording(0.0)
         states.close()
@@ -179,6 +180,7 @@ def test_a_velocity_that_a_driver_only_fills_in_is_none_of_a_recording():
         half = fed([absent, 2.0])
         assert half.velocity == pytest.approx(np.tile([1.0, 2.0], (200, 1)))
         assert ARM.joints[0] in half.notes[0]
+    assert fed([5.0, 2.0], missing=(3, 7)).velocity == pytest.approx(np.tile([1.0, 2.0], (200, 1)))
     assert fed([np.nan, np.nan]).velocity is None and not fed([np.nan, np.nan]).notes
 
 

@@ -215,6 +215,14 @@ def test_a_bad_update_is_refused(fault):
 # -- the parts between -------------------------------------------------------------------------------
 
 
+def test_a_joint_without_a_sensor_for_its_effort_holds_up_nothing():
+    """Its effort is zero throughout; what a model says of it is not held against the model."""
+    recording, learning = motion(REAL, 12.0, 200.0), Learning(ARM)
+    effort = recording.require_effort() * [1.0, 0.0]
+    versions = list(learning.take(recording.time, recording.position, effort))
+    assert len(versions) > 8 and not learning.rejected
+
+
 def test_a_channel_carries_arrays_and_descriptors():
     here, there = Channel.pair()
     other = Channel(there)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -86,6 +87,19 @@ def test_why_most_joint_states_are_of_no_use_is_told_and_logged_once(stream, fie
         assert level == DiagnosticStatus.WARN and said in message and message.count(". ") == 1
     assert len(stream.logged) == 1 and said in stream.logged[0]
     assert stream.status(bad=40, **fields) == (DiagnosticStatus.OK, "training")
+
+
+def test_a_joint_without_effort_is_named_and_its_error_is_none(stream):
+    stream.status(messages=400, bad=400, effort=(1.0, NAN))
+    told = ErrorNow()
+    told.add(10**18, np.array([1.0, 0.0]), np.array([1.5, 2.0]))
+    told.add(10**18 + MS, np.array([2.0, 0.0]), np.array([2.5, 2.0]))
+    values = {pair.key: pair.value for pair in stream.reporter.status(told, True, "", 0).values}
+    assert values["joints_without_effort"] == ARM.joints[1]
+    assert values[f"effort_nrmse_{ARM.joints[1]}"] == "nan"
+    assert values["effort_nrmse"] == values[f"effort_nrmse_{ARM.joints[0]}"] != "nan"
+    assert f"No effort comes for {ARM.joints[1]}" in stream.logged[-1]
+    assert stream.status(effort=(1.0, NAN)) == (DiagnosticStatus.OK, "training")
 
 
 def test_a_parameter_of_joints_without_the_culprit_helps(stream):

@@ -41,6 +41,17 @@ def test_the_most_joints_that_come_together_are_used(groups, used, chosen):
         assert not wider(groups, tuple(chosen), needs_effort=True)
 
 
+def test_a_joint_without_a_sensor_keeps_nobody_from_the_efforts_of_the_others():
+    """An arm, of which one joint says NaN, joins a gripper that came first."""
+    intake, watch = Intake(("g",), Ring.create(4096, 3)), Watch()
+    for k in range(20):
+        stamp = START + 2 * k * MS
+        intake.take(["g"], [1.0], (), [1.0], stamp, stamp)
+        intake.take(list(ARM), [1.0] * 4, (), [1.0, 1.0, 1.0, float("nan")], stamp, stamp)
+    assert watch.look(intake, (*ARM, "g")) == (*ARM, "g")
+    intake.ring.close()
+
+
 class Stream:
     """An intake of some joints, its watch, and the time."""
 

@@ -6,9 +6,11 @@ import math
 import time
 from collections.abc import Callable
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from bdnn_ros.dynamics import Dynamics
+from bdnn_ros.errors import listed
 from bdnn_ros.nodes.error_now import ErrorNow
 from bdnn_ros.nodes.unusable import Unusable
 from bdnn_ros.online.intake import CommandIntake
@@ -24,6 +26,9 @@ THROTTLE = 10.0
 """Warnings about the same go to the log so often at most [s]."""
 
 
+NO_SENSOR = (
+    "No effort comes for {} (NaN throughout): not measured there. The others are learned and diagnosed."
+)
 UNSTAMPED = "joint_states comes without stamps: when it was sent stands for them. Let the driver stamp at measurement."
 
 
@@ -115,13 +120,18 @@ class Reporter:
         self._warnings.say("joints", session.watch.complaint)
         self._warnings.say("absent", session.watch.absent)
         self._warnings.say("commands", f"effort_commands: {refused}" if more else "", again=True)
+        without = _without_effort(session)
+        self._warnings.say("without effort", NO_SENSOR.format(listed(without)) if without else "")
         nrmse = error.nrmse
+        if intake and len(nrmse) == len(intake.joints):
+            nrmse = np.where(intake.silent.joints, math.nan, nrmse)
+        known = nrmse[np.isfinite(nrmse)]
         values: dict[str, object] = {
             "samples_received": received,
             "samples_lost": intake.clock.lost if intake else 0,
             "samples_rejected": sum(rejected.values()),
             "model_version": served.number if served else 0,
-            "effort_nrmse": f"{nrmse.mean():.4g}" if len(nrmse) else math.nan,
+            "effort_nrmse": f"{known.mean():.4g}" if len(known) else math.nan,
             "trainer_alive": session.supervisor.alive,
             **{f"rejected_{reason}": count for reason, count in sorted(rejected.items())},
             **(
@@ -130,6 +140,7 @@ class Reporter:
                 else {}
             ),
             "joints_left_out": ", ".join(session.left_out),
+            "joints_without_effort": ", ".join(without),
             "stream_rate": f"{rate:.1f}",
             "stream_pauses": intake.clock.pauses if intake else 0,
             "stream_clock_restarts": intake.clock.restarts if intake else 0,
@@ -183,6 +194,14 @@ class Reporter:
         if session.counts.updates_rejected and session.counts.reason:
             return DiagnosticStatus.OK, f"an update was refused: {session.counts.reason}"
         return DiagnosticStatus.OK, "training" if session.learning else "serving, training is paused"
+
+
+def _without_effort(session: Session) -> list[str]:
+    """Joints in use that have no sensor for their effort."""
+    intake = session.intake
+    return (
+        [joint for joint, so in zip(intake.joints, intake.silent.joints, strict=True) if so] if intake else []
+    )
 
 
 def setup(model: Dynamics) -> dict[str, object]:

@@ -114,7 +114,7 @@ class Feed:
                 "Set effort_source to command, or use a driver that fills it.",
             )
         name, position, effort = "live stream", samples.position, samples.effort
-        velocity = samples.velocity if np.isfinite(samples.velocity).any() else None
+        velocity = _whole(samples.velocity) if np.isfinite(samples.velocity).any() else None
         velocity, silent, notes = reported_velocity(name, self.joints, position, velocity)
         live = Recording(samples.time, self.joints, position, velocity, effort, name=name, notes=tuple(notes))
         return with_derived(live, silent)
@@ -149,6 +149,13 @@ class Feed:
             effort = self.convention.acting(position, effort)
         time = (chunk.time - self.states.origin) * 1e-9
         return Samples(time, position, velocity, effort, chunk.missed)
+
+
+def _whole(velocity: np.ndarray) -> np.ndarray:
+    """Velocities, (N, n), with none of a joint that lacks some while others have theirs: all of it is derived then."""
+    absent = np.isnan(velocity)
+    lacking = (absent & ~absent.all(axis=1, keepdims=True)).any(axis=0)
+    return np.where(lacking, np.nan, velocity)
 
 
 def commanded(sent: np.ndarray, commands: Chunk) -> np.ndarray:

@@ -16,6 +16,7 @@ from bdnn_ros.errors import listed
 from bdnn_ros.online.assembly import Assembly, Group, Kind, Kinds
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.gaps import Gaps
+from bdnn_ros.online.silent import Silent
 from bdnn_ros.readings import MOST, credible
 
 PAUSE = 1_000_000_000
@@ -124,6 +125,7 @@ class Intake:
         culprit: whose number made the last of these unusable, as "effort of joint2", or which name comes twice in it;
             empty before the first.
         unstamped: messages whose stamp is zero, and no time; when they were sent stands for it.
+        silent: which joints have no sensor for their effort.
     """
 
     def __init__(self, joints: Sequence[str], ring: Ring, needs_effort: bool = True) -> None:
@@ -136,6 +138,7 @@ class Intake:
         self.needs_effort = needs_effort
         self.culprit = ""
         self.unstamped = 0
+        self.silent = Silent(len(self.joints))
         self._stamped = False
         self._assembly = Assembly(len(self.joints))
         self._kind = self.kinds.of(())
@@ -199,7 +202,8 @@ class Intake:
             return False
         row = self.ring.slot().reshape(3, -1)
         row[:] = assembly.row
-        row[np.isnan(row).any(axis=1)] = math.nan  # what one controller does not measure, the robot does not
+        if np.isnan(row[2]).any():
+            row[2] = math.nan  # what one controller does not measure, the robot does not
         return self._commit(row, assembly.stamp, sent)
 
     def _fill(self, row: np.ndarray, kind: Kind, position: Any, velocity: Any, effort: Any) -> str:
@@ -208,12 +212,15 @@ class Intake:
         row[0] = np.asarray(position)[index]
         row[1] = np.asarray(velocity)[index] if len(velocity) else math.nan
         row[2] = np.asarray(effort)[index] if len(effort) else math.nan
+        if self.needs_effort:
+            self.silent.fill(row[2], kind.joints)
         if credible(row).all():
             return ""
-        unusable = ~np.isfinite(row)
-        unusable[1:] &= ~np.isnan(row[1:]).all(
-            axis=1, keepdims=True
-        )  # drivers may fill what is not measured with NaN
+        # drivers fill what is not measured with NaN; a velocity follows from the position, an effort from nothing
+        unusable, absent = ~np.isfinite(row), np.isnan(row)
+        unusable[1] &= ~absent[1]
+        if absent[2].all() or not self.needs_effort:
+            unusable[2] &= ~absent[2]
         reason = NOT_FINITE
         if not unusable.any():
             reason, unusable = OUT_OF_RANGE, np.abs(row) > MOST

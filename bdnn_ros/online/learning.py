@@ -26,6 +26,8 @@ WORSE = 1.2
 """A new model may err so many times as much as the one that serves, on motion neither has seen."""
 NEGLIGIBLE = 0.02
 """Errors under this share of the effort's spread count as equal."""
+LEAST_VARIANCE = 1e-12
+"""Of an effort that changes at all [N²·m²]."""
 POSES = 12
 """Poses of the last chunk at which the mass matrix is tried."""
 
@@ -215,8 +217,9 @@ def check(
         np.linalg.cholesky(matrices)
     except np.linalg.LinAlgError:
         raise UpdateRejected("The update's mass matrix is not positive-definite.") from None
-    scale = np.maximum(variance, 1e-12)
-    old, new = np.sqrt(np.mean(before / scale)), np.sqrt(np.mean(after / scale))
+    scale, told = np.maximum(variance, LEAST_VARIANCE), variance > LEAST_VARIANCE
+    told = told if told.any() else np.ones(len(scale), bool)  # what never changes is of no sensor
+    old, new = (np.sqrt(np.mean((error / scale)[told])) for error in (before, after))
     if new > WORSE * old + NEGLIGIBLE:
         raise UpdateRejected(
             f"The update errs {new:.1%} on motion it has not seen, the model that serves {old:.1%}."

@@ -31,7 +31,7 @@ class Coming:
     Attributes:
         joints: their names.
         period: usual step between stamps [ns].
-        measured: with effort.
+        measured: with the effort of some of them; one without a sensor keeps nobody from the others'.
     """
 
     joints: frozenset[str]
@@ -87,7 +87,7 @@ class Watch:
 def _coming(group: Group, joints: Sequence[str]) -> Coming:
     names, effort = group.latest
     ours = [k for k, name in enumerate(names) if name in joints]
-    measured = len(effort) == len(names) and bool(np.isfinite(np.asarray(effort)[ours]).all())
+    measured = len(effort) == len(names) and bool(np.isfinite(np.asarray(effort)[ours]).any())
     return Coming(frozenset(names[k] for k in ours), group.period, measured)
 
 
