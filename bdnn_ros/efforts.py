@@ -12,6 +12,8 @@ from bdnn_ros.readings import credible
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
+ALL = None
+"""In the place of a joint's name: all joints."""
 COMMAND_AGE = 0.5
 """An effort command acts for so long [s] at most; a joint state later than that has no effort."""
 
@@ -46,25 +48,20 @@ class EffortConvention:
 
     @classmethod
     def of(cls, rules: Sequence[str], joints: Sequence[str], robot: Robot | None = None) -> EffortConvention:
-        """The convention that rules say, `JOINT=FACTOR` each, or `FACTOR` for all joints.
+        """The convention that rules say, `JOINT=FACTOR` each, or `FACTOR` for all joints without one of their own.
 
         Raises:
-            UsageError: a rule is malformed, names none of the joints, or its factor is zero or not finite.
+            UsageError: as `named`, or a rule names none of the joints.
         """
-        factors = np.ones(len(joints))
-        for rule in rules:
-            name, equals, number = rule.rpartition("=")
-            factor = _number(rule, number)
-            if not equals:
-                factors[:] = factor
-            elif name in joints:
-                factors[list(joints).index(name)] = factor
-            else:
+        given = named(rules)
+        for name, factor in given.items():
+            if name not in joints and name is not ALL:
                 raise UsageError(
-                    f"Effort factor {rule!r}: there is no joint {name!r}.",
+                    f"Effort factor '{name}={factor:g}': there is no joint {name!r}.",
                     f"Name one of {listed(joints, 20)}.",
                 )
-        return cls(factors, robot)
+        general = given.get(ALL, 1.0)
+        return cls(np.array([given.get(joint, general) for joint in joints], float), robot)
 
     def acting(self, position: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """The effort that drives the joints [N·m] where this one is reported, (N, n) at positions (N, n) [rad]."""
@@ -76,6 +73,25 @@ class EffortConvention:
         if recording.effort is None:
             return recording
         return replace(recording, effort=self.acting(recording.position, recording.effort))
+
+
+def named(rules: Sequence[str]) -> dict[str | None, float]:
+    """The factors that rules say, by joint; that of `ALL` counts for joints without one of their own.
+
+    Raises:
+        UsageError: a rule is malformed, its factor is zero or not finite, or there are two for the same.
+    """
+    given: dict[str | None, float] = {}
+    for rule in rules:
+        name, equals, number = rule.rpartition("=")
+        joint = name if equals else ALL
+        if joint in given:
+            whom = "all joints" if joint is ALL else joint
+            raise UsageError(
+                f"Two effort factors are given for {whom}.", "Give one, the product where both hold."
+            )
+        given[joint] = _number(rule, number)
+    return given
 
 
 def _number(rule: str, text: str) -> float:

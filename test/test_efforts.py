@@ -45,6 +45,8 @@ def test_rules_multiply_and_gravity_is_added(arm):
     )
     whole = EffortConvention.of(rules, arm.joints, arm).acting(position, effort)
     np.testing.assert_allclose(whole, effort * [10.0, -2.0] + arm.gravity(position))
+    turned = EffortConvention.of(rules[::-1], arm.joints)  # the order makes no difference
+    np.testing.assert_array_equal(turned.factors, [10.0, -2.0])
     silent = Recording(np.arange(3.0), arm.joints, np.zeros((3, 2)))
     assert plain.applied(silent) is silent
 
@@ -63,6 +65,14 @@ def test_rules_multiply_and_gravity_is_added(arm):
 def test_a_bad_rule_gets_a_sentence(arm, rule, sentence):
     with pytest.raises(UsageError, match=sentence):
         EffortConvention.of([rule], arm.joints)
+
+
+@pytest.mark.parametrize(
+    "rules, whom", [(["arm2_joint1=2", "3", "arm2_joint1=2"], "arm2_joint1"), (["2", "2"], "all joints")]
+)
+def test_a_second_factor_for_the_same_is_refused(arm, rules, whom):
+    with pytest.raises(UsageError, match=f"Two effort factors are given for {whom}"):
+        EffortConvention.of(rules, arm.joints)
 
 
 def findings(path) -> list[tuple[str, str]]:
