@@ -12,7 +12,8 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.efforts import named
+from bdnn_ros.errors import BdnnError, UsageError, listed
 
 TYPES = {
     bool: Parameter.Type.BOOL,
@@ -33,6 +34,7 @@ class Setting:
         least: a number between `low` and this one is too small; `low` itself means something else, as none.
         choices: values of a string, any if empty.
         distinct: a list may hold nothing twice.
+        check: raises BdnnError where the strings of a list cannot be used.
         live: may be changed while the node is configured.
     """
 
@@ -44,6 +46,7 @@ class Setting:
     least: float | None = None
     choices: tuple[str, ...] = ()
     distinct: bool = False
+    check: Callable[[list[str]], object] | None = None
     live: bool = False
 
     @property
@@ -74,6 +77,11 @@ class Setting:
             twice = sorted(name for name, times in Counter(value or ()).items() if name and times > 1)
             if twice:
                 return f"{self.name} holds {listed(twice)} more than once; name each only once."
+        if self.check is not None:
+            try:
+                self.check(_texts(value))
+            except BdnnError as error:
+                return f"{self.name}: {error}"
         return ""
 
 
@@ -95,6 +103,7 @@ IDENTIFICATION = (
         "effort_factors",
         [],
         "N*m in each unit of reported effort, JOINT=FACTOR or FACTOR for all: for currents, or turned signs.",
+        check=named,
     ),
     Setting(
         "add_gravity",
@@ -154,6 +163,11 @@ REPLAY = (
 )
 
 
+def _texts(value: Iterable[str] | None) -> list[str]:
+    """What a list of strings holds: none of them is empty."""
+    return [text for text in value or [] if text]
+
+
 class Settings:
     """The parameters of a node, declared and watched.
 
@@ -190,7 +204,7 @@ class Settings:
         """The value of a parameter; strings in a list are never empty."""
         value = self._node.get_parameter(name).value
         if isinstance(self._by_name[name].default, list):
-            return [text for text in value or [] if text]
+            return _texts(value)
         return value
 
     def _declare(self, setting: Setting) -> None:
