@@ -128,6 +128,25 @@ def test_a_diagnosis_that_is_broken_off_leaves_no_process(session, ending):
     wait_until(lambda: not Path(f"/proc/{diagnosis}").exists(), 5.0)
 
 
+def test_a_signal_that_every_process_gets_does_not_end_what_the_node_ends(session):
+    """As systemd stops a service: what the trainer learned last is handed over all the same."""
+    send(session, motion(REAL, 20.0, 250.0, noise=0.002))
+    wait_until(lambda: session.served.number >= 5, 30.0)
+    trainer, asked = session.supervisor.pid, session.diagnose(0.0)
+    (diagnosis,) = wait_until(lambda: children(trainer), 10.0)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for pid in (trainer, diagnosis):
+            wait_until(lambda pid=pid, number=number: _ignores(pid, number), 10.0)
+            os.kill(pid, number)
+    assert asked.result(60.0).info["diagnosis"]["findings"]
+    assert session.supervisor.pid == trainer and session.supervisor.restarts == 0
+
+
+def _ignores(pid: int, number: int) -> bool:
+    told = Path(f"/proc/{pid}/status").read_text().partition("SigIgn:")[2].split()[0]
+    return bool(int(told, 16) >> (number - 1) & 1)
+
+
 @pytest.mark.parametrize(
     ("before", "verdict"),
     [

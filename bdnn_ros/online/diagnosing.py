@@ -74,7 +74,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="One diagnosis for a trainer; started by it.")
     parser.add_argument("--channel", type=int, required=True, help="descriptor of the socket to the trainer")
     options = parser.parse_args(arguments)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to every process; the node decides
+    # a terminal, or systemd at a stop, sends it to every process: the node decides, and this one ends with its channel
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     channel = Channel(socket.socket(fileno=options.channel))
     try:

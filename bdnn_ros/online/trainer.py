@@ -214,7 +214,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--channel", type=int, required=True, help="descriptor of the socket to the node")
     parser.add_argument("--nice", type=int, default=10, help="how much to yield to other processes, 0 to 19")
     options = parser.parse_args(arguments)
-    for number in (signal.SIGINT, signal.SIGHUP):  # a terminal sends it to node and trainer; the node decides
+    # a terminal, or systemd at a stop, sends it to every process: the node decides, and this one ends with its channel
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(options.nice)
     threading.current_thread().name = "trainer"
