@@ -7,6 +7,7 @@ import array
 import numpy as np
 import pytest
 
+from bdnn_ros.online.assembly import BARE_LIMIT
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.gaps import BLOCK
 from bdnn_ros.online.intake import PAUSE, Clock, CommandIntake, Intake
@@ -134,6 +135,31 @@ def test_without_a_stamp_the_time_of_sending_stands(intake):
     assert intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), 0, START)
     assert intake.ring.read(0).stamp.tolist() == [START]
     assert intake.unstamped == 1
+
+
+@pytest.mark.parametrize("behind", [50 * MS, 600 * MS, 5000 * MS])
+def test_a_message_without_a_stamp_among_stamped_ones_is_left_out(intake, behind):
+    """The sender's clock is behind the middleware's: the time of sending would be none of the stream."""
+    for k in range(600):
+        stamp = 0 if k in (200, 400, 401) else START + k * MS
+        intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), stamp, START + k * MS + behind)
+    assert intake.rejected == {"stamp_missing": 3} and intake.ring.written == 597
+    assert intake.clock.lost == intake.clock.pauses == intake.clock.restarts == intake.unstamped == 0
+
+
+def test_a_driver_that_stamps_no_longer_goes_on(intake):
+    for k in range(200):
+        stamp = 0 if k >= 100 else START + k * MS
+        intake.take(["a", "b"], (1.0, 2.0), (), (3.0, 4.0), stamp, START + k * MS)
+    assert intake.rejected == {"stamp_missing": BARE_LIMIT - 1} and intake.unstamped == 101 - BARE_LIMIT
+    assert intake.ring.read(0).stamp[-1] == START + 199 * MS
+
+
+def test_of_two_drivers_one_may_give_no_stamps(intake):
+    for k in range(200):
+        part(intake, "a", k * MS)
+        intake.take(["b"], (1.0,), (), (3.0,), 0, START + k * MS)
+    assert intake.ring.written == 200 and not intake.rejected
 
 
 @pytest.mark.parametrize("first", [0, 10 * MS])

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 
-from bdnn_ros.online.intake import BACKWARDS, LENGTH, NO_EFFORT, NOT_FINITE, OUT_OF_RANGE, TWICE, Intake
+from bdnn_ros.online.intake import (
+    BACKWARDS,
+    LENGTH,
+    NO_EFFORT,
+    NO_STAMP,
+    NOT_FINITE,
+    OUT_OF_RANGE,
+    TWICE,
+    Intake,
+)
 from bdnn_ros.readings import MOST
 
 SHARE, LEAST = 0.5, 3
@@ -20,6 +29,8 @@ TOLD = {
     TWICE: "Most joint states are left out, as they name {culprit} twice. "
     "Let whoever fills joint_states give each joint a name of its own.",
     BACKWARDS: "Most joint states are left out, as their stamps repeat or go back. "
+    "Let one publisher fill joint_states, and stamp at measurement.",
+    NO_STAMP: "Most joint states are left out, as they have no stamp while others have one. "
     "Let one publisher fill joint_states, and stamp at measurement.",
     NO_EFFORT: "Most joint states carry no effort, and nothing is learned from those. "
     "Set effort_source to command, or use a driver that fills it.",

@@ -11,6 +11,8 @@ MOST_KINDS = 64
 """Kinds of messages that are remembered; beyond that, all are learned anew."""
 SMOOTHING = 8
 """The usual step between stamps follows the last about so many."""
+BARE_LIMIT = 20
+"""So many messages in a row without a stamp are of a driver that gives none, whatever came before."""
 
 
 class Group:
@@ -24,7 +26,7 @@ class Group:
         paired: messages of theirs have made samples together with others.
     """
 
-    __slots__ = ("_stamp", "latest", "members", "messages", "paired", "period")
+    __slots__ = ("_bare", "_stamp", "_stamped", "latest", "members", "messages", "paired", "period")
 
     def __init__(self, members: int) -> None:
         self.members = members
@@ -33,6 +35,17 @@ class Group:
         self.latest: tuple[Sequence[str], Any] = ((), ())
         self.paired = False
         self._stamp = 0
+        self._stamped = False
+        self._bare = 0
+
+    def bare(self) -> bool:
+        """A message without a stamp came; whether it is one among others that have one."""
+        self._bare += 1
+        return self._stamped and self._bare < BARE_LIMIT
+
+    def stamped(self) -> None:
+        """A message with a stamp came."""
+        self._stamped, self._bare = True, 0
 
     def came(self, names: Sequence[str], effort: Any, stamp: int) -> None:
         """Count a message with this stamp [ns]."""

@@ -31,6 +31,7 @@ NONE = -1
 """No stream time: the sample is refused."""
 
 BACKWARDS = "stamp_backwards"
+NO_STAMP = "stamp_missing"
 JOINTS = "joints_missing"
 TWICE = "joint_twice"
 LENGTH = "wrong_length"
@@ -108,8 +109,8 @@ class Clock:
         self._stamp = self._latest = 0
 
     def refuse(self, stamp: int) -> None:
-        """A sample with this stamp [ns] came but is left out: it is not lost."""
-        self._gaps.refuse(self._stamp - stamp)
+        """A sample with this stamp [ns], `NONE` without, came but is left out: it is not lost."""
+        self._gaps.refuse(self._stamp - stamp if stamp > NONE else 0)
 
 
 class Intake:
@@ -124,7 +125,7 @@ class Intake:
         rejected: messages left out, by reason.
         culprit: whose number made the last of these unusable, as "effort of joint2", or which name comes twice in it;
             empty before the first.
-        unstamped: messages whose stamp is zero, and no time; when they were sent stands for it.
+        unstamped: messages whose stamp is zero, and no time, of a driver that gives none; when they were sent stands for it.
         silent: which joints have no sensor for their effort.
     """
 
@@ -158,12 +159,15 @@ class Intake:
         if names != kind.names:
             kind = self._kind = self.kinds.of(names)
         if stamp < 0 or (stamp == 0 and not self.clock.since_zero):
+            if kind.group.bare():
+                return False if kind.foreign else self._reject(NO_STAMP, NONE)
             self.unstamped += 1
             stamp = sent
-        elif not self._stamped:
-            self._stamped = True
-            if stamp < SINCE_ZERO and self.ring.written <= 1:
+        else:
+            kind.group.stamped()
+            if not self._stamped and stamp < SINCE_ZERO and self.ring.written <= 1:
                 self._begin_at_zero()
+            self._stamped = True
         kind.group.came(names, effort, stamp)
         if kind.foreign:
             return False
