@@ -32,8 +32,8 @@ class Alive:
 class Stream:
     """A session that hears, and its reporter."""
 
-    def __init__(self, **settings):
-        self.session = Session(Settings(), **settings)
+    def __init__(self, settings=None, **others):
+        self.session = Session(settings or Settings(), **others)
         self.session.supervisor = Alive()
         self.session.set_robot(ARM)
         self.session.begin(ARM.joints)
@@ -100,6 +100,23 @@ def test_a_joint_without_effort_is_named_and_its_error_is_none(stream):
     assert values["effort_nrmse"] == values[f"effort_nrmse_{ARM.joints[0]}"] != "nan"
     assert f"No effort comes for {ARM.joints[1]}" in stream.logged[-1]
     assert stream.status(effort=(1.0, NAN)) == (DiagnosticStatus.OK, "training")
+
+
+def test_a_buffer_too_small_for_the_low_pass_is_told_of():
+    stream = Stream(Settings(cutoff=1.0, capacity=1000))
+    stream.status(messages=600, bad=0)
+    assert stream.session.instant() is None
+    level, message = stream.status(messages=600, bad=0)
+    assert level == DiagnosticStatus.WARN and message.startswith(
+        "buffer_size keeps 999 joint states, and the"
+    )
+    needed = int(message.split("needs ")[1].split(":")[0])
+    stream.session.stop()
+    stream = Stream(Settings(cutoff=1.0, capacity=needed + 1))
+    stream.status(messages=needed, bad=0)
+    assert stream.session.instant() is not None
+    assert stream.status(bad=0) == (DiagnosticStatus.OK, "training") and not stream.logged
+    stream.session.stop()
 
 
 def test_a_parameter_of_joints_without_the_culprit_helps(stream):

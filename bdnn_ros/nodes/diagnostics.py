@@ -116,6 +116,8 @@ class Reporter:
         unusable = self._unusable.look(intake, session.learning)
         self._warnings.say("quality of service", unheard)
         self._warnings.say("stamps", unstamped)
+        small = session.smoother.complaint(intake.ring.most) if intake else ""
+        self._warnings.say("buffer", small)
         self._warnings.say("use", unusable)
         self._warnings.say("joints", session.watch.complaint)
         self._warnings.say("absent", session.watch.absent)
@@ -156,7 +158,7 @@ class Reporter:
             "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
         }
-        stream = " ".join(filter(None, (refused, unheard, unstamped, unusable)))
+        stream = " ".join(filter(None, (refused, unheard, unstamped, unusable, small)))
         level, message = self._verdict(active, trouble, now, stream, unheard)
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)

@@ -145,9 +145,14 @@ class Ring:
         return int(self._header[_ORIGIN])
 
     @property
+    def most(self) -> int:
+        """How many samples can be read at once: all but the slot being written."""
+        return self.capacity - 1
+
+    @property
     def oldest(self) -> int:
-        """Number of the oldest sample that is surely whole (the slot being written is not)."""
-        return max(self.written - self.capacity + 1, 0)
+        """Number of the oldest sample that is surely whole."""
+        return max(self.written - self.most, 0)
 
     def read(self, start: int, most: int | None = None) -> Chunk:
         """Copies of the samples from number `start` on, at most `most` of them."""

@@ -143,6 +143,15 @@ class Smoother:
         """Samples that `at` needs at least; 0 before `settle`."""
         return int(np.ceil((2 * self._half + 1) * self._step / self._period)) + 3 if self._period else 0
 
+    def complaint(self, most: int) -> str:
+        """Why there is no instant of a stream of which so many samples are kept, and what to do; empty if there is."""
+        if self.count <= most:
+            return ""
+        return (
+            f"buffer_size keeps {most} joint states, and the low-pass needs {self.count}: nothing is estimated. "
+            f"Set buffer_size to {2 * self.count}, or a higher cutoff."
+        )
+
     def newest(self, feed: Feed, period: float) -> Instant | None:
         """As `at`, of a stream of this period [s]; None too while it is too short."""
         self.settle(period)

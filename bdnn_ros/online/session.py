@@ -42,6 +42,7 @@ class Session:
         intake: counts of the stream; None until the first joint state of the robot.
         findings: what diagnoses said, for the node to take from the left.
         watch: which joints come in which messages.
+        smoother: the low-pass of `instant`.
         forgotten: how often what was learned was forgotten; what was said before that holds no longer.
     """
 
@@ -61,7 +62,7 @@ class Session:
         self._feed: Feed | None = None
         self._given_up: list[Ring] = []
         self._turn = threading.RLock()  # what is served and what the trainer works on change together
-        self._smoother = Smoother(settings.cutoff)
+        self.smoother = Smoother(settings.cutoff)
         self._requests = Requests()
         self._files = ThreadPoolExecutor(1, thread_name_prefix="files")
         self._course = Course()
@@ -183,7 +184,7 @@ class Session:
         """Low-passed motion at the newest stamp that allows it; None while there is none."""
         if self._feed is None or self.intake is None or self.intake.clock.period <= 0.0:
             return None
-        return self._smoother.newest(self._feed, self.intake.clock.period * 1e-9)
+        return self.smoother.newest(self._feed, self.intake.clock.period * 1e-9)
 
     # -- requests ----------------------------------------------------------------------------------
 
