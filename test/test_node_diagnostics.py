@@ -12,6 +12,7 @@ from live_support import Robotics, motion, node_process, real_robot, status, urd
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
+from bdnn_interfaces.msg import DynamicsEstimate
 from bdnn_ros.nodes.diagnostics import setup
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
@@ -58,6 +59,16 @@ def test_how_a_robot_is_set_up_is_told_where_motion_showed_it():
     assert setup(leaning) == {"base_roll_deg": "2.50", "base_pitch_deg": "-4.00"}
     off = replace(level, robot=replace(ARM, zeros=np.array([0.0, 0.05])), zeros_std=(0.0, 0.001))
     assert setup(off) == {"zero_of_arm2_joint2": "0.0500"}
+
+
+def test_the_error_is_told_where_no_estimates_are_published(tmp_path):
+    parameters = {"urdf_file": urdf_file(tmp_path, ARM), "estimate_rate": 0.0}
+    with node_process(tmp_path, 210, **parameters), Robotics(210) as ros:
+        kept = ros.keep(DiagnosticArray, "/diagnostics")
+        estimates = ros.keep(DynamicsEstimate, "/identification_node/estimate")
+        ros.stream(motion(REAL, 4.0, 250.0))
+        wait_until(lambda: kept and status(kept)["effort_nrmse"] != "nan")
+        assert float(status(kept)["effort_nrmse"]) > 0.0 and not estimates
 
 
 def test_stamps_that_are_none_are_told_of(tmp_path):

@@ -39,6 +39,8 @@ TRAINER_TIMEOUT = 10.0
 SWITCH_INTERVAL = 5e-4
 """Longest time another thread may hold up the stream [s]."""
 HOUSEKEEPING = 1.0
+COMPARED = 20.0
+"""Estimates a second that only tell the error, where none is published [Hz]."""
 
 
 class IdentificationNode(Lifecycle):
@@ -138,8 +140,8 @@ class IdentificationNode(Lifecycle):
         self._waited_since = time.monotonic()
         self._opening = self._every(0.02, self._open)
         rate = self.settings["estimate_rate"]
-        if rate > 0:
-            self._lane.do(self._publishing.estimate, 1.0 / rate)
+        chore = self._publishing.estimate if rate > 0.0 else self._publishing.compare
+        self._lane.do(chore, 1.0 / (rate or COMPARED))
         return super().on_activate(state)
 
     @told

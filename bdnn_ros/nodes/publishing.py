@@ -21,6 +21,8 @@ from bdnn_ros.nodes.conversions import (
 )
 from bdnn_ros.nodes.diagnostics import Reporter
 from bdnn_ros.nodes.error_now import ErrorNow
+from bdnn_ros.online.estimate import Instant, Parts
+from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session
 
 LATCHED = QoSProfile(
@@ -55,17 +57,27 @@ class Publishing:
 
     def estimate(self) -> None:
         """Publish the newest instant, unless that was done."""
+        estimated = self._estimate()
+        if estimated is not None:
+            served, instant, told = estimated
+            self._estimates.publish(estimate_message(served.joints, instant, told, served.number))
+            self._efforts.publish(effort_message(served.joints, instant, told))
+
+    def compare(self) -> None:
+        """Note the error at the newest instant, and publish nothing."""
+        self._estimate()
+
+    def _estimate(self) -> tuple[Served, Instant, Parts] | None:
+        """What serves says of the newest instant, unless that was asked before; its error is noted."""
         error = self._error  # before what is served: of a model that is forgotten meanwhile, it keeps nothing
         served, instant = self._session.served, self._session.instant()
         if served is None or instant is None or instant.stamp == self._last_stamp:
-            return
+            return None
         self._last_stamp = instant.stamp
         told = served.parts(instant.position, instant.velocity, instant.acceleration)
         if np.isfinite(instant.effort).all():
             error.add(instant.stamp, instant.effort, told.effort)
-        joints = served.joints
-        self._estimates.publish(estimate_message(joints, instant, told, served.number))
-        self._efforts.publish(effort_message(joints, instant, told))
+        return served, instant, told
 
     def forget(self) -> None:
         """Take back what was said of a model and of findings, where these were forgotten since."""
