@@ -301,6 +301,23 @@ def test_a_reset_before_the_robot_moves_holds(tmp_path, waiting):
     assert waiting.served.number == 0 and waiting._course.resumed is None
 
 
+@pytest.mark.parametrize("joints", [ARM.joints[:1], ARM.joints])
+@pytest.mark.parametrize("early", [False, True])
+def test_after_a_reset_no_model_that_is_kept_comes_back(tmp_path, waiting, joints, early):
+    """Not where it is of joints that only come later, nor where the file was only written since."""
+    log = Log()
+    kept = Kept(str(tmp_path), waiting, log)
+    if early:
+        save_model(tmp_path, nominal(Robot.from_urdf(REAL.urdf, joints)))
+    kept.serve(ARM)
+    kept.reset()
+    save_model(tmp_path, nominal(Robot.from_urdf(REAL.urdf, joints)))
+    said = len(log)
+    kept.begin(ARM.joints[:1])
+    kept.begin(ARM.joints)
+    assert waiting.served.number == 0 and waiting._course.resumed is None and len(log) == said
+
+
 def test_a_model_of_the_joints_that_come_waits_for_them(tmp_path, waiting):
     """Nothing is said of it before, and what is saved meanwhile has a file of its own."""
     one = ARM.joints[:1]

@@ -38,6 +38,7 @@ class Kept:
         self._session = session
         self._logger = logger
         self._found = False
+        self._forgotten = False
         self._saved: Served | None = None
 
     def serve(self, robot: Robot) -> None:
@@ -48,19 +49,30 @@ class Kept:
             return
         if before is not None:
             self._logger().info("robot_description has changed: it serves anew, and learning begins again")
-        if self._session.intake is None:
+        if self._session.intake is None and not self._forgotten:
             self._found = self._look(early=True)
 
     def begin(self, joints: Sequence[str]) -> None:
         """Begin the session's stream of these joints, going on from the model that is kept of them, if there is one.
 
-        What serves already is not replaced: another model that was loaded, or the robot description after a reset.
+        What serves already is not replaced by it, as another model that was loaded, nor is a robot description after a reset,
+        whichever joints come.
         """
         before = self._session.served
         self._session.begin(joints)
         served = self._session.served
-        if served is not before or not (self._found or served.number):  # type: ignore[union-attr]
+        serves = served is before and (self._found or served.number > 0)  # type: ignore[union-attr]
+        if not serves and not self._forgotten:
             self.resume()
+
+    def reset(self) -> None:
+        """Forget what was learned, and the model that is kept, which may be of joints that are still to come.
+
+        Raises:
+            UsageError: the robot is not known yet.
+        """
+        self._session.reset()
+        self._forgotten = True
 
     def resume(self) -> None:
         """Serve the model that is kept, if there is one, and go on from it."""

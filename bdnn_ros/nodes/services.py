@@ -202,7 +202,7 @@ class Services:
     # -- learning --------------------------------------------------------------------------------
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._session.reset()
+        self._kept.reset()
         self._forgotten()
         return _done(response, "What was learned is forgotten; the robot description serves.")
 
