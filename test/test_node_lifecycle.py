@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from live_support import Robotics, children, urdf_file, wait_until
+from std_msgs.msg import String
 
 from bdnn_interfaces.srv import Diagnose, LoadModel, SaveModel
 from bdnn_ros.errors import UsageError
@@ -209,6 +210,23 @@ def test_what_is_asked_while_refusals_are_sent_is_refused(node, tmp_path, kind):
         handle(kind.Request(), kind.Response()).send(None)
     answer = ended.value.value
     assert not answer.success and answer.message.startswith("The node is being cleaned up.")
+
+
+@pytest.mark.parametrize("urdf", ["<robot name='x'/>", Robot.bundled("arm6").urdf])
+def test_a_description_that_is_refused_does_not_hide_that_the_one_before_serves(node, monkeypatch, urdf):
+    """It was told as an error until another description came, and hid whatever else was to be told."""
+    assert node.start()
+    node._session.begin(ARM.joints)
+    told: list[Any] = []
+    monkeypatch.setattr(node._publishing, "tell", lambda *arguments: told.append(arguments))
+    node._on_description(String(data=urdf))
+    node._keep_house()
+    _, trouble, _, _, refused = told[-1]
+    assert trouble == "" and refused.startswith("robot_description: ")
+    assert node._session.robot.joints == ARM.joints
+    node._on_description(String(data=ARM.urdf))
+    node._keep_house()
+    assert told[-1][1] == told[-1][4] == ""
 
 
 def test_a_complaint_about_names_goes_once_the_joints_are_known(node):

@@ -102,6 +102,17 @@ def test_a_joint_without_effort_is_named_and_its_error_is_none(stream):
     assert stream.status(effort=(1.0, NAN)) == (DiagnosticStatus.OK, "training")
 
 
+def test_a_description_that_was_refused_is_told_of_beside_the_rest(stream):
+    stream.status(bad=0)
+    told = stream.reporter.status(ErrorNow(), True, "", 0, refused="No.")
+    assert (told.level, told.message) == (DiagnosticStatus.WARN, "No.")
+    stream.status(bad=0)
+    stream.session.intake.received += 100
+    stream.session.intake.rejected["effort_missing"] += 100
+    message = stream.reporter.status(ErrorNow(), True, "", 0, refused="No.").message
+    assert message.startswith("No. Most joint states carry no effort")
+
+
 def test_a_buffer_too_small_for_the_low_pass_is_told_of():
     stream = Stream(Settings(cutoff=1.0, capacity=1000))
     stream.status(messages=600, bad=0)

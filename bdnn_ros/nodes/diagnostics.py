@@ -91,7 +91,13 @@ class Reporter:
         self._looked = time.monotonic()
 
     def status(
-        self, error: ErrorNow, active: bool, trouble: str, message_lost: int, unheard: str = ""
+        self,
+        error: ErrorNow,
+        active: bool,
+        trouble: str,
+        message_lost: int,
+        unheard: str = "",
+        refused: str = "",
     ) -> DiagnosticStatus:
         """The status now.
 
@@ -99,6 +105,7 @@ class Reporter:
             trouble: what keeps the node from working, one sentence; empty if nothing does.
             message_lost: messages the middleware says it lost.
             unheard: who is not heard, one sentence and what to do; empty if all are.
+            refused: why a robot description does not replace the one in use; empty if none was refused.
         """
         session, now = self._session, time.monotonic()
         intake, served = session.intake, session.served
@@ -111,7 +118,7 @@ class Reporter:
         commands = session.commands
         if commands is not None:
             rejected |= {f"command_{reason}": count for reason, count in dict(commands.rejected).items()}
-        refused, more = self._refusals.look(commands)
+        complaint, more = self._refusals.look(commands)
         unstamped = self._look_for_stamps()
         unusable = self._unusable.look(intake, session.learning)
         self._warnings.say("quality of service", unheard)
@@ -121,7 +128,7 @@ class Reporter:
         self._warnings.say("use", unusable)
         self._warnings.say("joints", session.watch.complaint)
         self._warnings.say("absent", session.watch.absent)
-        self._warnings.say("commands", f"effort_commands: {refused}" if more else "", again=True)
+        self._warnings.say("commands", f"effort_commands: {complaint}" if more else "", again=True)
         without = _without_effort(session)
         self._warnings.say("without effort", NO_SENSOR.format(listed(without)) if without else "")
         nrmse = error.nrmse
@@ -158,8 +165,9 @@ class Reporter:
             "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
         }
-        stream = " ".join(filter(None, (refused, unheard, unstamped, unusable, small)))
-        level, message = self._verdict(active, trouble, now, stream, unheard)
+        stream = " ".join(filter(None, (refused, complaint, unheard, unstamped, unusable, small)))
+        beside = " ".join(filter(None, (refused, unheard)))
+        level, message = self._verdict(active, trouble, now, stream, beside)
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
 
@@ -169,9 +177,7 @@ class Reporter:
         before, self._without_stamp = self._without_stamp, intake.unstamped if intake else 0
         return UNSTAMPED if self._without_stamp > before else ""
 
-    def _verdict(
-        self, active: bool, trouble: str, now: float, stream: str, unheard: str
-    ) -> tuple[bytes, str]:
+    def _verdict(self, active: bool, trouble: str, now: float, stream: str, beside: str) -> tuple[bytes, str]:
         session = self._session
         if trouble:
             return DiagnosticStatus.ERROR, trouble
@@ -180,15 +186,15 @@ class Reporter:
         if not active:
             return DiagnosticStatus.OK, "inactive"
         if session.robot is None:
-            return DiagnosticStatus.WARN, ". ".join(filter(None, ("waiting for robot_description", unheard)))
+            return DiagnosticStatus.WARN, ". ".join(filter(None, ("waiting for robot_description", beside)))
         if session.intake is None:
-            return DiagnosticStatus.WARN, ". ".join(filter(None, ("waiting for joint states", unheard)))
+            return DiagnosticStatus.WARN, ". ".join(filter(None, ("waiting for joint states", beside)))
         if not session.supervisor.alive:
             why = session.supervisor.trouble
             return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
         if now - self._progress > SILENCE:
             silent = f"no joint state for {now - self._progress:.0f} s"
-            return DiagnosticStatus.WARN, ". ".join(filter(None, (silent, unheard)))
+            return DiagnosticStatus.WARN, ". ".join(filter(None, (silent, beside)))
         watch = session.watch
         told = (session.counts.unlike, stream, watch.complaint, watch.absent)
         if any(told):

@@ -65,7 +65,7 @@ class IdentificationNode(Lifecycle):
         self._trouble = ""
         self._message_lost = 0
         self._opening: Any = None
-        self._complained: str = ""
+        self._complained = self._refused = ""
         self.failed = False
 
     # -- lifecycle -------------------------------------------------------------------------------
@@ -103,7 +103,7 @@ class IdentificationNode(Lifecycle):
             self._trouble = str(error)
             self.finish()
             return TransitionCallbackReturn.FAILURE
-        self._trouble = self._complained = ""
+        self._trouble = self._complained = self._refused = ""
         session.start()
         self._session = session
         self._publishing = Publishing(self, session)
@@ -187,11 +187,16 @@ class IdentificationNode(Lifecycle):
 
     def _on_description(self, message: String) -> None:
         assert self._session is not None
+        self._refused, used = "", self._session.robot is not None
         try:
             self._meet(self._session, Robot.from_urdf(message.data))
         except BdnnError as error:
-            self._trouble = f"robot_description: {error}"
-            self.get_logger().error(self._trouble)
+            sentence = f"robot_description: {error}"
+            self.get_logger().error(sentence)
+            if used:  # what it was to replace goes on serving
+                self._refused = sentence
+            else:
+                self._trouble = sentence
         else:
             self._trouble = ""
 
@@ -259,7 +264,7 @@ class IdentificationNode(Lifecycle):
         unheard = self._streams.complaint if self._streams else ""
         if self._description is not None and self._session is not None and self._session.robot is None:
             unheard = self._description.look()  # the streams wait for the robot
-        self._publishing.tell(self._active, self._trouble or self._complained, lost, unheard)
+        self._publishing.tell(self._active, self._trouble or self._complained, lost, unheard, self._refused)
         # what outlives a collection is not looked at again: it stays short however long the node runs
         gc.collect()
         gc.freeze()

@@ -87,17 +87,20 @@ class Publishing:
         self._error = ErrorNow()
         self._findings.publish(nothing_yet_message(self._now()))
 
-    def tell(self, active: bool, trouble: str, message_lost: int, unheard: str = "") -> None:
+    def tell(
+        self, active: bool, trouble: str, message_lost: int, unheard: str = "", refused: str = ""
+    ) -> None:
         """Publish the state of things, and what diagnoses have said since.
 
         Args:
-            active, trouble, message_lost, unheard: as `Reporter.status`.
+            active, trouble, message_lost, unheard, refused: as `Reporter.status`.
         """
         self.forget()
         now = self._now()
         array = DiagnosticArray()
         array.header.stamp = now
-        array.status = [self._reporter.status(self._error, active, trouble, message_lost, unheard)]
+        status = self._reporter.status(self._error, active, trouble, message_lost, unheard, refused)
+        array.status = [status]
         self._diagnostics.publish(array)
         while self._session.findings:
             info = self._session.findings.popleft().info
