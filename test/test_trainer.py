@@ -299,6 +299,28 @@ def test_commands_belong_to_the_states_sent_after_them():
     commands.close()
 
 
+@pytest.mark.parametrize("pace", [0.02, 0.3, 1.0, 20.0])
+def test_a_command_lasts_as_long_in_a_simulation_at_any_pace(pace):
+    """Commands come every 0.1 s of simulated time, and after two seconds no more."""
+    states, commands = Ring.create(512, 6), Ring.create(512, 2)
+    intake, orders = Intake(ARM.joints, states, needs_effort=False), CommandIntake(ARM.joints, commands)
+    feed, read = Feed(ARM.joints, states, commands), []
+    for k in range(400):
+        sent = START + round(10 * k * MS / pace)
+        if k % 10 == 0 and k <= 200:
+            orders.take([float(k), 0.0], sent - 1000)
+        intake.take(list(ARM.joints), [0.0, 0.0], [], [], (k + 1) * 10 * MS, sent)
+        read += feed.read(1 + k % 7).effort[:, 0].tolist()
+    expected = np.minimum(np.arange(400) // 10 * 10.0, 200.0)
+    expected[200 + round(COMMAND_AGE * 100) :] = np.nan
+    assert len(read) >= 200
+    np.testing.assert_array_equal(read, expected[: len(read)])
+    for count in (400, 180):
+        np.testing.assert_array_equal(feed.latest(count)[0].effort[:, 0], expected[-count:])
+    states.close()
+    commands.close()
+
+
 @pytest.mark.parametrize("pause", [0, 7200_000], ids=["even", "after a pause"])
 def test_commands_that_are_far_more_frequent_than_the_states_have_all_their_efforts(pause):
     """The first of the latest states had none, and where one has none nothing is told of any."""

@@ -7,10 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.bags.reported import reported_velocity, with_derived
-from bdnn_ros.efforts import COMMAND_AGE, EffortConvention, in_force
+from bdnn_ros.efforts import COMMAND_AGE, EffortConvention
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.recording import Recording
+
+AGE = int(COMMAND_AGE * 1e9)
+"""[ns]."""
+LONG = 1 << 60
+"""Longer than any step of a stream [ns]."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +129,7 @@ class Feed:
         chunk = self.states.read(self.next, most)
         if len(chunk) == 0:
             return 0
-        settled = chunk.sent <= self.states.latest(1).sent[0] - int(COMMAND_AGE * 1e9)
+        settled = chunk.sent <= self.states.latest(1).sent[0] - AGE
         if len(commands):
             settled |= chunk.sent <= commands.sent[-1]
         return int(np.count_nonzero(np.logical_and.accumulate(settled)))
@@ -137,14 +142,25 @@ class Feed:
         if len(chunk) == 0 or len(newest) == 0:
             return newest
         moved = int(newest.time[0] - newest.sent[0])  # stream time shortens pauses, and never goes back
-        since = int(chunk.sent.min()) - int(COMMAND_AGE * 1e9) + moved
+        first = min(self._before(chunk).sent.min(initial=chunk.sent[0]), chunk.sent.min())
+        since = int(first) - AGE + moved
         return self.commands.read(self.commands.first_after(since - 1))
+
+    def _before(self, chunk: Chunk) -> Chunk:
+        """The joint states before these at which a command may have come that is still in force at them."""
+        if len(chunk) == 0:
+            return chunk
+        first = max(self.states.first_after(int(chunk.time[0]) - AGE - 1) - 1, self.states.oldest)
+        before = self.states.read(first, max(chunk.first - first, 0))
+        count = max(min(chunk.first - before.first, len(before)), 0)  # the writer may have moved it on
+        stamp, sent, time = (column[:count] for column in (before.stamp, before.sent, before.time))
+        return Chunk(before.first, stamp, sent, time, before.values[:count], before.missed)
 
     def _samples(self, chunk: Chunk, commands: Chunk | None = None) -> Samples:
         n = len(self.joints)
         position, velocity, effort = (chunk.values[:, k * n : (k + 1) * n] for k in range(3))
         if commands is not None:
-            effort = commanded(chunk.sent, commands)
+            effort = commanded(chunk, self._before(chunk), commands)
         if self.convention is not None:
             effort = self.convention.acting(position, effort)
         time = (chunk.time - self.states.origin) * 1e-9
@@ -158,9 +174,23 @@ def _whole(velocity: np.ndarray) -> np.ndarray:
     return np.where(lacking, np.nan, velocity)
 
 
-def commanded(sent: np.ndarray, commands: Chunk) -> np.ndarray:
-    """The last command sent before each of these times [ns], (N, n); NaN where that is too long ago."""
-    effort = np.full((len(sent), commands.values.shape[1]), np.nan)
-    last, valid = in_force(sent, commands.sent)
+def commanded(states: Chunk, before: Chunk, commands: Chunk) -> np.ndarray:
+    """The last command sent before each joint state, (N, n); NaN where that is too long ago in stream time.
+
+    The middleware's clock says in which step between joint states a command came; a simulation may take long for it.
+
+    Args:
+        before: joint states that came just before these.
+    """
+    effort = np.full((len(states), commands.values.shape[1]), np.nan)
+    if len(states) == 0 or len(commands) == 0:
+        return effort
+    sent = np.maximum.accumulate(np.concatenate([before.sent, states.sent]))
+    time = np.concatenate([before.time, states.time])
+    step = np.diff(time, prepend=time[0] - LONG)
+    under = np.minimum(np.searchsorted(sent, commands.sent), len(sent) - 1)
+    since = time[under] - np.minimum(sent[under] - commands.sent, step[under])
+    last = np.maximum(np.searchsorted(commands.sent, states.sent, side="right") - 1, 0)
+    valid = (commands.sent[last] <= states.sent) & (states.time - since[last] <= AGE)
     effort[valid] = commands.values[last[valid]]
     return effort
