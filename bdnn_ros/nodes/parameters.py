@@ -102,7 +102,7 @@ IDENTIFICATION = (
     Setting(
         "effort_factors",
         [],
-        "N*m in each unit of reported effort, JOINT=FACTOR or FACTOR for all: for currents, or turned signs.",
+        "N*m in each unit of reported effort, JOINT=FACTOR or FACTOR for all others: for currents, or turned signs.",
         check=named,
     ),
     Setting(
