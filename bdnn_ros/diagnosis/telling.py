@@ -14,8 +14,8 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import gain_of, rms, share_of
 from bdnn_ros.diagnosis.kinematics import reported_velocity
-from bdnn_ros.diagnosis.naming import name_of, named
 from bdnn_ros.diagnosis.leads import parted
+from bdnn_ros.diagnosis.naming import name_of, named
 from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
