@@ -11,6 +11,7 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
 from bdnn_interfaces.msg import DynamicsEstimate, Finding, Findings
+from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.estimate import Instant, Parts
 
@@ -145,5 +146,5 @@ def _finding(entry: dict[str, Any]) -> Finding:
 
 
 def _rival(entry: dict[str, Any]) -> str:
-    where = entry["link"] or entry["joint"] or "base"
+    where = entry["link"] or entry["joint"] or get(entry["effect"]).on
     return f"{entry['effect']}@{where} ({entry['probability']:.2f})"
