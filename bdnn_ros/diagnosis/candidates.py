@@ -13,8 +13,10 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.pushes import best_push, piece_of, refined_push
 from bdnn_ros.diagnosis.term import COMMON, Term
+from bdnn_ros.effects.base import Values
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
-from bdnn_ros.effects.registry import ALL
+from bdnn_ros.effects.registry import ALL, Installed
 from bdnn_ros.robot import Robot
 
 RELINEARISATIONS = 4
@@ -34,6 +36,8 @@ class Candidates:
 
     terms: tuple[Term, ...]
     robot: Robot
+    since: Sequence[Installed] | None = None
+    """What an earlier model has beside its robot, where one takes the simulation's place."""
 
     @classmethod
     def of(cls, robot: Robot, bodies: bool = True) -> Candidates:
@@ -52,7 +56,7 @@ class Candidates:
         return cls(tuple(terms), robot)
 
     @classmethod
-    def shown_by(cls, equations: Equations, since: bool = False) -> Candidates:
+    def shown_by(cls, equations: Equations, since: Sequence[Installed] | None = None) -> Candidates:
         """Those that a recording can tell from each other.
 
         Of one joint that moves alone, nothing of bodies. Of joints that move now and then, or hardly longer than the low-pass,
@@ -60,7 +64,8 @@ class Candidates:
         go, too. Nor what no shape would show along this motion.
 
         Args:
-            since: as changes from an earlier model, of which there may also be less.
+            since: effects that an earlier model has beside its robot, if one takes the simulation's place: the candidates
+                are changes from it, of which there may also be less.
         """
         motion = equations.motion
         every = cls.of(motion.robot, bodies=equations.alone is None)
@@ -71,7 +76,7 @@ class Candidates:
             return bool(lasting[shown_at].any())
 
         def shows(term: Term) -> bool:
-            effect, shapes = term.effect, term.effect.shapes(motion, term.target, term.link)
+            effect, shapes = term.effect, term.shapes(motion)
             if (effect.changing or effect.winding) and not lasts(term):
                 return False
             allowed = [shape for shape in shapes if not effect.winding or effect.shape_allowed(shape)]
@@ -79,11 +84,14 @@ class Candidates:
 
         kept = [term for term in every.terms if shows(term)]
         robot = every.robot
-        if since:
-            kept = [replace(t, effect=t.effect.since(robot, t.target, t.link)) for t in kept]
-        else:
-            kept = [replace(t, effect=t.effect.against(robot, t.target)) for t in kept]
-        return cls(tuple(kept), robot)
+        if since is None:
+            return cls(tuple(replace(t, effect=t.effect.against(robot, t.target)) for t in kept), robot)
+        return cls(tuple(_as_change(term, robot, since) for term in kept), robot, since)
+
+    def settled(self, term: Term, motion: Motion) -> Term | None:
+        """What a term settles into, as a change where all of them are; None where it is always itself."""
+        plain = term.settled(motion)
+        return plain if plain is None or self.since is None else _as_change(plain, self.robot, self.since)
 
     def common(self) -> list[Term]:
         """The commonest effects on all joints."""
@@ -99,7 +107,7 @@ class Candidates:
             if term.effect.timed:
                 result.append(best_push(pool, fit, term, self.robot))
                 continue
-            shapes = term.effect.shapes(equations.motion, term.target, term.link)
+            shapes = term.shapes(equations.motion)
             if len(shapes) == 1:
                 beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
                 result.append(_relinearised(equations, pool, beside, term.shaped(shapes[0])))
@@ -110,7 +118,7 @@ class Candidates:
     def anew(self, equations: Equations, pool: Pool, fit: Fit, one: int) -> Pool:
         """The pool with the shape of one of its terms sought among all there are, beside a fit without it."""
         term = pool.terms[one]
-        shapes = term.effect.shapes(equations.motion, term.target, term.link)
+        shapes = term.shapes(equations.motion)
         if len(shapes) == 1:
             return pool
         gain, found = _best_of(equations, pool, fit, term, shapes)
@@ -125,7 +133,8 @@ class Candidates:
         term = _relinearised(equations, pool, rest, term)
         if term.effect.timed:
             return refined_push(pool, rest, term, self.robot)
-        free = tuple(name for name in dict(term.shape) if name in term.effect.shape_bounds)
+        bounds = term.effect.shape_bounds if term.effect.kept is None else {}
+        free = tuple(name for name in dict(term.shape) if name in bounds)
         if not free:
             return term
         moved = _refined(equations, pool, rest, term, free)
@@ -166,6 +175,17 @@ class Candidates:
                 values = term.effect.values(coefficients, dict(term.shape))
                 term.effect.install(plant, term.target, values, term.link)
         return plant.robot
+
+
+def _as_change(term: Term, robot: Robot, since: Sequence[Installed]) -> Term:
+    """A term as a change from what an earlier model has at its place, in its robot and beside it."""
+    held: dict[str, list[Values]] = {}
+    for one in since:
+        effect, everywhere = one.effect, one.target < 0 <= term.target and one.effect.on == "all"
+        steady = not (effect.timed or effect.changing or effect.kinematic)
+        if steady and (everywhere or (one.target, one.link) == (term.target, term.link)):
+            held.setdefault(effect.name, []).append(one.values)
+    return replace(term, effect=term.effect.since(robot, term.target, term.link, held))
 
 
 def _best_of(

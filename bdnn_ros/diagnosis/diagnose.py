@@ -205,7 +205,8 @@ def _looks(
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
         raise _too_short(recordings)
     errors = LINK_ERRORS if known is None else DOUBTS
-    return Looks(equations, Candidates.shown_by(equations, since=model is not None), errors, say)
+    since = None if model is None else getattr(model, "beside_robot", ())
+    return Looks(equations, Candidates.shown_by(equations, since), errors, say)
 
 
 def _too_short(recordings: Sequence[Recording]) -> RecordingError:
@@ -253,7 +254,7 @@ def _plain(
     """
     found = estimates(pool, pool.whole)
     plainly = (k for k, one in enumerate(found) if not one.shown or beyond[k] <= CLEAR)
-    settled = ((k, found[k].term.settled(equations.motion)) for k in plainly)
+    settled = ((k, candidates.settled(found[k].term, equations.motion)) for k in plainly)
     instead = {k: plain for k, plain in settled if plain is not None}
     if not instead:
         return attempt, pool, found

@@ -26,18 +26,21 @@ def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
     """The lead that stays one [s], and what each chosen delay takes of it [s].
 
     A delay of all joints takes all but what a hold is expected to be; delays of single joints only what no sample explains.
+    What made one less since an earlier model was identified was no hold.
     """
     lead = float(fit.coefficients[pool.equations.rigid.shape[2]])
     half = pool.equations.hold
     delays = {c: float(pool.coefficients(fit, c)[0]) for c in fit.terms if pool.terms[c].effect.name == DELAY}
     for chosen, delay in delays.items():
         if pool.terms[chosen].target < 0:
-            kept = min(0.5 * half, lead + delay)
+            less = pool.terms[chosen].effect.coefficient_bounds[0][0] < 0.0
+            kept = max(min(0.5 * half, lead + delay), 0.0 if less else -np.inf)
             return kept, {chosen: lead - kept}
     if not delays:
         return lead, {}
     kept = float(np.clip(lead, -half, half))
-    return kept, {c: max(lead - kept, -delay) for c, delay in delays.items() if lead != kept}
+    limited = {c: (max if delay >= 0.0 else min)(lead - kept, -delay) for c, delay in delays.items()}
+    return kept, limited if lead != kept else {}
 
 
 def hold_spread(pool: Pool, chosen: int) -> float:

@@ -101,7 +101,7 @@ def _with_its_sample(estimate: Estimate, equations: Equations) -> bool:
     """Whether a delay is one that tells no more than where in its sample an effort was taken."""
     if estimate.term.effect.name != EffortDelay.name:
         return False
-    return estimate.values["delay"] < SAMPLES_LATE / equations.motion.signals.raw_rate
+    return abs(estimate.values["delay"]) < SAMPLES_LATE / equations.motion.signals.raw_rate
 
 
 def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:

@@ -207,7 +207,8 @@ def _ranges(pool: Pool, term: Term) -> list[float]:
 
     A push begins and ends where no row counts, or by its own length about where it is found.
     """
-    free, usual = term.effect.shape_bounds, {name: abs(value) + 1e-6 for name, value in term.shape}
+    free = term.effect.shape_bounds if term.effect.kept is None else {}
+    usual = {name: abs(value) + 1e-6 for name, value in term.shape}
     if term.effect.timed:
         start, end = edges(term)
         usual |= {name: gap or end - start for name, gap in unseen(pool, term).items()}

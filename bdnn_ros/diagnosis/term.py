@@ -42,6 +42,11 @@ class Term:
         """The same effect with another shape."""
         return Term(self.effect, self.target, self.link, tuple(sorted(shape.items())))
 
+    def shapes(self, motion: Motion) -> list[dict[str, float]]:
+        """Shapes to try first: those of the effect, or the only one there is."""
+        kept = self.effect.kept
+        return self.effect.shapes(motion, self.target, self.link) if kept is None else [dict(kept)]
+
     def settled(self, motion: Motion) -> Term | None:
         """What it settles into, with its first shape; None where it is always itself."""
         if self.effect.settles_into is None:

@@ -14,6 +14,7 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot.units import printed
 
 GAUTIER = (
     "Gautier, Briot, Global identification of joint drive gains and dynamic parameters of "
@@ -125,7 +126,9 @@ class EffortDelay(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         lead = shape["at"]
         change = (
-            motion.load_rate if lead < 1e-4 else (motion.advanced(motion.load, lead) - motion.load) / lead
+            motion.load_rate
+            if abs(lead) < 1e-4
+            else (motion.advanced(motion.load, lead) - motion.load) / lead
         )
         return change[..., None] if target < 0 else motion.joint_column(target, change[:, target])
 
@@ -133,7 +136,7 @@ class EffortDelay(Effect):
         return [{"at": delay} for delay in (0.0, 0.004, 0.008, 0.012, 0.016, 0.02, 0.025, 0.03, 0.04)]
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"at": float(np.clip(coefficients[0], 0.0, 0.2))}
+        return {"at": float(np.clip(coefficients[0], *self.coefficient_bounds[0]))}
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"delay": float(coefficients[0])}
@@ -142,6 +145,8 @@ class EffortDelay(Effect):
         return np.array([values["delay"]]), {"at": values["delay"]}
 
     def sentence(self, where: str, values: Values) -> str:
+        if values["delay"] < 0.0:
+            return f"The effort of {where} acts {-1e3 * values['delay']:.3g} ms less after its stamp than in the model."
         return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms after its stamp."
 
 
@@ -250,8 +255,14 @@ class JointSpring(Effect):
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         stiffness = float(coefficients[0])
-        rest = -float(coefficients[1]) / stiffness if stiffness > 1e-9 else 0.0
+        rest = -float(coefficients[1]) / stiffness if abs(stiffness) > 1e-9 else 0.0
         return {"stiffness": stiffness, "rest": rest}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["stiffness"], -values["stiffness"] * values["rest"]]), {}
+
+    def sentence(self, where: str, values: Values) -> str:
+        if values["stiffness"] >= 0.0:
+            return super().sentence(where, values)
+        stiffness, rest = (f"{values[p.name]:.3g} {printed(p.unit_at(self.slides))}" for p in self.parameters)
+        return f"{where} has less of a spring than the model (stiffness {stiffness}, rest {rest})."

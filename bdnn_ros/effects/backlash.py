@@ -70,6 +70,9 @@ class Backlash(Effect):
         return np.array([values["gap"]]), {"crossing": values["crossing"]}
 
     def sentence(self, where: str, values: Values) -> str:
+        if values["gap"] < 0.0:
+            less = f"{-values['gap']:.3g} {printed(along('rad', self.slides))}"
+            return f"{where} is less loose than in the model: its transmission's gap is {less} smaller."
         return f"{where} is loose: its transmission has a gap of {values['gap']:.3g} {printed(along('rad', self.slides))}."
 
 

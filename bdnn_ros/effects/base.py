@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -20,6 +20,9 @@ from bdnn_ros.robot.units import along, printed
 Where = Literal["joint", "link", "base", "all"]
 Values = Mapping[str, float]
 """Parameter values by name, in the units of the contract."""
+Held = Mapping[str, Sequence[Values]]
+"""What an earlier model has at a place beside its robot: the values of each effect there, by the effect's name."""
+NONE_HELD: Held = MappingProxyType({})
 SHOWN = 2.0
 """So many standard deviations from nothing is what a recording shows."""
 UNSEEN = 5.0
@@ -128,6 +131,8 @@ class Effect(ABC):
     """It shows in the reported velocity, not in the effort."""
     may_be_gone: bool = False
     """Whether there may be nothing at all of what the robot is described with: a tag in a URDF is often a guess."""
+    kept: Values | None = None
+    """The only shape there is, where the effect is a change of what an earlier model has in that shape."""
 
     shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     """Range of each shape parameter that a search may refine; a shape parameter not named here is given."""
@@ -270,25 +275,32 @@ class Effect(ABC):
         """How much of its first coefficient a robot has."""
         return 0.0
 
-    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
-        """The effect as a change from an earlier model of a robot, which may have had more of it."""
-        had = self.had(robot, target)
-        return self.with_less(had) if had else self
+    def holds(self, robot: Robot, target: int, held: Held) -> np.ndarray:
+        """How much of each coefficient (k,) an earlier model has at a place, in its robot and beside it."""
+        beside = [self.coefficients(values)[0] for values in held.get(self.name, ())]
+        first = np.arange(len(self.coefficient_bounds)) == 0
+        return np.asarray(sum(beside, self.had(robot, target) * first))
+
+    def since(self, robot: Robot, target: int, link: str | None, held: Held = NONE_HELD) -> Effect:
+        """The effect as a change from an earlier model, which may have had more of it."""
+        changed = self.with_less(*self.holds(robot, target, held).tolist())
+        if changed is not self and self.name in held and type(self).relinearised is Effect.relinearised:
+            changed.kept = self.coefficients(held[self.name][0])[1] or None
+        return changed
 
     def against(self, robot: Robot, target: int) -> Effect:
         """The effect beside a robot that is described with some of it: there may be less, or none."""
-        had = self.had(robot, target)
-        if not had:
-            return self
-        changed = self.with_less(had)
-        changed.may_be_gone = True
-        return changed
+        return self.with_less(self.had(robot, target))
 
-    def with_less(self, had: float) -> Effect:
-        """The effect where there may also be less of its first coefficient than there was, by up to all of it."""
-        (_, most), *others = self.coefficient_bounds
+    def with_less(self, *had: float) -> Effect:
+        """The effect where there may also be less of its first coefficients than there was, by up to all of it."""
+        bounds = list(self.coefficient_bounds)
+        for k, one in enumerate(had):
+            bounds[k] = (-one if one > 0.0 == bounds[k][0] else bounds[k][0], bounds[k][1])
+        if bounds == list(self.coefficient_bounds):
+            return self
         changed = copy(self)
-        changed.coefficient_bounds = ((-had, most), *others)  # type: ignore[misc]
+        changed.coefficient_bounds, changed.may_be_gone = tuple(bounds), True  # type: ignore[misc]
         return changed
 
     def says_less(self, values: Values) -> bool:

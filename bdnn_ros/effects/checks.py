@@ -17,6 +17,8 @@ FOUND = {
     "cutoff": (1e-3, math.inf),
 }
 """Wider bounds of what a fit may find: the rest of a weak spring, a tilt on top of another, a filter at a high rate."""
+LESS = ("payload", "joint_spring", "effort_delay")
+"""Effects of which a file may have less than an earlier model had, beside those of what a robot is described with."""
 ROUNDED = 1e-6
 """A value that a fit put on its bound may be so far beyond it."""
 
@@ -32,7 +34,7 @@ def as_found(effect: Effect, parameter: Parameter) -> Parameter:
     lower, upper = FOUND.get(parameter.name, (parameter.lower, parameter.upper))
     first = effect.parameters[0]
     described = type(effect).had is not Effect.had and parameter.unit == first.unit
-    if described or (type(effect).since is not Effect.since and parameter is first):
+    if described or (parameter is first and effect.name in LESS):
         lower = -math.inf
     return replace(parameter, lower=lower, upper=upper)
 

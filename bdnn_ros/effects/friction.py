@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.base import Effect, Held, Parameter, Values
 from bdnn_ros.effects.bristles import bristles
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
@@ -24,6 +24,13 @@ FALLING = 2.0
 """Friction falls where it is there: its Stribeck velocity is no less than this many times that at which all of it is."""
 KNOWN = 4.0
 """Standard deviations by which a bristle's force and travel must exceed nothing: a joint that creeps looks like a short one."""
+SLIDING = {
+    "coulomb_friction": ("coulomb", "coulomb"),
+    "stribeck_friction": ("coulomb", "coulomb"),
+    "asymmetric_friction": ("positive", "negative"),
+    "hysteresis": ("force", "force"),
+}
+"""What slides with dry friction, and the parameters that say how much of it there is ahead and back, however fast."""
 
 
 class DryFriction(Effect):
@@ -34,6 +41,14 @@ class DryFriction(Effect):
 
     def had(self, robot: Robot, target: int) -> float:
         return float(robot.coulomb[target])
+
+    def ways(self, robot: Robot, target: int, held: Held) -> np.ndarray:
+        """All dry friction that an earlier model has at a joint ahead and back, (2,) [N·m], whatever it is called."""
+        each = ([one[p] for p in ways] for name, ways in SLIDING.items() for one in held.get(name, ()))
+        return np.asarray(self.had(robot, target) + sum(map(np.array, each), np.zeros(2)))
+
+    def holds(self, robot: Robot, target: int, held: Held) -> np.ndarray:
+        return np.array([self.ways(robot, target, held).min(), *super().holds(robot, target, held)[1:]])
 
 
 class CoulombFriction(DryFriction):
@@ -165,10 +180,11 @@ class AsymmetricFriction(DryFriction):
     settles_into = "coulomb_friction"
     excess = np.array((1.0, -1.0))
 
-    def with_less(self, had: float) -> Effect:
-        changed = super().with_less(had)
-        changed.coefficient_bounds = ((-had, np.inf), (-had, np.inf))  # type: ignore[misc]
-        return changed
+    def holds(self, robot: Robot, target: int, held: Held) -> np.ndarray:
+        return self.ways(robot, target, held)
+
+    def with_less(self, *had: float) -> Effect:
+        return super().with_less(*(had if len(had) == 2 else 2 * had))
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         positive, negative = values["positive"], values["negative"]
@@ -270,7 +286,7 @@ class Hysteresis(Effect):
     def shown(self, values: Values, stds: Values) -> bool:
         # one as short as any that is tried would rather be shorter: no bristle at all
         beyond = values["breakaway"] - self.shape_bounds["breakaway"][0]
-        return values["force"] > KNOWN * stds["force"] and beyond > KNOWN * stds["breakaway"]
+        return abs(values["force"]) > KNOWN * stds["force"] and beyond > KNOWN * stds["breakaway"]
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         force, breakaway = values["force"], values["breakaway"]

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from copy import copy
 
 import numpy as np
 
-from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values, shown_as
+from bdnn_ros.effects.base import NONE_HELD, SHOWN, Effect, Held, Parameter, Values, shown_as
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
@@ -151,8 +152,8 @@ class Payload(OnBody):
         shape = {name: values[name] for name in SHAPE}
         return values["mass"] * np.array([1.0, *shape.values(), *np.zeros(PER_LINK - POINT)]), shape
 
-    def since(self, robot: Robot, target: int, link: str | None) -> Effect:
-        changed = self.with_less(float(robot.inertials[target, 0]))
+    def since(self, robot: Robot, target: int, link: str | None, held: Held = NONE_HELD) -> Effect:
+        changed = copy(self.with_less(float(robot.inertials[target, 0])))
         own = (ANY,) * (PER_LINK - POINT)
         changed.coefficient_bounds = (*changed.coefficient_bounds[:POINT], *own)  # type: ignore[misc]
         return changed

@@ -71,11 +71,15 @@ class JointElasticity(Effect):
         return [{"compliance": compliance} for compliance in compliances.tolist()]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"stiffness": 1.0 / max(float(coefficients[0]), 1e-9)}
+        compliance = float(coefficients[0])
+        return {"stiffness": 1.0 / (min(compliance, -1e-9) if compliance < 0.0 else max(compliance, 1e-9))}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([1.0 / values["stiffness"]]), {"compliance": 1.0 / values["stiffness"]}
 
     def sentence(self, where: str, values: Values) -> str:
         unit = printed(along("N*m/rad", self.slides))
+        if values["stiffness"] < 0.0:
+            compliance, per = -1.0 / values["stiffness"], printed(along("rad/(N*m)", self.slides))
+            return f"{where} gives less than in the model, by {compliance:.3g} {per}."
         return f"{where} gives: its transmission has a stiffness of {values['stiffness']:.3g} {unit}."

@@ -114,6 +114,11 @@ class ExtendedModel:
         """Itself as recordings of another time are compared with it."""
         return earlier.compared(self)
 
+    @property
+    def beside_robot(self) -> tuple[Installed, ...]:
+        """The effects that the robot cannot hold."""
+        return tuple(effect for effect in self.effects if effect.effect.name not in IN_ROBOT)
+
     # -- pointwise -------------------------------------------------------------------------------------------
 
     def inverse_dynamics(

@@ -1,0 +1,140 @@
+"""What became less since an earlier diagnosis, of effects that its robot cannot hold: named with how much less there is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.extension.effects_file import EffectsFile, effects_text
+from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.merging import merged
+from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.scenario import Scenario
+
+ARM = Robot.bundled("arm2")
+FIRST, SECOND = ARM.joints
+
+
+def model_of(*effects: str) -> ExtendedModel:
+    return ExtendedModel(ARM, tuple(parse_spec(spec, ARM) for spec in effects), np.full(2, 0.01))
+
+
+def compared(earlier: ExtendedModel, *now: str) -> Examination:
+    """A recording of a robot with some effects, diagnosed against a model of it with others."""
+    recording = Scenario(ARM, now, seed=3, duration=24.0, rate=200.0).run()[0].recording
+    return examine([recording], earlier.robot, model=earlier)
+
+
+def error(model: ExtendedModel, examination: Examination) -> np.ndarray:
+    """Of a model's effort along the recording, root mean square behind the low-pass, (n,) [N·m]."""
+    signals = prepare(examination.recordings[0])
+    left = signals.smooth(model.predict(signals) - signals.effort)[signals.interior]
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "told", "less", "left"),
+    [
+        ("coulomb_friction:coulomb=1.0", "coulomb_friction:coulomb=0.4", "coulomb_friction", {"coulomb": -0.6}, 0.4),
+        ("quadratic_drag:drag=0.4", "", "quadratic_drag", {"drag": -0.4}, None),
+        (
+            "hysteresis:force=1.5,breakaway=0.04",
+            "hysteresis:force=0.5,breakaway=0.04",
+            "hysteresis",
+            {"force": -1.0, "breakaway": 0.04},
+            0.5,
+        ),
+        (
+            "stribeck_friction:coulomb=0.6,static=1.5,velocity=0.1",
+            "",
+            "stribeck_friction",
+            {"coulomb": -0.6, "static": -1.5, "velocity": 0.1},
+            None,
+        ),
+        (
+            "stribeck_friction:coulomb=0.6,static=1.5,velocity=0.1",
+            "stribeck_friction:coulomb=0.3,static=1.2,velocity=0.1",
+            "coulomb_friction",
+            {"coulomb": -0.3},
+            0.3,
+        ),
+        (
+            "joint_spring:stiffness=2,rest=0.3",
+            "joint_spring:stiffness=1.4,rest=0.3",
+            "joint_spring",
+            {"stiffness": -0.6, "rest": 0.3},
+            1.4,
+        ),
+        ("joint_elasticity:stiffness=300", "joint_elasticity:stiffness=900", "joint_elasticity", {"stiffness": -450.0}, 900.0),
+        ("effort_delay:delay=0.02", "", "effort_delay", {"delay": -0.02}, None),
+    ],
+)  # fmt: skip
+def test_what_became_less_is_told_alone_and_taken_from_what_there_was(
+    before: str, now: str, told: str, less: dict[str, float], left: float | None, tmp_path: Path
+) -> None:
+    earlier, specs = model_of(at(before)), [at(now)] if now else []
+    examination = compared(earlier, *specs)
+    (finding,) = examination.diagnosis.findings
+    assert (finding.effect, finding.joint) == (told, FIRST)
+    assert {name: q.value for name, q in finding.parameters.items()} == pytest.approx(
+        less, rel=0.05, abs=0.01
+    )
+    assert " less " in finding.sentence
+    model = extend(examination)
+    assert (error(model, examination) < 1.1 * error(model_of(*specs), examination) + 1e-3).all()
+    kept = [effect for effect in model.effects if effect.effect.name == before.split(":")[0]]
+    assert [next(iter(effect.values.values())) for effect in kept] == (
+        [] if left is None else [pytest.approx(left, rel=0.05)]
+    )
+    # what is handed over is read again, and no joint rubs by less than nothing
+    path = tmp_path / "effects.yaml"
+    path.write_text(effects_text(beside_urdf(model), model.robot))
+    described = Robot.from_urdf(extended_urdf(model), ARM.joints)
+    assert len(EffectsFile.read(path).effects(described)) == len(beside_urdf(model))
+    assert (described.coulomb >= 0.0).all()
+
+
+def at(spec: str) -> str:
+    """A specification at the first joint."""
+    name, _, values = spec.partition(":")
+    return f"{name}@{FIRST}:{values}"
+
+
+def test_there_is_only_as_much_less_as_an_earlier_model_had():
+    held = {
+        "coulomb_friction": [{"coulomb": 0.5}],
+        "stribeck_friction": [{"coulomb": 0.3, "static": 0.7, "velocity": 0.1}],
+        "asymmetric_friction": [{"positive": 0.2, "negative": 0.1}],
+    }
+    robot = ARM.with_joint_parameters(coulomb=np.array([1.0, 0.0]))
+
+    def lowest(name: str) -> list[float]:
+        return [bounds[0] for bounds in get(name).since(robot, 0, None, held).coefficient_bounds]
+
+    assert lowest("coulomb_friction") == pytest.approx([-1.9])
+    assert lowest("asymmetric_friction") == pytest.approx([-2.0, -1.9])
+    assert lowest("stribeck_friction") == pytest.approx([-1.9, -0.4])
+    assert get("stribeck_friction").since(robot, 0, None, held).kept == {"velocity": 0.1}
+    assert lowest("hysteresis") == lowest("quadratic_drag") == lowest("joint_elasticity") == [0.0]
+    assert get("coulomb_friction").coefficient_bounds == ((0.0, np.inf),)
+
+
+def test_found_effects_are_one_with_the_earlier_ones_where_that_says_the_same():
+    spring, offset = (f"joint_spring@{FIRST}:stiffness=2,rest={rest}" for rest in (0.3, 0.5))
+    before = model_of(spring, f"quadratic_drag@{SECOND}:drag=0.5").effects
+    gone = parse_spec(spring, ARM), parse_spec(offset, ARM)
+    less = [replace(one, values={**one.values, "stiffness": -2.0}) for one in gone]
+    more = parse_spec(f"quadratic_drag@{SECOND}:drag=0.25", ARM)
+    effects, stds = merged(ARM, [*before, less[0], more], [{}, {"drag": 0.03}, {}, {"drag": 0.04}])
+    assert [(e.effect.name, e.values) for e in effects] == [("quadratic_drag", {"drag": 0.75})]
+    assert stds == [{"drag": pytest.approx(0.05)}]
+    # a spring that is gone where it did not rest leaves an offset, which no spring is
+    assert len(merged(ARM, [*before, less[1]], [{}] * 3)[0]) == 3
