@@ -16,6 +16,7 @@ from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.merging import merged
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation.scenario import Scenario
 
@@ -106,6 +107,18 @@ def at(spec: str) -> str:
     """A specification at the first joint."""
     name, _, values = spec.partition(":")
     return f"{name}@{FIRST}:{values}"
+
+
+def test_a_base_that_was_tilted_far_is_told_to_be_tilted_a_little_further():
+    robot = Robot.bundled("arm6")
+    earlier = ExtendedModel(robot, (parse_spec("base_tilt:pitch_deg=40", robot),), np.full(6, 0.01))
+    scenario = Scenario(robot, ["base_tilt:roll_deg=2,pitch_deg=45"], seed=3, duration=15.0, rate=200.0)
+    examination = examine([scenario.run()[0].recording], earlier.robot, model=earlier)
+    (finding,) = examination.diagnosis.findings
+    values = {name: quantity.value for name, quantity in finding.parameters.items()}
+    assert values == pytest.approx({"roll_deg": 2.0, "pitch_deg": 5.0}, abs=0.1)
+    stands = np.degrees(tilt_of(extend(examination).robot.gravity_vector))
+    assert stands == pytest.approx([2.0, 45.0], abs=0.1)
 
 
 def test_there_is_only_as_much_less_as_an_earlier_model_had():

@@ -96,6 +96,17 @@ def test_a_tilted_base_turns_gravity_as_the_contract_says(arm):
     assert plant.robot.gravity_vector == pytest.approx(tilt.T @ [0.0, 0.0, -9.81])
 
 
+def test_a_base_that_is_tilted_already_tilts_further(arm, path):
+    """Also where errors of the bodies are counted as they hang on the further tilt."""
+    stands = arm.tilted(math.radians(10.0), math.radians(45.0))
+    further = arm.tilted(math.radians(11.0), math.radians(48.0))
+    changed = further.gravity(path.position) - stands.gravity(path.position)
+    coefficients, shape = linear(parse_spec("base_tilt:roll_deg=1,pitch_deg=3", arm))
+    for seen in (replace(path, robot=stands), replace(path, robot=further, level=stands)):
+        columns = get("base_tilt").columns(seen, -1, shape)
+        assert columns @ coefficients == pytest.approx(changed, abs=1e-9)
+
+
 def test_a_payload_weighs_what_it_weighs(arm):
     """Lifted without rotation the base joints feel m·g times the lever: power balance of a slow rise."""
     one = parse_spec("payload@arm7_hand:mass=2,com_z=0.1", arm)

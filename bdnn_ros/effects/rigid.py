@@ -18,6 +18,7 @@ from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.links import described_inertial, link_inertial
+from bdnn_ros.robot.mounting import tilt_of
 
 SHAPE = ("com_x", "com_y", "com_z")
 POINT = 1 + len(SHAPE)
@@ -220,7 +221,7 @@ class BaseTilt(Effect):
     """A base that stands turned by Ry(pitch)·Rx(roll) from level: gravity comes from another direction.
 
     Linear in the angles [rad] near level; the shape names the tilt at which the columns are exact, as secants
-    from level to that tilt.
+    from level to that tilt. On a base that is known to be tilted the angles count from that tilt.
     """
 
     name = "base_tilt"
@@ -246,8 +247,9 @@ class BaseTilt(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         roll, pitch = (_secant(math.radians(shape[key])) for key in ("roll_deg", "pitch_deg"))
-        angles = ((0.0, 0.0), (roll, 0.0), (roll, pitch))
-        level, rolled, tilted = (motion.robot.tilted(*pair).gravity_vector for pair in angles)
+        known = np.array(tilt_of((motion.level or motion.robot).gravity_vector))
+        angles = known + np.array(((0.0, 0.0), (roll, 0.0), (roll, pitch)))
+        level, rolled, tilted = (motion.robot.tilted(*pair).gravity_vector for pair in angles.tolist())
         return motion.gravity_pulls @ np.stack([(rolled - level) / roll, (tilted - rolled) / pitch], axis=-1)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
