@@ -109,6 +109,25 @@ def at(spec: str) -> str:
     return f"{name}@{FIRST}:{values}"
 
 
+@pytest.mark.parametrize(
+    ("now", "told", "values"),
+    [
+        ("payload@arm2_link2:mass=0.8,com_x=0.1", "payload", {"mass": 0.8, "com_x": 0.1}),
+        (f"viscous_friction@{SECOND}:viscous=0.5", "viscous_friction", {"viscous": 0.5}),
+        (None, "load_dependent_friction", {"ratio": -0.1}),
+    ],
+)
+def test_friction_of_an_earlier_model_grows_with_the_load_that_is_found(now, told, values):
+    loaded = f"load_dependent_friction@{SECOND}:ratio="
+    specs = [f"{loaded}0.2", now] if now else [f"{loaded}0.1"]
+    examination = compared(model_of(f"{loaded}0.2"), *specs)
+    (finding,) = examination.diagnosis.findings
+    assert finding.effect == told
+    found = {name: finding.parameters[name].value for name in values}
+    assert found == pytest.approx(values, rel=0.02)
+    assert (error(extend(examination), examination) < 1.1 * error(model_of(*specs), examination)).all()
+
+
 def test_a_base_that_was_tilted_far_is_told_to_be_tilted_a_little_further():
     robot = Robot.bundled("arm6")
     earlier = ExtendedModel(robot, (parse_spec("base_tilt:pitch_deg=40", robot),), np.full(6, 0.01))

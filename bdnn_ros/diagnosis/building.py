@@ -38,6 +38,7 @@ def build(
     simulated: np.ndarray | None = None,
     covariance: np.ndarray | None = None,
     tilt: tuple[float, float] | None = None,
+    ratios: np.ndarray | float = 0.0,
 ) -> Equations:
     """The regression of a motion against a robot's simulation.
 
@@ -50,6 +51,7 @@ def build(
             `physical.parameters.parameter_names`.
         tilt: roll and pitch [rad] at which the base seems to stand, beyond what the robot says: what its bodies' errors
             weigh is counted as they hang then. None where nothing is known of one.
+        ratios: of the friction in proportion to the load that the simulation has at each joint, (n,).
 
     Raises:
         RecordingError: no joint moves, or no effort.
@@ -73,6 +75,11 @@ def build(
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     if simulated is None:
         simulated = _rigid_effort(robot, signals) + drive
+    passing = None
+    if np.any(ratios):
+        # which way the load goes the effort tells: a simulation that is off may have it go the other way
+        passing = _passing(signals, ratios, signals.smooth(signals.effort))
+        simulated = simulated * passing / _passing(signals, ratios, simulated)
     motion = Motion(signals, robot, simulated, drive)
     if tilt is not None:
         standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
@@ -116,7 +123,13 @@ def build(
         masses,
         scale,
         jointwise=jointwise,
+        passing=passing,
     )
+
+
+def _passing(signals: Signals, ratios: np.ndarray | float, load: np.ndarray) -> np.ndarray:
+    """Effort per effort without friction of `ratios` (n,) of the load, under a load (N, n) [N·m], (N, n)."""
+    return signals.soften(1.0 / (1.0 - ratios * signals.direction * np.sign(load)))
 
 
 def least_motion(signals: Signals) -> float:

@@ -147,7 +147,8 @@ class Candidates:
         links = equations.rigid.shape[2]
         # what sticks turns round late: part of the load, so that a delay puts it ahead like all else
         late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.sticking]
-        base = equations.simulated + motion.regressor @ (equations.relative @ fit.coefficients[:links]) + late
+        errors = motion.regressor @ (equations.relative @ fit.coefficients[:links])
+        base = equations.simulated + equations.passed(errors) + equations.passed(late)
         drive = equations.drive + late
         for chosen in fit.terms:
             term = pool.terms[chosen]
@@ -155,7 +156,7 @@ class Candidates:
                 continue
             coefficients = pool.acting(fit, chosen) * pool.coefficients(fit, chosen)
             part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
-            base = base + part
+            base = base + equations.passed(part)
             if term.effect.in_drive:
                 drive += part
         return np.asarray(base), drive

@@ -29,6 +29,8 @@ from bdnn_ros.diagnosis.softness import noted, softened, softness
 from bdnn_ros.diagnosis.telling import told
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
+from bdnn_ros.effects.friction import LoadDependentFriction
+from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -199,14 +201,24 @@ def _looks(
         RecordingError: too short.
     """
     known = getattr(model, "covariance", None)
-    equations = build(signals, robot, predicted, known, tilt)
+    beside = getattr(model, "beside_robot", ())
+    equations = build(signals, robot, predicted, known, tilt, _load_ratios(beside, robot.width))
     equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
         raise _too_short(recordings)
     errors = LINK_ERRORS if known is None else DOUBTS
-    since = None if model is None else getattr(model, "beside_robot", ())
-    return Looks(equations, Candidates.shown_by(equations, since), errors, say)
+    candidates = Candidates.shown_by(equations, None if model is None else beside)
+    return Looks(equations, candidates, errors, say)
+
+
+def _load_ratios(effects: Sequence[Installed], width: int) -> np.ndarray:
+    """Friction of effects in proportion to the load of each joint, (width,)."""
+    ratios = np.zeros(width)
+    for one in effects:
+        if one.effect.name == LoadDependentFriction.name:
+            ratios[one.target] += one.values["ratio"]
+    return ratios
 
 
 def _too_short(recordings: Sequence[Recording]) -> RecordingError:

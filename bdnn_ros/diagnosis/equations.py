@@ -57,6 +57,7 @@ class Equations:
         lead: how far the recorded effort is known to be ahead of the motion [s].
         jointwise: where an identified model takes the simulation's place, from the same errors to those of `COMMON` at
             every joint, kind by kind, (len(COMMON) * n, U); else None.
+        passing: how much more effort it takes where an earlier model has friction in proportion to the load, (N, n); else None.
     """
 
     motion: Motion
@@ -74,6 +75,7 @@ class Equations:
     effort_scale: np.ndarray
     lead: float = 0.0
     jointwise: np.ndarray | None = None
+    passing: np.ndarray | None = None
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
     _pasts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
@@ -109,9 +111,9 @@ class Equations:
         """Number of held-out blocks."""
         return int(self.block.max()) + 1
 
-    def reduced(self, values: np.ndarray) -> np.ndarray:
-        """Values at the working rate (N, ...) as rows: low-passed and thinned, (R, ...)."""
-        flat = values.reshape(len(values), -1)
+    def reduced(self, values: np.ndarray, borne: bool = True) -> np.ndarray:
+        """Values at the working rate (N, ...) as rows: low-passed and thinned, (R, ...); of what joints bear, or `borne` not."""
+        flat = (self.passed(values) if borne else values).reshape(len(values), -1)
         acting, result = np.ones(len(flat)) @ np.abs(flat) != 0.0, np.zeros((len(self.rows), flat.shape[1]))
         if self.lead:
             smooth = self.motion.advanced(self.motion.signals.smooth(flat[:, acting]), self.lead)
@@ -119,6 +121,10 @@ class Equations:
         else:
             result[:, acting] = self._smoothing @ flat[:, acting]
         return result.reshape(-1, *values.shape[1:])
+
+    def passed(self, values: np.ndarray) -> np.ndarray:
+        """Efforts that joints bear at the working rate (N, n, ...) with the friction that an earlier model has of them."""
+        return values if self.passing is None else np.einsum("ij,ij...->ij...", self.passing, values)
 
     @cached_property
     def _smoothing(self) -> csr_array:
@@ -141,7 +147,8 @@ class Equations:
         added = effect.inertials(self.motion.robot, shape, term.link) if term.link else None
         if added is not None:
             return self.of_body(*added)
-        return self.reduced(effect.columns(motion or self.motion, term.target, shape, term.link))
+        columns = effect.columns(motion or self.motion, term.target, shape, term.link)
+        return self.reduced(columns, borne=not effect.at_sensor)
 
     def of_body(self, body: int, added: np.ndarray) -> np.ndarray:
         """Columns of what adds to a body's inertial parameters (PER_LINK, k) as rows, (R, n, k) [N·m per unit]."""
@@ -181,7 +188,7 @@ class Equations:
         """
         if self._nuisances is None:
             rate = self.motion.load_rate
-            general = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1))
+            general = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1), borne=False)
             self._nuisances = np.concatenate([general, self._jitter, self._sticking], axis=2)
         return self._nuisances
 

@@ -103,5 +103,5 @@ def _earlier(equations: Equations, joint: int, lag: float) -> Equations:
     if joint >= 0:
         change = motion.joint_column(joint, change[:, joint])[..., 0]
     other = copy(equations)
-    other.target = equations.target + equations.reduced(change)
+    other.target = equations.target + equations.reduced(change, borne=False)
     return other

@@ -239,4 +239,5 @@ def _tangent(pool: Pool, term: Term, coefficients: np.ndarray, name: str) -> np.
         moved = {**shape, name: shape[name] + side * step}
         return term.effect.columns(motion, term.target, moved, term.link) @ coefficients
 
-    return pool.equations.reduced((effort(1.0) - effort(-1.0)) / (2.0 * step))
+    change = (effort(1.0) - effort(-1.0)) / (2.0 * step)
+    return pool.equations.reduced(change, borne=not term.effect.at_sensor)
