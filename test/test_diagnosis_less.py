@@ -89,6 +89,9 @@ def test_what_became_less_is_told_alone_and_taken_from_what_there_was(
         less, rel=0.05, abs=0.01
     )
     assert " less " in finding.sentence
+    assert all(
+        (q.std == 0.0) == (name in ("breakaway", "velocity")) for name, q in finding.parameters.items()
+    )
     model = extend(examination)
     assert (error(model, examination) < 1.1 * error(model_of(*specs), examination) + 1e-3).all()
     kept = [effect for effect in model.effects if effect.effect.name == before.split(":")[0]]

@@ -92,8 +92,9 @@ class Estimate:
     def quantities(self) -> dict[str, Quantity]:
         """Parameters with standard deviations, by linear propagation: the largest by all covariances."""
         values, stds = self.values, self._stds(self.covariance, self.robust, self.doubting)
+        kept = self.term.effect.kept or {}
         return {
-            p.name: Quantity(values[p.name], float(std), p.unit)
+            p.name: Quantity(values[p.name], 0.0 if p.name in kept else float(std), p.unit)
             for p, std in zip(self.term.effect.parameters, stds, strict=True)
         }
 
