@@ -171,5 +171,7 @@ def test_found_effects_are_one_with_the_earlier_ones_where_that_says_the_same():
     effects, stds = merged(ARM, [*before, less[0], more], [{}, {"drag": 0.03}, {}, {"drag": 0.04}])
     assert [(e.effect.name, e.values) for e in effects] == [("quadratic_drag", {"drag": 0.75})]
     assert stds == [{"drag": pytest.approx(0.05)}]
-    # a spring that is gone where it did not rest leaves an offset, which no spring is
-    assert len(merged(ARM, [*before, less[1]], [{}] * 3)[0]) == 3
+    # a spring that is gone where it did not rest leaves a constant
+    (constant, _), _ = merged(ARM, [*before, less[1]], [{}] * 3)
+    assert (constant.effect.name, constant.target) == ("effort_offset", 0)
+    assert constant.values["offset"] == pytest.approx(-0.4)

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from bdnn_ros.effects.actuation import EffortOffset, JointSpring
 from bdnn_ros.effects.friction import SLIDING
-from bdnn_ros.effects.registry import Installed
+from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.robot import Robot
 
 ADD_UP = frozenset(
@@ -58,7 +59,7 @@ def merged(
 
 
 def _together(before: Installed, after: Installed) -> list[Installed] | None:
-    """Two effects as one, or as none where nothing is left; None where they are not of a kind, or no single one does it."""
+    """Two effects as one, or as none where nothing is left; None where they are not of a kind and shape."""
     effect = before.effect
     places = [(one.effect.name, one.effect.variant, one.target, one.link) for one in (before, after)]
     if effect.name not in ADD_UP or places[0] != places[1]:
@@ -69,11 +70,9 @@ def _together(before: Installed, after: Installed) -> list[Installed] | None:
     total = np.where(np.abs(had + more) <= GONE * np.abs(had), 0.0, had + more)
     if not total.any():
         return []
-    values = effect.values(total, effect.relinearised(total, shape))
-    whole = np.allclose(
-        effect.coefficients(values)[0], total
-    )  # not a spring that is gone and leaves an offset
-    return [replace(before, values=values)] if whole else None
+    if effect.name == JointSpring.name and total[0] == 0.0:  # what rested elsewhere leaves a constant
+        return [replace(before, effect=get(EffortOffset.name), values={"offset": -float(total[1])})]
+    return [replace(before, values=effect.values(total, effect.relinearised(total, shape)))]
 
 
 def _spread(whole: Installed, *parts: tuple[Installed, Stds]) -> Stds:
