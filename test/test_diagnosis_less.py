@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.merging import merged
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.signals import prepare
@@ -28,15 +30,20 @@ def model_of(*effects: str) -> ExtendedModel:
     return ExtendedModel(ARM, tuple(parse_spec(spec, ARM) for spec in effects), np.full(2, 0.01))
 
 
+@cache
+def recorded(*now: str) -> Recording:
+    """A recording of a robot with some effects."""
+    return Scenario(ARM, now, seed=3, duration=24.0, rate=200.0).run()[0].recording
+
+
 def compared(earlier: ExtendedModel, *now: str) -> Examination:
     """A recording of a robot with some effects, diagnosed against a model of it with others."""
-    recording = Scenario(ARM, now, seed=3, duration=24.0, rate=200.0).run()[0].recording
-    return examine([recording], earlier.robot, model=earlier)
+    return examine([recorded(*now)], earlier.robot, model=earlier)
 
 
-def error(model: ExtendedModel, examination: Examination) -> np.ndarray:
-    """Of a model's effort along the recording, root mean square behind the low-pass, (n,) [N·m]."""
-    signals = prepare(examination.recordings[0])
+def error(model: ExtendedModel, *now: str) -> np.ndarray:
+    """Of a model's effort along a recording, root mean square behind the low-pass, (n,) [N·m]."""
+    signals = prepare(recorded(*now))
     left = signals.smooth(model.predict(signals) - signals.effort)[signals.interior]
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
 
@@ -93,7 +100,7 @@ def test_what_became_less_is_told_alone_and_taken_from_what_there_was(
         (q.std == 0.0) == (name in ("breakaway", "velocity")) for name, q in finding.parameters.items()
     )
     model = extend(examination)
-    assert (error(model, examination) < 1.1 * error(model_of(*specs), examination) + 1e-3).all()
+    assert (error(model, *specs) < 1.1 * error(model_of(*specs), *specs) + 1e-3).all()
     kept = [effect for effect in model.effects if effect.effect.name == before.split(":")[0]]
     assert [next(iter(effect.values.values())) for effect in kept] == (
         [] if left is None else [pytest.approx(left, rel=0.05)]
@@ -128,7 +135,7 @@ def test_friction_of_an_earlier_model_grows_with_the_load_that_is_found(now, tol
     assert finding.effect == told
     found = {name: finding.parameters[name].value for name in values}
     assert found == pytest.approx(values, rel=0.02)
-    assert (error(extend(examination), examination) < 1.1 * error(model_of(*specs), examination)).all()
+    assert (error(extend(examination), *specs) < 1.1 * error(model_of(*specs), *specs)).all()
 
 
 def test_a_base_that_was_tilted_far_is_told_to_be_tilted_a_little_further():
@@ -165,13 +172,14 @@ def test_there_is_only_as_much_less_as_an_earlier_model_had():
 def test_found_effects_are_one_with_the_earlier_ones_where_that_says_the_same():
     spring, offset = (f"joint_spring@{FIRST}:stiffness=2,rest={rest}" for rest in (0.3, 0.5))
     before = model_of(spring, f"quadratic_drag@{SECOND}:drag=0.5").effects
+    known = list(zip(before, ({}, {"drag": 0.03}), strict=True))
     gone = parse_spec(spring, ARM), parse_spec(offset, ARM)
     less = [replace(one, values={**one.values, "stiffness": -2.0}) for one in gone]
     more = parse_spec(f"quadratic_drag@{SECOND}:drag=0.25", ARM)
-    effects, stds = merged(ARM, [*before, less[0], more], [{}, {"drag": 0.03}, {}, {"drag": 0.04}])
-    assert [(e.effect.name, e.values) for e in effects] == [("quadratic_drag", {"drag": 0.75})]
-    assert stds == [{"drag": pytest.approx(0.05)}]
+    ((drag, std),) = merged(ARM, [*known, (less[0], {}), (more, {"drag": 0.04})])
+    assert (drag.effect.name, drag.values) == ("quadratic_drag", {"drag": 0.75})
+    assert std == {"drag": pytest.approx(0.05)}
     # a spring that is gone where it did not rest leaves a constant
-    (constant, _), _ = merged(ARM, [*before, less[1]], [{}] * 3)
+    (constant, _), _ = merged(ARM, [*known, (less[1], {})])
     assert (constant.effect.name, constant.target) == ("effort_offset", 0)
     assert constant.values["offset"] == pytest.approx(-0.4)

@@ -12,6 +12,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -43,6 +44,7 @@ class Compared:
         scale: effort that acts, but for an offset, per measured effort, (n,).
         delay: by which efforts act after their stamps, (n,) [s].
         velocity_cutoff: of the low-passes on reported velocities, (n,) [Hz], infinite for none.
+        held: effects that the model has beside its robot, of which there may be less by now.
     """
 
     model: Predicts | None
@@ -50,6 +52,7 @@ class Compared:
     scale: np.ndarray
     delay: np.ndarray
     velocity_cutoff: np.ndarray
+    held: tuple[Installed, ...] = ()
 
     @classmethod
     def of(cls, model: Predicts | None, robot: Robot) -> Compared:

@@ -121,15 +121,15 @@ def examine(
     recordings, signals, late = _as_measured(recordings, signals, robot, cutoff, model)
     if model is not None and signals.own is not None:
         predicted = model.predict(signals)
-    looks = _looks(recordings, signals, robot, model, predicted, say)
+    looks = _looks(recordings, signals, known, predicted, say)
     calm = undisturbed(signals, robot, looks.pushed()) if _creep_is_seen(signals, model) else signals
     if calm is not signals:
         say("beside what pushes dry friction comes on otherwise")
-        signals, looks = calm, _looks(recordings, calm, robot, model, predicted, say)
+        signals, looks = calm, _looks(recordings, calm, known, predicted, say)
     tilt = looks.tilt()
     if tilt is not None:
         say("as the bodies hang on a base that is tilted")
-        looks = _looks(recordings, signals, robot, model, predicted, say, tilt)
+        looks = _looks(recordings, signals, known, predicted, say, tilt)
     recordings = remarked(recordings, signals, robot)
     equations, candidates = looks.equations, looks.candidates
     attempt = best_attempt(looks)
@@ -189,8 +189,7 @@ def _creep_is_seen(signals: Signals, model: Predicts | None) -> bool:
 def _looks(
     recordings: Sequence[Recording],
     signals: Signals,
-    robot: Robot,
-    model: Predicts | None,
+    known: Compared,
     predicted: np.ndarray | None,
     say: Progress,
     tilt: tuple[float, float] | None = None,
@@ -200,15 +199,15 @@ def _looks(
     Raises:
         RecordingError: too short.
     """
-    known = getattr(model, "covariance", None)
-    beside = getattr(model, "beside_robot", ())
-    equations = build(signals, robot, predicted, known, tilt, _load_ratios(beside, robot.width))
+    model, robot = known.model, known.robot
+    covariance = getattr(model, "covariance", None)
+    equations = build(signals, robot, predicted, covariance, tilt, _load_ratios(known.held, robot.width))
     equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
         raise _too_short(recordings)
-    errors = LINK_ERRORS if known is None else DOUBTS
-    candidates = Candidates.shown_by(equations, None if model is None else beside)
+    errors = LINK_ERRORS if covariance is None else DOUBTS
+    candidates = Candidates.shown_by(equations, None if model is None else known.held)
     return Looks(equations, candidates, errors, say)
 
 

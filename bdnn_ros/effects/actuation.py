@@ -14,7 +14,6 @@ import numpy as np
 from bdnn_ros.effects.base import Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
-from bdnn_ros.robot.units import printed
 
 GAUTIER = (
     "Gautier, Briot, Global identification of joint drive gains and dynamic parameters of "
@@ -260,9 +259,3 @@ class JointSpring(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["stiffness"], -values["stiffness"] * values["rest"]]), {}
-
-    def sentence(self, where: str, values: Values) -> str:
-        if values["stiffness"] >= 0.0:
-            return super().sentence(where, values)
-        stiffness, rest = (f"{values[p.name]:.3g} {printed(p.unit_at(self.slides))}" for p in self.parameters)
-        return f"{where} has less of a spring than the model (stiffness {stiffness}, rest {rest})."

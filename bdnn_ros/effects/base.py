@@ -15,7 +15,7 @@ import numpy as np
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.units import along, printed
+from bdnn_ros.robot.units import along, printed, shown_as
 
 Where = Literal["joint", "link", "base", "all"]
 Values = Mapping[str, float]
@@ -310,17 +310,9 @@ class Effect(ABC):
 
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
-        numbers = ", ".join(
-            f"{p.name} {shown_as(values[p.name])} {printed(p.unit_at(self.slides))}".rstrip()
-            for p in self.parameters
-            if p.name in values
-        )
+        known = ((p, shown_as(values[p.name])) for p in self.parameters if p.name in values)
+        numbers = ", ".join(f"{p.name} {one} {printed(p.unit_at(self.slides))}".rstrip() for p, one in known)
         if self.says_less(values):
             of = "of " * self.title.startswith(("a ", "an "))
             return f"{where} has less {of}{self.title} than the model ({numbers})."
         return f"{where} has {self.title} that the model leaves out ({numbers})."
-
-
-def shown_as(value: float, digits: int = 3) -> str:
-    """A value in a sentence: "?" for what a motion does not show."""
-    return "?" if math.isnan(value) else f"{value:.{digits}g}"

@@ -12,13 +12,14 @@ from copy import copy
 
 import numpy as np
 
-from bdnn_ros.effects.base import NONE_HELD, SHOWN, Effect, Held, Parameter, Values, shown_as
+from bdnn_ros.effects.base import NONE_HELD, SHOWN, Effect, Held, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.links import described_inertial, link_inertial
 from bdnn_ros.robot.mounting import tilt_of
+from bdnn_ros.robot.units import shown_as
 
 SHAPE = ("com_x", "com_y", "com_z")
 POINT = 1 + len(SHAPE)

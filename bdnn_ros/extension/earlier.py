@@ -1,12 +1,10 @@
-"""An extended model in recordings of another time, its sensors aside; and its sensors with what was found since."""
+"""An extended model in recordings of another time, its sensors aside."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.effects.drift import Drift
@@ -57,7 +55,8 @@ def compared(model: ExtendedModel) -> Compared:
     plant = Plant(acting.bare)
     for effect, _ in sensors:
         effect.install(plant)
-    return Compared(acting, acting.robot, plant.scale, plant.delay, plant.velocity_cutoff)
+    held = (*acting.beside_robot, *(effect for effect, _ in sensors))
+    return Compared(acting, acting.robot, plant.scale, plant.delay, plant.velocity_cutoff, held)
 
 
 def _lasting(effect: Installed, std: Mapping[str, float]) -> list[Known]:
@@ -70,36 +69,3 @@ def _lasting(effect: Installed, std: Mapping[str, float]) -> list[Known]:
     (name,) = (parameter.name for parameter in lasting.parameters)
     spread = {name: std["end_value"]} if "end_value" in std else {}
     return [(Installed(lasting, effect.target, effect.link, {name: effect.values["end_value"]}), spread)]
-
-
-def with_sensors(sensors: Sequence[Known], found: Sequence[Known]) -> list[Known]:
-    """Effects that were found in recordings with sensors taken out of them, and those sensors: at each place one of a kind.
-
-    A scale or delay that was found counts beside the one that was known; a low-pass takes the place of what was there.
-    """
-    places = {(one.effect.name, one.target): k for k, (one, _) in enumerate(found)}
-    result, kept = list(found), []
-    for effect, std in sensors:
-        at = places.get((effect.effect.name, effect.target))
-        if at is None:
-            kept.append((effect, std))
-        elif effect.effect.name == "effort_scale":
-            result[at] = _both_scales((effect, std), result[at])
-        elif effect.effect.name == "effort_delay":
-            result[at] = _both_delays((effect, std), result[at])
-    return [*kept, *result]
-
-
-def _both_scales(first: Known, second: Known) -> Known:
-    """One scale that does what two do."""
-    (effect, stds), (other, others) = first, second
-    scale, further = effect.values["scale"], other.values["scale"]
-    spread = float(np.hypot(stds.get("scale", 0.0) * further, others.get("scale", 0.0) * scale))
-    return replace(other, values={"scale": scale * further}), {"scale": spread}
-
-
-def _both_delays(first: Known, second: Known) -> Known:
-    """One delay that does what two do."""
-    (effect, stds), (other, others) = first, second
-    spread = float(np.hypot(stds.get("delay", 0.0), others.get("delay", 0.0)))
-    return replace(other, values={"delay": effect.values["delay"] + other.values["delay"]}), {"delay": spread}

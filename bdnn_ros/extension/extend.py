@@ -14,7 +14,7 @@ from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
-from bdnn_ros.extension.earlier import Known, at_another_time, known_effects, with_effects, with_sensors
+from bdnn_ros.extension.earlier import Known, at_another_time, known_effects, with_effects
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of
 from bdnn_ros.extension.merging import merged
 from bdnn_ros.physical.consistency import consistent
@@ -72,8 +72,8 @@ def extend(examination: Examination) -> ExtendedModel:
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
     rate = equations.motion.signals.raw_rate
     gone = [one for one in found if one.effect.kinematic and none_is_left(one.values["cutoff"], rate)]
-    both = merged(corrected, *zip(*known_effects(earlier), *zip(found, stds, strict=True), strict=True))
-    effects = [one for one in with_sensors(sensors, both) if one[0] not in gone]
+    both = merged(corrected, [*known_effects(earlier), *sensors, *zip(found, stds, strict=True)])
+    effects = [one for one in both if one[0] not in gone]
     scale = plant_of(robot, [effect for effect, _ in sensors]).scale
     late = examination.late
     lead = earlier.lead + parted(examination.pool, fit)[0] - late.delay

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.effects.actuation import EffortOffset, JointSpring
+from bdnn_ros.effects.actuation import EffortOffset, EffortScale, JointSpring
 from bdnn_ros.effects.friction import SLIDING
 from bdnn_ros.effects.registry import Installed, get
+from bdnn_ros.extension.earlier import Known
 from bdnn_ros.robot import Robot
 
 ADD_UP = frozenset(
@@ -31,51 +32,64 @@ UNIFORM = {"stribeck_friction": (1.0, 0.0), "asymmetric_friction": (1.0, 1.0), "
 GONE = 1e-6
 """What is left of an effect is nothing where it is less than this share of what there was."""
 
-Stds = Mapping[str, float]
 
-
-def merged(
-    robot: Robot, effects: Sequence[Installed], stds: Sequence[Stds]
-) -> tuple[list[Installed], list[Stds]]:
-    """Effects with their standard deviations, each found one within the earlier one that it is a change of.
+def merged(robot: Robot, known: Iterable[Known]) -> list[Known]:
+    """Effects, each found one within the earlier one that it is a change of.
 
     Args:
         robot: what the effects come on top of.
-        effects: in the order in which they were found.
-        stds: of their values, in the same order; empty where they are unknown.
+        known: in the order in which they were found, with standard deviations as far as these are known.
     """
-    kept: list[tuple[Installed, Stds]] = []
-    for effect, std in zip(effects, stds, strict=True):
-        for k, (before, known) in enumerate(kept):
-            together = _together(before, effect)
+    kept: list[Known] = []
+    for one in known:
+        for k, before in enumerate(kept):
+            together = _together(before, one)
             if together is not None:
-                kept[k : k + 1] = [(one, _spread(one, (before, known), (effect, std))) for one in together]
+                kept[k : k + 1] = together
                 break
         else:
-            kept.append((effect, std))
+            kept.append(one)
     left = _from_other_laws(robot, [effect for effect, _ in kept])
-    pairs = [(one, std) for one, (_, std) in zip(left, kept, strict=True) if one is not None]
-    return [effect for effect, _ in pairs], [std for _, std in pairs]
+    return [(one, std) for one, (_, std) in zip(left, kept, strict=True) if one is not None]
 
 
-def _together(before: Installed, after: Installed) -> list[Installed] | None:
+def _together(before: Known, after: Known) -> list[Known] | None:
     """Two effects as one, or as none where nothing is left; None where they are not of a kind and shape."""
-    effect = before.effect
-    places = [(one.effect.name, one.effect.variant, one.target, one.link) for one in (before, after)]
-    if effect.name not in ADD_UP or places[0] != places[1]:
+    (first, _), (second, _) = before, after
+    effect = first.effect
+    if _place(first) != _place(second):
         return None
-    (had, shape), (more, other) = (effect.coefficients(one.values) for one in (before, after))
+    if effect.name == EffortScale.name:
+        return [_both_scales(before, after)]
+    if effect.kinematic:  # what was found is all that there is by now
+        return [after]
+    if effect.name not in ADD_UP:
+        return None
+    (had, shape), (more, other) = (effect.coefficients(one.values) for one in (first, second))
     if any(shape[name] != other[name] for name in effect.shape_bounds):
         return None
     total = np.where(np.abs(had + more) <= GONE * np.abs(had), 0.0, had + more)
     if not total.any():
         return []
+    both = replace(first, values=effect.values(total, effect.relinearised(total, shape)))
     if effect.name == JointSpring.name and total[0] == 0.0:  # what rested elsewhere leaves a constant
-        return [replace(before, effect=get(EffortOffset.name), values={"offset": -float(total[1])})]
-    return [replace(before, values=effect.values(total, effect.relinearised(total, shape)))]
+        both = replace(first, effect=get(EffortOffset.name), values={"offset": -float(total[1])})
+    return [(both, _spread(both, before, after))]
 
 
-def _spread(whole: Installed, *parts: tuple[Installed, Stds]) -> Stds:
+def _place(one: Installed) -> tuple[str, str, int, str | None]:
+    return one.effect.name, one.effect.variant, one.target, one.link
+
+
+def _both_scales(first: Known, second: Known) -> Known:
+    """One scale that does what two do."""
+    (effect, stds), (other, others) = first, second
+    scale, further = effect.values["scale"], other.values["scale"]
+    spread = float(np.hypot(stds.get("scale", 0.0) * further, others.get("scale", 0.0) * scale))
+    return replace(other, values={"scale": scale * further}), {"scale": spread}
+
+
+def _spread(whole: Installed, *parts: Known) -> Mapping[str, float]:
     """Standard deviations of the values that are the sums of those of the parts, as far as these are known."""
     return {
         name: math.hypot(*(std.get(name, 0.0) for _, std in parts))

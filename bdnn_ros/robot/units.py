@@ -1,6 +1,8 @@
-"""Units of what joints do: about an axis, or along it where a joint slides."""
+"""Units of what joints do, about an axis or along it where a joint slides; and how values are printed."""
 
 from __future__ import annotations
+
+import math
 
 ALONG = {
     "rad": "m",
@@ -22,3 +24,8 @@ def along(unit: str, slides: bool) -> str:
 def printed(unit: str) -> str:
     """A unit as a text has it: `N*m*s^2/rad^2` as N·m·s²/rad²; nothing for `-`."""
     return {"-": "", "deg": "°"}.get(unit, unit.replace("*", "·").replace("^2", "²"))
+
+
+def shown_as(value: float, digits: int = 3) -> str:
+    """A value in a sentence: "?" for what a motion does not show."""
+    return "?" if math.isnan(value) else f"{value:.{digits}g}"
