@@ -113,6 +113,12 @@ def test_what_became_less_is_told_alone_and_taken_from_what_there_was(
     assert (described.coulomb >= 0.0).all()
 
 
+def test_dry_friction_that_is_as_it_was_may_hold_a_joint_that_rests():
+    same = f"coulomb_friction@{SECOND}:coulomb=1.0"
+    diagnosis = compared(model_of(same), same).diagnosis
+    assert (diagnosis.verdict, diagnosis.findings) == ("nothing_wrong", ())
+
+
 def at(spec: str) -> str:
     """A specification at the first joint."""
     name, _, values = spec.partition(":")

@@ -12,6 +12,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from bdnn_ros.effects.friction import DryFriction
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
@@ -61,6 +62,15 @@ class Compared:
             return model.compared()
         none, same = np.zeros(robot.width), np.ones(robot.width)
         return cls(model, robot, same, none, np.inf * same)
+
+    @property
+    def dry(self) -> np.ndarray:
+        """What dry friction may hold of each joint while it rests, (n,) [N·m]."""
+        dry = self.robot.coulomb.copy()
+        for one in self.held:
+            if isinstance(one.effect, DryFriction):
+                dry[one.target] += max(one.values[p.name] for p in one.effect.parameters if p.unit == "N*m")
+        return dry
 
     def acting(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings with efforts when and in the units in which they act, and a note where those are others."""

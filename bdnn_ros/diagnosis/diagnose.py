@@ -139,7 +139,7 @@ def examine(
     pool = _exact(candidates, equations, attempt.fitted)
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
     equations.count(pool.sure)
-    remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff))
+    remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
     since = None if model is None else known
     diagnosis = told(recordings, robot, equations, attempt, found, remainder, since, cutoff)
     return Examination(

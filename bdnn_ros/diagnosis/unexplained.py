@@ -49,12 +49,18 @@ class Remainder:
     resting: tuple[str, ...] = ()
 
 
-def describe(equations: Equations, residual: np.ndarray, stepping: np.ndarray | float = 0.0) -> Remainder:
+def describe(
+    equations: Equations,
+    residual: np.ndarray,
+    stepping: np.ndarray | float = 0.0,
+    dry: np.ndarray | float = 0.0,
+) -> Remainder:
     """Regress a residual, rows (R, n) [N·m], on its own and the next joints' position, velocity and load, on every joint's
     acceleration, which inertia hands on to all, and on time.
 
     Args:
         stepping: what the steps in which the position is read may make of each joint, (n,) [N·m].
+        dry: what dry friction that is known may hold of each joint while it rests, (n,) [N·m].
     """
     names = equations.motion.signals.joints
     groups = _inputs(equations)
@@ -93,18 +99,18 @@ def describe(equations: Equations, residual: np.ndarray, stepping: np.ndarray | 
         tuple(dependent),
         predicted,
         tuple(name for name, one in zip(names, uneven, strict=True) if one),
-        tuple(name for name, one in zip(names, _borne_at_rest(equations, residual), strict=True) if one),
+        tuple(name for name, one in zip(names, _borne_at_rest(equations, residual, dry), strict=True) if one),
     )
 
 
-def _borne_at_rest(equations: Equations, residual: np.ndarray) -> np.ndarray:
+def _borne_at_rest(equations: Equations, residual: np.ndarray, dry: np.ndarray | float) -> np.ndarray:
     """Joints with a large residual, rows (R, n), throughout one period of the low-pass in which they rest, (n,) bool.
 
-    Beyond what the description's own friction may hold, which is between both directions', and beyond the noise.
+    Beyond what dry friction that is known may hold, which is between both directions', and beyond the noise.
     """
     signals, usable = equations.motion.signals, equations.ever_usable
     noise = np.array([rms(residual[rows, j]) if rows.any() else 0.0 for j, rows in enumerate(usable.T)])
-    held = 2.0 * equations.motion.robot.coulomb + NOISE * noise
+    held = 2.0 * dry + NOISE * noise
     resting = signals.seen[equations.rows] & ~usable
     large = resting & (np.abs(residual) > LARGE_ERROR * equations.effort_scale + held)
     step = float(np.median(np.diff(signals.time[equations.rows])))
