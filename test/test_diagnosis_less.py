@@ -16,6 +16,7 @@ from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.merging import merged
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
+from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of
@@ -117,6 +118,21 @@ def test_dry_friction_that_is_as_it_was_may_hold_a_joint_that_rests():
     same = f"coulomb_friction@{SECOND}:coulomb=1.0"
     diagnosis = compared(model_of(same), same).diagnosis
     assert (diagnosis.verdict, diagnosis.findings) == ("nothing_wrong", ())
+
+
+def test_what_two_diagnoses_found_together_is_read_again(tmp_path):
+    """A scale of a scale, a delay on top of a delay: more than either may be."""
+    specs = (f"effort_scale@{FIRST}:scale=0.3", f"effort_delay@{SECOND}:delay=0.15")
+    known = [(one, {}) for one in model_of(*specs).effects]
+    both = merged(ARM, [*known, *known])
+    model = ExtendedModel(ARM, tuple(one for one, _ in both), np.full(2, 0.01))
+    save_model(tmp_path, model)
+    read = load_model(tmp_path)
+    assert isinstance(read, ExtendedModel)
+    assert [one.values for one in read.effects] == [
+        {"scale": pytest.approx(0.09)},
+        {"delay": pytest.approx(0.3)},
+    ]
 
 
 def at(spec: str) -> str:

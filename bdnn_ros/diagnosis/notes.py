@@ -24,14 +24,17 @@ MOSTLY_LINKS = (
     "error: none of them is sure by itself, and wrong units or what has no name may be among them."
 )
 BY_LINKS = (
-    "Errors of {whose}, none of which stands out, account for what differs; the extended model mends them."
+    "Errors of {whose}, none of which stands out, make up {share:.0f} % of the {reference}'s squared error; the extended model "
+    "mends them."
 )
 BY_LEAD = (
-    "Efforts are stamped {much:.1f} ms too {way} for the motion, as where one is held until the next or both are not read at "
-    "once; that accounts for what differs, and the extended model mends it."
+    "Efforts are stamped {much:.1f} ms too {way} for the motion, as where one is held for longer or both are not read at once. "
+    "That makes up {share:.0f} % of the {reference}'s squared error; the extended model mends it."
 )
+USUAL_LEAD = 1.25
+"""An effort that leads by no more than so many times what a hold makes is as usual."""
 SLIGHT = 0.1
-"""Share of the squared error below which it is not said what of that the extended model mends without a name."""
+"""What of the squared error the extended model mends without a name is said where that is surely more than this share."""
 MOST = 0.5
 """Share of the squared error above which that is said."""
 ALONE = (
@@ -106,18 +109,25 @@ def mostly_links(share: float, since: bool) -> list[str]:
     return [MOSTLY_LINKS.format(share=100.0 * min(share, 1.0), reference=reference(since))] * (share > MOST)
 
 
-def mended(by_links: float, by_lead: float, lead: float, since: bool) -> list[str]:
+def mended(least: float, by_links: float, by_lead: float, lead: float, hold: float, since: bool) -> list[str]:
     """A note on what the extended model mends where nothing is named.
 
     Args:
-        by_links, by_lead: share of the squared error that the links' corrections remove, and a lead of the effort.
+        least: share of the squared error that it surely mends.
+        by_links, by_lead: share that the links' corrections remove, and a lead of the effort.
         lead: how far efforts lead the motion [s].
+        hold: how far one leads that is held for a sample [s].
     """
-    if max(by_links, by_lead) < SLIGHT:
+    told = {"share": 100.0 * min(max(by_links, by_lead), 1.0), "reference": reference(since)}
+    if least < SLIGHT or max(by_links, by_lead) < SLIGHT:
         return []
-    if by_lead > by_links:
-        return [BY_LEAD.format(much=1e3 * abs(lead), way="early" if lead > 0.0 else "late")]
-    return [BY_LINKS.format(whose="the earlier model" if since else "the links' masses and inertias")]
+    if by_links >= by_lead:
+        return [
+            BY_LINKS.format(whose="the earlier model" if since else "the links' masses and inertias", **told)
+        ]
+    if abs(lead) <= USUAL_LEAD * hold:
+        return []
+    return [BY_LEAD.format(much=1e3 * abs(lead), way="early" if lead > 0.0 else "late", **told)]
 
 
 def loads(

@@ -115,7 +115,11 @@ def told(
             *unnamed([(found[one].term, name_of(robot, found[one].term)) for one in names.silent]),
             *[FAR_OFF] * far_off,
             *(mostly_links(_by_links(equations, attempt.fitted, held), bool(since)) if findings else ()),
-            *(_mended(equations, attempt.fitted, held, since) if verdict == "nothing_wrong" else ()),
+            *(
+                _mended(equations, attempt.fitted, held, interval[0], since)
+                if verdict == "nothing_wrong"
+                else ()
+            ),
             *[AT_REST.format(joints=listed(at_rest), reference=reference(bool(since)))] * bool(at_rest),
         ),
     )
@@ -127,12 +131,14 @@ def _by_links(equations: Equations, fitted: Pool, rows: np.ndarray) -> float:
     return share_of(part, fitted.left(), equations.target, rows)
 
 
-def _mended(equations: Equations, fitted: Pool, rows: np.ndarray, since: Compared | None) -> list[str]:
-    """What the extended model mends in some rows that has no name."""
+def _mended(
+    equations: Equations, fitted: Pool, rows: np.ndarray, least: float, since: Compared | None
+) -> list[str]:
+    """What the extended model mends in some rows that has no name, `least` of the squared error for sure."""
     lead = parted(fitted, fitted.whole)[0]
-    part = equations.nuisances[:, :, 0] * lead
-    by_lead = share_of(part, fitted.left(), equations.target, rows)
-    return mended(_by_links(equations, fitted, rows), by_lead, lead, bool(since))
+    by_lead = share_of(equations.nuisances[:, :, 0] * lead, fitted.left(), equations.target, rows)
+    by_links = _by_links(equations, fitted, rows)
+    return mended(least, by_links, by_lead, lead, equations.hold, bool(since))
 
 
 def _near(error: np.ndarray, floor: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -15,8 +15,10 @@ FOUND = {
     "roll_deg": (-360.0, 360.0),
     "pitch_deg": (-360.0, 360.0),
     "cutoff": (1e-3, math.inf),
+    "scale": (1e-3, 1e3),
+    "delay": (0.0, math.inf),
 }
-"""Wider bounds of what a fit may find: the rest of a weak spring, a tilt on top of another, a filter at a high rate."""
+"""Wider bounds of what fits may find, one on top of another: the rest of a weak spring, a tilt, a filter at a high rate."""
 LESS = ("payload", "joint_spring", "effort_delay")
 """Effects of which a file may have less than an earlier model had, beside those of what a robot is described with."""
 ROUNDED = 1e-6

@@ -137,9 +137,8 @@ def estimate(name: str, quantity: Quantity, parameter: Parameter | None) -> tupl
         return "–", "not shown by this motion"
     half = INTERVAL * quantity.std
     low, high = quantity.value - half, quantity.value + half
-    if (
-        parameter is not None
-    ):  # what lies beyond a bound, as where there is less than there was, is not held by it
+    # what lies beyond a bound, as where there is less than there was, is not held by it
+    if parameter is not None:
         low = max(low, parameter.lower) if quantity.value >= parameter.lower else low
         high = min(high, parameter.upper) if quantity.value <= parameter.upper else high
     decimals = decimals_of(half)
