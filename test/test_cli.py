@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -114,6 +115,20 @@ def test_streams_that_are_closed_take_nothing(
     assert (done.returncode, bool(done.stdout), done.stderr) == (0, prints, "")
     assert (refused.returncode, refused.stdout) == (2, "")
     assert refused.stderr.startswith("bdnn: error: There is no bag") if complains else not refused.stderr
+
+
+def test_a_stream_that_is_closed_takes_nothing_of_a_child_either(tmp_path: Path) -> None:
+    """The first file that a child opened took the stream's place, and got what the child complained of."""
+    child = f"import os; open({str(tmp_path / 'a.txt')!r}, 'w').flush(); os.write(2, b'complaint')"
+    parent = (
+        "import subprocess, sys; from bdnn_ros.cli.main import main; main(['--help']); "
+        f"sys.exit(subprocess.run([sys.executable, '-c', {child!r}]).returncode)"
+    )
+    done = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -c {shlex.quote(parent)} 2>&-"], stdout=subprocess.PIPE
+    )
+    assert done.returncode == 0
+    assert (tmp_path / "a.txt").read_text() == ""
 
 
 @pytest.mark.parametrize(

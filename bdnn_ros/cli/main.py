@@ -70,6 +70,7 @@ class Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command line and returns its exit status: 0 done, 1 the data cannot answer, 2 wrong usage."""
     words = list(sys.argv[1:] if argv is None else argv)
+    _open_closed_streams()
     _print_anything()
     try:
         with _signals():
@@ -119,14 +120,20 @@ def _signals() -> Iterator[None]:
             signal.signal(number, before[number])
 
 
-def _print_anything() -> None:
-    """A terminal or pipe that lacks a character gets its code: units have a dot, and names may have any letter.
+def _open_closed_streams() -> None:
+    """Of a stream that the caller closed Python makes None; what is printed there goes nowhere, and no file takes its place.
 
-    Of a stream that the caller closed Python makes None; what is printed there goes nowhere, and no file takes its place.
+    Nor in a process that this one starts: it gets the stream as well.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode, encoding="utf-8"))
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            os.set_inheritable(nowhere, True)
+            setattr(sys, name, os.fdopen(nowhere, mode, encoding="utf-8"))
+
+
+def _print_anything() -> None:
+    """A terminal or pipe that lacks a character gets its code: units have a dot, and names may have any letter."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
