@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from bag_cases import (
     SECOND,
     STRING,
     TYPES,
+    Message,
     bag_of,
     command,
     joint_state,
@@ -36,6 +38,7 @@ from bdnn_ros.errors import BagError, BdnnError, RecordingError, UsageError
 from bdnn_ros.recording import Recording
 
 ARM = ("a", "b", "c")
+BOOL = "std_msgs/msg/Bool"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
@@ -165,24 +168,50 @@ def test_reads_what_the_mcap_library_writes(
     assert_equal(bags.read(path), recording)
 
 
-@pytest.mark.parametrize("counted", [True, False])
-@pytest.mark.parametrize("indexes", [IndexType.NONE, IndexType.ALL & ~IndexType.MESSAGE])
-def test_messages_that_no_index_lists_are_read(tmp_path: Path, indexes: IndexType, counted: bool) -> None:
-    """The messages were called ones that name no joint: chunks without an index were passed over."""
-    recording = motion(joints=ARM, samples=3000)
-    path = tmp_path / "a.mcap"
+WITHOUT_MESSAGES = [IndexType.NONE, IndexType.ALL & ~IndexType.MESSAGE]
+"""Indexes of an MCAP file that do not say where the messages are."""
+
+
+def write_unindexed(
+    path: Path, messages: Sequence[Message], indexes: IndexType, *, counted: bool = True
+) -> Path:
+    """An MCAP file with these indexes."""
     with path.open("wb") as file:
         writer = McapWriter(file, chunk_size=100_000, index_types=indexes, use_statistics=counted)
         writer.start(profile="ros2")
-        schema = writer.register_schema(
-            JOINT_STATE, "ros2msg", TYPES.generate_msgdef(JOINT_STATE)[0].encode()
-        )
-        channel = writer.register_channel("/joint_states", "cdr", schema)
-        for _, _, stamp, data in states(recording):
-            writer.add_message(channel, stamp, data, stamp)
+        channels: dict[str, int] = {}
+        for topic, kind, stamp, data in messages:
+            if topic not in channels:
+                schema = writer.register_schema(kind, "ros2msg", TYPES.generate_msgdef(kind)[0].encode())
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(channels[topic], stamp, data, stamp)
         writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("counted", [True, False])
+@pytest.mark.parametrize("indexes", WITHOUT_MESSAGES)
+def test_messages_that_no_index_lists_are_read(tmp_path: Path, indexes: IndexType, counted: bool) -> None:
+    """The messages were called ones that name no joint: chunks without an index were passed over."""
+    recording = motion(joints=ARM, samples=3000)
+    path = write_unindexed(tmp_path / "a.mcap", states(recording), indexes, counted=counted)
     assert_equal(bags.read(path), recording)
     assert bags.topics(path) == [bags.Topic("/joint_states", JOINT_STATE, 3000)]
+
+
+@pytest.mark.parametrize("counted", [True, False])
+@pytest.mark.parametrize("indexes", WITHOUT_MESSAGES)
+def test_topics_that_no_index_lists_are_told(tmp_path: Path, indexes: IndexType, counted: bool) -> None:
+    """Those whose messages nobody reads were not among the topics."""
+    recording = motion(joints=ARM, samples=3000)
+    chatter = [("/chatter", BOOL, stamp, b"\0\1\0\0\1") for _, _, stamp, _ in states(recording)[::2]]
+    messages = sorted([*states(recording), *chatter], key=lambda message: message[2])
+    path = write_unindexed(tmp_path / "a.mcap", messages, indexes, counted=counted)
+    assert_equal(bags.read(path), recording)
+    assert bags.topics(path) == [
+        bags.Topic("/chatter", BOOL, 1500),
+        bags.Topic("/joint_states", JOINT_STATE, 3000),
+    ]
 
 
 @pytest.mark.parametrize("profile", ["ros2", ""])

@@ -13,7 +13,9 @@ ROS = ("ros2msg", "ros2idl", "omgidl", "")
 
 
 def of_ros(path: Path, directory: Path, types: tuple[str, ...]) -> Path:
-    """A copy of a file in a directory, with the ROS messages of these types only.
+    """A copy of a file in a directory, with its ROS messages; those of other types than these are in it without content.
+
+    So every topic is there with its number of messages, and images take no room.
 
     Raises:
         McapError: the file is damaged.
@@ -23,7 +25,7 @@ def of_ros(path: Path, directory: Path, types: tuple[str, ...]) -> Path:
         writer, schemas, channels = Writer(target), dict[int, int](), dict[int, int]()
         writer.start("ros2", LIBRARY)
         for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
-            if schema is None or schema.encoding not in ROS or schema.name not in types:
+            if schema is None or schema.encoding not in ROS:
                 continue
             if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
@@ -31,8 +33,9 @@ def of_ros(path: Path, directory: Path, types: tuple[str, ...]) -> Path:
                 channels[channel.id] = writer.register_channel(
                     channel.topic, channel.message_encoding, schemas[schema.id], channel.metadata
                 )
+            data = message.data if schema.name in types else b""
             writer.add_message(
-                channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence
+                channels[channel.id], message.log_time, data, message.publish_time, message.sequence
             )
         writer.finish()
     return place
