@@ -31,6 +31,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
+from zstandard import ZstdCompressor
 
 from bdnn_ros import bags
 from bdnn_ros.bags.description import movable_joints
@@ -212,6 +213,18 @@ def test_topics_that_no_index_lists_are_told(tmp_path: Path, indexes: IndexType,
         bags.Topic("/chatter", BOOL, 1500),
         bags.Topic("/joint_states", JOINT_STATE, 3000),
     ]
+
+
+@pytest.mark.parametrize("indexes", WITHOUT_MESSAGES)
+def test_a_directory_is_read_as_its_file_is(tmp_path: Path, indexes: IndexType) -> None:
+    """In one whose metadata.yaml speaks of compressed messages, those that no index lists were passed over."""
+    recording = motion(joints=ARM, samples=3000)
+    path = write_bag(tmp_path / "bag", states(recording), StoragePlugin.MCAP, CompressionMode.MESSAGE)
+    compress = ZstdCompressor().compress
+    messages = [(topic, kind, stamp, compress(data)) for topic, kind, stamp, data in states(recording)]
+    file = write_unindexed(path / "bag.mcap", messages, indexes)
+    assert_equal(bags.read(file), recording)
+    assert_equal(bags.read(path), recording)
 
 
 @pytest.mark.parametrize("profile", ["ros2", ""])

@@ -186,7 +186,7 @@ def _parts(path: Path) -> tuple[list[Path], bool]:
             )
         return [path], True
     information = _information(path)
-    if information.get("compression_mode") in ("file", "FILE", "message", "MESSAGE"):
+    if information.get("compression_mode") in ("file", "FILE"):
         return [path], True
     paths = information.get("relative_file_paths")
     named = [path / Path(str(name)).name for name in paths] if isinstance(paths, list) else []
