@@ -88,6 +88,22 @@ def test_a_database_that_changes_while_it_is_copied_is_refused(
         bags.read(path)
 
 
+def test_a_recorder_that_ends_while_its_database_is_copied_leaves_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite removes what lies beside a database when the last program closes it."""
+    path = killed(tmp_path, "WAL", 300)
+    copy = shutil.copyfile
+
+    def last(source: Path, target: Path) -> None:
+        copy(source, target)
+        path.with_name("a.db3-wal").unlink(missing_ok=True)
+
+    monkeypatch.setattr(databases.shutil, "copyfile", last)
+    with pytest.raises(BagError, match=r"a\.db3 is being written\. Stop the recorder"):
+        bags.read(path)
+
+
 def test_no_room_for_the_copy_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(source: Path, target: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")

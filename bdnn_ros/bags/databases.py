@@ -49,9 +49,13 @@ def finished(path: Path, directory: Path) -> Path:
         sqlite3.Error: the database is damaged.
     """
     place, before = directory / path.name, path.stat().st_mtime_ns
-    for file in (path, *_logs(path)):
-        shutil.copyfile(file, directory / file.name)
-    if path.stat().st_mtime_ns != before:
+    changed = False
+    try:
+        for file in (path, *_logs(path)):
+            shutil.copyfile(file, directory / file.name)
+    except FileNotFoundError:  # its recorder has just ended, and SQLite removed what lay beside it
+        changed = True
+    if changed or path.stat().st_mtime_ns != before:
         raise BagError(f"{path} is being written.", "Stop the recorder before reading it.")
     with closing(sqlite3.connect(place)) as database:
         database.execute("PRAGMA journal_mode = DELETE")
