@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 import sqlite3
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from bdnn_ros import bags
 from bdnn_ros.bags import databases
+from bdnn_ros.cli.main import main
 from bdnn_ros.errors import BagError, UsageError
 
 
@@ -102,6 +104,63 @@ def test_a_recorder_that_ends_while_its_database_is_copied_leaves_no_damage(
     monkeypatch.setattr(databases.shutil, "copyfile", last)
     with pytest.raises(BagError, match=r"a\.db3 is being written\. Stop the recorder"):
         bags.read(path)
+
+
+@pytest.fixture
+def left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What a recorder left that was killed, where `temporary` beside it is the directory for temporary files."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    return killed(tmp_path, "WAL", 300)
+
+
+@pytest.fixture
+def copied(left: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the files that are copied from there."""
+    names: list[str] = []
+    copy = shutil.copyfile
+
+    def noted(source: Path, target: Path) -> None:
+        names.append(source.name)
+        copy(source, target)
+
+    monkeypatch.setattr(databases.shutil, "copyfile", noted)
+    return names
+
+
+def test_a_command_copies_a_database_once(tmp_path: Path, left: Path, copied: list[str]) -> None:
+    """`bdnn info` opens it for its topics, then for its messages."""
+    assert main(["info", str(left)]) == 0
+    assert copied == ["a.db3", "a.db3-wal"]
+    assert not any((tmp_path / "temporary").iterdir())
+
+
+def test_copies_are_kept_as_long_as_their_database_is_the_same(
+    tmp_path: Path, left: Path, copied: list[str]
+) -> None:
+    with bags.copies_kept():
+        assert len(bags.read(left)) == len(bags.read(left)) == 600
+        assert len(copied) == 2
+        left.with_name("a.db3-wal").write_bytes(b"cut off")
+        assert len(bags.read(left)) == 300
+        assert len(copied) == 4
+    assert len(bags.read(left)) == len(bags.read(left)) == 300
+    assert len(copied) == 8
+    assert not any((tmp_path / "temporary").iterdir())
+
+
+def test_a_copy_that_fails_leaves_nothing(
+    tmp_path: Path, left: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(source: Path, target: Path) -> None:
+        target.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(databases.shutil, "copyfile", full)
+    with bags.copies_kept():
+        with pytest.raises(UsageError, match="there is no room"):
+            bags.read(left)
+        assert not any((tmp_path / "temporary").iterdir())
 
 
 def test_no_room_for_the_copy_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

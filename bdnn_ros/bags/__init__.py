@@ -1,5 +1,6 @@
 """Bags and recordings: MCAP, rosbag2 directories and sqlite3 files in, MCAP and rosbag2 directories out."""
 
+from bdnn_ros.bags.copies import copies_kept
 from bdnn_ros.bags.every import EveryState, read_every
 from bdnn_ros.bags.playing import Played, read_to_play
 from bdnn_ros.bags.reading import Progress, read, topics
@@ -11,6 +12,7 @@ __all__ = [
     "Played",
     "Progress",
     "Topic",
+    "copies_kept",
     "read",
     "read_every",
     "read_to_play",

@@ -38,7 +38,7 @@ def unfinished(path: Path) -> bool:
 
     rosbag2's preset `resilient` writes so. Who opens the database alone, as rosbags does, sees none of it.
     """
-    return path.suffix == ".db3" and any(log.stat().st_size for log in _logs(path))
+    return path.suffix == ".db3" and any(log.stat().st_size for log in logs(path))
 
 
 def finished(path: Path, directory: Path) -> Path:
@@ -51,7 +51,7 @@ def finished(path: Path, directory: Path) -> Path:
     place, before = directory / path.name, path.stat().st_mtime_ns
     changed = False
     try:
-        for file in (path, *_logs(path)):
+        for file in (path, *logs(path)):
             shutil.copyfile(file, directory / file.name)
     except FileNotFoundError:  # its recorder has just ended, and SQLite removed what lay beside it
         changed = True
@@ -62,5 +62,6 @@ def finished(path: Path, directory: Path) -> Path:
     return place
 
 
-def _logs(path: Path) -> list[Path]:
+def logs(path: Path) -> list[Path]:
+    """What SQLite has put beside a database; of other files there is none."""
     return [log for end in LOGS if (log := path.with_name(path.name + end)).is_file()]

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory, gettempdir
+from tempfile import gettempdir
 from types import TracebackType
 from typing import Any
 
@@ -22,6 +22,7 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.rosbag2.storage_mcap import McapReader
 from zstandard import ZstdDecompressor
 
+from bdnn_ros.bags.copies import copies
 from bdnn_ros.bags.databases import finished, require_all_pages, unfinished
 from bdnn_ros.bags.mixed import of_ros
 from bdnn_ros.errors import BagError, BdnnError, UsageError, listed
@@ -58,6 +59,7 @@ class Storage:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._stack = ExitStack()
+        self._copies = copies(self._stack)
         self._readers: list[Reader] = []
 
     def __enter__(self) -> Storage:
@@ -66,7 +68,7 @@ class Storage:
             for part in parts:
                 with _readable(part):
                     if unfinished(part):
-                        part = finished(part, self._directory())
+                        part = self._copies.of(part, finished)
                     require_all_pages(part)
                     self._readers.append(self._reader(part))
             if not in_order:
@@ -93,11 +95,7 @@ class Storage:
         else:
             if not _skips(reader):
                 return reader
-        return self._stack.enter_context(Reader(of_ros(part, self._directory(), READ)))
-
-    def _directory(self) -> Path:
-        """A directory for a copy, there until the bag is closed."""
-        return Path(self._stack.enter_context(TemporaryDirectory()))
+        return self._stack.enter_context(Reader(self._copies.of(part, _of_those_read)))
 
     @property
     def topics(self) -> list[Topic]:
@@ -123,6 +121,10 @@ class Storage:
             with _readable(self.path):
                 for connection, stamp, data in reader.messages(chosen):
                     yield connection.topic, stamp, _decompressed(data)
+
+
+def _of_those_read(part: Path, directory: Path) -> Path:
+    return of_ros(part, directory, READ)
 
 
 def _decompressed(data: bytes) -> bytes:

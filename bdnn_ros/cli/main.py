@@ -158,7 +158,10 @@ def _run(words: list[str]) -> int:
         return int(stop.code or 0)
     if "require" in args:  # what options say together
         args.require(args)
-    return int(module.run(args))
+    from bdnn_ros.bags import copies_kept  # every verb has loaded it
+
+    with copies_kept():
+        return int(module.run(args))
 
 
 def _help() -> str:
