@@ -177,10 +177,6 @@ def no_commands(path: Path) -> list[str]:
     return [str(bag_of(path / "bag", motion(urdf=PENDULUM))), "--effort", "command"]
 
 
-def unread_topic(path: Path) -> list[str]:
-    return [*no_commands(path)[:1], "--effort-commands", "/u"]
-
-
 CASES: list[tuple[Case, int, str]] = [
     (empty_file, 1, "is empty"),
     (no_messages, 1, "without messages"),
@@ -222,11 +218,6 @@ CASES: list[tuple[Case, int, str]] = [
     (no_joint_named, 2, "--joints names no joint. Name at least one, or leave the option out"),
     (nameless_joint, 2, "--joints pivot,,elbow has a name that is empty"),
     (nameless_robot, 2, "No bundled robot ''"),
-    (
-        unread_topic,
-        2,
-        "--effort-commands /u is not read: the efforts are the measured ones. Pass --effort command",
-    ),
     (no_commands, 2, "the bag has no effort commands (std_msgs/Float64MultiArray). Use --effort measured"),
 ]
 IDS = [case.__name__ for case, _, _ in CASES]

@@ -245,3 +245,21 @@ def test_joints_that_the_model_needs_are_named(
     assert "The model does not have wheel; it has pivot." in capsys.readouterr().err
     assert main(["predict", "model", str(bag), "--joints", "pivot,pivot"]) == 2
     assert "names a joint twice" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", [["info"], ["predict", "model"]])
+def test_a_topic_of_commands_that_is_not_read_is_told(
+    verb: list[str], tmp_path: Path, pendulum: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Scripts that always name their topics were refused, or took measured efforts for commands."""
+    path = bag_of(tmp_path / "bag", swing(pendulum))
+    printed = []
+    for more in ([], ["--effort-commands", "/u"]):
+        assert main([*verb, str(path), *more]) == 0
+        printed.append(capsys.readouterr())
+    assert printed[0].out == printed[1].out
+    assert not printed[0].err
+    assert printed[1].err == (
+        "bdnn: note: --effort-commands /u is not read: the efforts are the measured ones. "
+        "Pass --effort command to take the commanded ones.\n"
+    )

@@ -12,7 +12,7 @@ from typing import TypeVar
 from bdnn_ros import bags
 from bdnn_ros.cli.describing import described_robot, unusable, with_joints, without_led
 from bdnn_ros.cli.fitness import require_motion
-from bdnn_ros.cli.options import progress, say
+from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import BdnnError, RobotError, UsageError, listed
 from bdnn_ros.recording import Recording
@@ -52,6 +52,7 @@ def load(
     if not picks:
         _require_models_joints(args, joints)
     needs_robot |= args.add_gravity
+    say_unread_commands(args)
     given = _given(args)
     held = _held(args, required)
     recordings = [_read(path, args, held, given.joints if given else ()) for path in args.bags]
@@ -82,6 +83,7 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     Raises:
         BdnnError: as `bags.read_every` and `Robot.from_urdf`.
     """
+    say_unread_commands(args)
     given = _given(args)
     held = _held(args, joints)
     every = _read_with(bags.read_every, args.bags[0], args, held, ()).select(joints)

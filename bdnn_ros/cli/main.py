@@ -156,8 +156,6 @@ def _run(words: list[str]) -> int:
         args = parser.parse_args(rest)
     except SystemExit as stop:  # --help
         return int(stop.code or 0)
-    if "require" in args:  # what options say together
-        args.require(args)
     from bdnn_ros.bags import copies_kept  # every verb has loaded it
 
     with copies_kept():

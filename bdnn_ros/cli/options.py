@@ -51,7 +51,7 @@ def add_recording_arguments(
     parser.add_argument(
         "--effort-commands",
         metavar="TOPIC",
-        help="std_msgs/Float64MultiArray, for --effort command (default: the bag's only one)",
+        help="std_msgs/Float64MultiArray, read with --effort command (default: the bag's only one)",
     )
     parser.add_argument(
         "--effort",
@@ -96,7 +96,6 @@ def add_recording_arguments(
         action="store_true",
         help="leave out samples that are NaN or late, and join the parts of a clock that was set back",
     )
-    parser.set_defaults(require=_require_used)
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
@@ -108,6 +107,15 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 def say(sentence: str) -> None:
     """Tells the user something beside the result."""
     print(f"bdnn: note: {sentence}", file=sys.stderr)
+
+
+def say_unread_commands(args: argparse.Namespace) -> None:
+    """Tells of a topic of commands of which nothing is read, so that nobody takes measured efforts for commands."""
+    if args.effort_commands is not None and args.effort != "command":
+        say(
+            f"--effort-commands {args.effort_commands} is not read: the efforts are the measured ones. "
+            "Pass --effort command to take the commanded ones."
+        )
 
 
 def say_mimics(robot: Robot) -> None:
@@ -150,15 +158,6 @@ def stages(label: str) -> Iterator[Callable[[str], None]]:
         desc=label,
     ) as bar:
         yield lambda text: bar.set_description_str(f"{label}: {text}")
-
-
-def _require_used(args: argparse.Namespace) -> None:
-    """Refuses a topic of commands of which nothing would be read, so that nobody takes measured efforts for commands."""
-    if args.effort_commands is not None and args.effort != "command":
-        raise UsageError(
-            f"--effort-commands {args.effort_commands} is not read: the efforts are the measured ones.",
-            "Pass --effort command as well, or leave the topic out.",
-        )
 
 
 def _names(text: str) -> tuple[str, ...]:
