@@ -64,7 +64,8 @@ def add_recording_arguments(
         metavar="[JOINT=]FACTOR",
         action="append",
         default=[],
-        help="N*m in each unit of effort the bag holds, where it holds currents or turned signs; repeatable",
+        help="N*m in each unit of effort the bag holds, where it holds currents or turned signs; repeatable: "
+        "one JOINT=FACTOR a joint, and one FACTOR for all others",
     )
     parser.add_argument(
         "--add-gravity",
