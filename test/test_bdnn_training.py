@@ -21,6 +21,7 @@ from bdnn_ros.bdnn.networks import Network
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.bdnn.training import identify
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
+from bdnn_ros.robot.state import robot_state
 from bdnn_ros.scores import score_model
 from bdnn_ros.simulation.perturbation import wrong_robot
 
@@ -248,6 +249,27 @@ def test_the_state_of_another_prior_is_refused(arm2, tmp_path):
     identify(train, validation, prior=robot, clock=Clock(), **options)
     with pytest.raises(ModelFileError, match="damaged"):
         identify(train, validation, prior=Opaque(robot), clock=Clock(), **options)
+
+
+class Saved(Opaque):
+    """A prior that is no robot, and whose state is all that it is."""
+
+    kind = "saved"
+
+    def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, object]]:
+        return robot_state(self.robot)
+
+
+@pytest.mark.parametrize("make", [lambda robot: robot, Saved], ids=["robot", "model"])
+def test_the_state_of_another_description_is_refused(arm2, tmp_path, make):
+    """What was learned on it was gone on from as if it were on the one that is given now."""
+    robot, train, validation, _ = arm2
+    options = {"state": tmp_path / "training.state", "budget": 5.0}
+    identify(train, validation, prior=make(robot), clock=Clock(), **options)
+    for other in (robot.tilted(0.3, 0.2), robot.with_inertials(1.3 * robot.inertials)):
+        with pytest.raises(ModelFileError, match=r"that of another prior.* remove it to begin anew"):
+            identify(train, validation, prior=make(other), clock=Clock(), **options)
+    identify(train, validation, prior=make(worn("arm2")), clock=Clock(), **options)
 
 
 def test_a_foreign_or_damaged_state_is_refused(arm2, tmp_path):

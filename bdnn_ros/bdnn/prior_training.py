@@ -14,7 +14,7 @@ from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
-from bdnn_ros.bdnn.restoring import prior_core, prior_core_state
+from bdnn_ros.bdnn.restoring import fingerprint, prior_core, prior_core_state
 from bdnn_ros.bdnn.samples import (
     Samples,
     joined,
@@ -25,6 +25,7 @@ from bdnn_ros.bdnn.samples import (
     shortened,
 )
 from bdnn_ros.dynamics import Dynamics
+from bdnn_ros.errors import ModelFileError
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
@@ -55,7 +56,7 @@ class PriorTraining:
     ) -> None:
         self._train, self._validation = list(train), list(validation)
         self._samples, self._judge = samples_of(train), samples_of(validation)
-        self._rng, self._budget = rng, budget
+        self._given, self._rng, self._budget = prior, rng, budget
         scales = scales_of(self._samples)
         load = np.maximum(np.std(prior.gravity(self._samples.position), axis=0), 1e-3 * scales.effort)
         self._core = PriorCore(prior, LocalNetworks.silent(scales.velocity, load), None, scales.slow)
@@ -106,15 +107,25 @@ class PriorTraining:
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest from which the training goes on; a prior that is no robot stays as it was given."""
         arrays, info = prior_core_state(self._core, with_prior=isinstance(self._core.prior, Robot))
-        return arrays, {**info, "stage": self.stage, "rng": self._rng.bit_generator.state}
+        info |= {"given": fingerprint(self._given), "stage": self.stage}
+        return arrays, {**info, "rng": self._rng.bit_generator.state}
 
     def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
-        """Go on from a state of the same data and prior."""
-        given = self._core.prior
+        """Go on from a state of the same data and prior.
+
+        Raises:
+            ModelFileError: the prior was another one.
+        """
+        given = self._given
         core = prior_core(arrays, info, lambda kind, held, told: given)
         of_another = isinstance(core.prior, Robot) != isinstance(given, Robot)
         if of_another or core.prior.joints != given.joints or info["stage"] not in STAGES:
             raise ValueError("state")
+        if info["given"] != fingerprint(given):
+            raise ModelFileError(
+                "The training state is that of another prior: its robot description or model is not the same.",
+                "Give another file, or remove it to begin anew.",
+            )
         self._core, self.stage = core, str(info["stage"])
         self._rng.bit_generator.state = info["rng"]
 

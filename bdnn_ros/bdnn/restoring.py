@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -65,6 +67,18 @@ def prior_core(arrays: dict[str, np.ndarray], info: dict[str, Any], build: Build
     h = get_network("h", arrays, info, 2 * n, vector_size(n)) if "h" in info else None
     require_shapes(arrays, {"slow": (n,)})
     return PriorCore(prior, LocalNetworks.from_state(arrays, info, n), h, arrays["slow"])
+
+
+def fingerprint(prior: Dynamics) -> str:
+    """What tells a prior from every other; of those that cannot be saved the type and the joints alone."""
+    try:
+        kind, arrays, info = _prior_state(prior)
+    except ModelFileError:
+        kind, arrays, info = type(prior).__name__, {}, {}
+    digest = hashlib.sha256(json.dumps([kind, list(prior.joints), info], sort_keys=True).encode())
+    for name, values in sorted(arrays.items()):
+        digest.update(f"{name} {values.dtype.str} {values.shape}".encode() + values.tobytes())
+    return digest.hexdigest()
 
 
 def _prior_state(prior: Dynamics) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
