@@ -111,14 +111,41 @@ def test_a_velocity_that_one_joint_lacks_is_not_measured_there(intake):
 def test_a_joint_without_a_sensor_for_its_effort_spoils_nothing(intake):
     """ros2_control's broadcaster says NaN for what a joint has no interface for."""
     lacks = {"effort": (3.0, float("nan"))}
-    for k in range(PATIENCE):
-        assert not send(intake, k, **lacks)  # its driver may only start late
-    for k in range(PATIENCE, 2 * PATIENCE):
-        assert send(intake, k, **lacks)
-    assert intake.rejected == {"not_finite": PATIENCE} and intake.silent.joints.tolist() == [False, True]
-    assert intake.ring.read(0).values[:, 4:].tolist() == [[3.0, 0.0]] * PATIENCE
-    assert send(intake, 2 * PATIENCE) and not intake.silent.joints.any()
-    assert not send(intake, 2 * PATIENCE + 1, **lacks)
+    step, count = 100, PATIENCE // (100 * MS)
+    for k in range(count):
+        assert not send(intake, step * k, **lacks)  # its driver may only start late
+    for k in range(count, 2 * count):
+        assert send(intake, step * k, **lacks)
+    assert intake.rejected == {"not_finite": count} and intake.silent.joints.tolist() == [False, True]
+    efforts = intake.ring.read(0).values[:, 4:]
+    assert (efforts[:, 0] == 3.0).all() and np.isnan(efforts[:, 1]).all() and len(efforts) == count
+    assert not send(intake, 2 * step * count, effort=(float("inf"), float("nan")))
+    assert intake.culprit == "effort of a"
+    assert send(intake, 2 * step * count + 1) and not intake.silent.joints.any()
+    assert not send(intake, 2 * step * count + 2, **lacks)
+
+
+def test_a_pause_is_no_time_in_which_an_effort_was_lacking(intake):
+    for k in range(20):
+        assert not send(intake, 2 * k * PAUSE // MS, effort=(3.0, float("nan")))
+    assert not intake.silent.joints.any()
+
+
+def test_of_two_controllers_one_may_have_a_joint_without_a_sensor():
+    intake, count = Intake(("a", "b", "c"), Ring.create(512, 9)), PATIENCE // (100 * MS)
+    for k in range(2 * count):
+        send(intake, 100 * k, ("a",), (1.0,), (), (3.0,))
+        send(intake, 100 * k, ("b", "c"), (2.0, 0.0), (), (float("nan"), 1.0))
+    efforts = intake.ring.read(0).values[:, 6:]
+    assert (
+        len(efforts) >= count and (efforts[:, [0, 2]] == [3.0, 1.0]).all() and np.isnan(efforts[:, 1]).all()
+    )
+    send(intake, 200 * count, ("a",), (1.0,), (), ())
+    send(intake, 200 * count, ("b", "c"), (2.0, 0.0), (), (float("nan"), 1.0))
+    assert np.isnan(
+        intake.ring.latest(1).values[0, 6:]
+    ).all()  # what one does not measure, the robot does not
+    intake.ring.close()
 
 
 def test_where_commands_are_the_effort_no_measured_one_is_missed():

@@ -75,14 +75,14 @@ def _shown(name: str) -> str:
 
 
 def estimate_message(joints: Sequence[str], instant: Instant, parts: Parts, version: int) -> DynamicsEstimate:
-    """Everything about one instant; efforts that were not measured are left empty."""
+    """Everything about one instant; an effort that was not measured is NaN, and left empty where none was."""
     message = DynamicsEstimate()
     message.header.stamp = stamp(instant.stamp)
     message.joint_names = list(joints)
     message.position = numbers(instant.position)
     message.velocity = numbers(instant.velocity)
     message.acceleration = numbers(instant.acceleration)
-    message.effort_measured = numbers(instant.effort) if np.isfinite(instant.effort).all() else []
+    message.effort_measured = numbers(instant.effort) if np.isfinite(instant.effort).any() else []
     message.effort_estimate = numbers(parts.effort)
     message.effort_std = numbers(parts.std)
     message.inertial = numbers(parts.inertial)

@@ -132,8 +132,6 @@ class Reporter:
         without = _without_effort(session)
         self._warnings.say("without effort", NO_SENSOR.format(listed(without)) if without else "")
         nrmse = error.nrmse
-        if intake and len(nrmse) == len(intake.joints):
-            nrmse = np.where(intake.silent.joints, math.nan, nrmse)
         known = nrmse[np.isfinite(nrmse)]
         values: dict[str, object] = {
             "samples_received": received,

@@ -26,11 +26,13 @@ class _Block:
     Attributes:
         start: of the first [s].
         count: how many.
-        sums: of squared error, measured effort and its square, (3, n).
+        known: joints whose effort is measured, (n,) bool.
+        sums: of squared error, measured effort and its square, (3, known joints).
     """
 
     start: float
     count: int
+    known: np.ndarray
     sums: np.ndarray
 
 
@@ -47,32 +49,34 @@ class ErrorNow:
         self._open: _Block | None = None
 
     def add(self, stamp: int, measured: np.ndarray, estimated: np.ndarray) -> None:
-        """One instant: efforts (n,) [N·m] at a stamp [ns]."""
+        """One instant: efforts (n,) [N·m], NaN where not measured, at a stamp [ns]."""
+        known = np.isfinite(measured)
+        measured, estimated = measured[known], estimated[known]
         with np.errstate(over="ignore", invalid="ignore"):
             sums = np.array([(measured - estimated) ** 2, measured, measured**2])
-        if not np.isfinite(sums).all():
+        if not known.any() or not np.isfinite(sums).all():
             return
         self._elapsed += min(max((stamp - self._stamp) * 1e-9, 0.0), 1.0)
         self._stamp = stamp
         block = self._open
-        if block is not None and block.sums.shape != sums.shape:
+        if block is not None and not np.array_equal(block.known, known):
             self._blocks.clear()
         elif block is not None and self._elapsed - block.start < BLOCK:
-            self._open = _Block(block.start, block.count + 1, block.sums + sums)
+            self._open = _Block(block.start, block.count + 1, known, block.sums + sums)
             return
         elif block is not None:
             self._blocks.append(block)
         while self._blocks and self._elapsed - self._blocks[0].start > SPREAD_MEMORY:
             self._blocks.popleft()
-        self._open = _Block(self._elapsed, 1, sums)
+        self._open = _Block(self._elapsed, 1, known, sums)
 
     @property
     def nrmse(self) -> np.ndarray:
-        """Of each joint, (n,); empty before the first instant."""
+        """Of each joint, (n,), NaN where not measured; empty before the first instant."""
         last = self._open
         if last is None:
             return np.zeros(0)
-        blocks = [block for block in (*self._blocks, last) if block.sums.shape == last.sums.shape]
+        blocks = [block for block in (*self._blocks, last) if np.array_equal(block.known, last.known)]
         counts = np.array([block.count for block in blocks], float)
         squared, mean, power = (np.array([block.sums for block in blocks]) / counts[:, None, None]).swapaxes(
             0, 1
@@ -83,7 +87,9 @@ class ErrorNow:
         apart = np.maximum(power - 2.0 * middle * mean + middle**2, 0.0)
         usual = _usual(apart, STANDS_OUT_OF_SPREAD, ALONE_IN_SPREAD)
         variance = _mean(apart, counts, usual) - _mean(mean - middle, counts, usual) ** 2
-        return np.asarray(np.sqrt(error / np.maximum(variance, 1e-12)))
+        nrmse = np.full(len(last.known), np.nan)
+        nrmse[last.known] = np.sqrt(error / np.maximum(variance, 1e-12))
+        return nrmse
 
 
 def _usual(squared: np.ndarray, times: float, alone: int) -> np.ndarray:

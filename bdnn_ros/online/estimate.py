@@ -174,9 +174,8 @@ class Smoother:
         if centre < 0 or time[centre] - time[0] < reach or np.diff(time).max() > 5.0 * self._period + 0.05:
             return None
         position += 2.0 * np.pi * turns[centre]  # told within the turn that the driver tells
-        values = np.concatenate([position, samples.effort], axis=1)
-        if not np.isfinite(samples.effort).all():
-            values = position
+        measured = np.isfinite(samples.effort).all(axis=0)
+        values = np.concatenate([position, samples.effort[:, measured]], axis=1)
         low, high = centre - self._half, centre + self._half + 1
         even = self._direct and low >= 0 and high <= len(time)
         if even and np.abs(np.diff(time[low:high]) - self._step).max() < EVEN * self._step:
@@ -187,5 +186,6 @@ class Smoother:
         # the kernel is even, its first derivative odd: convolution turns it round
         smooth, first, second = self._kernels[:, ::-1] @ window
         n = position.shape[1]
-        effort = smooth[n:] if values.shape[1] > n else np.full(n, np.nan)
+        effort = np.full(n, np.nan)
+        effort[measured] = smooth[n:]
         return Instant(int(stamps[centre]), smooth[:n], first[:n], second[:n], effort)

@@ -37,12 +37,23 @@ class Samples:
     def __len__(self) -> int:
         return len(self.time)
 
+    @property
+    def silent(self) -> np.ndarray:
+        """Joints that have no effort in any sample while others have theirs, as without a sensor, (n,) bool."""
+        known = np.isfinite(self.effort).any(axis=0)
+        return ~known & known.any()
+
     def with_effort(self) -> Samples:
-        """Those whose effort is known."""
-        known = np.isfinite(self.effort).all(axis=1)
-        if known.all():
+        """Those whose effort is known; it is zero, as from a recording, where a joint is `silent`.
+
+        A sensor that starts late leaves nothing of what came before it: zeros there would be learned from.
+        """
+        silent = self.silent
+        known = np.isfinite(self.effort[:, ~silent]).all(axis=1)
+        if known.all() and not silent.any():
             return self
-        position, velocity, effort = self.position[known], self.velocity[known], self.effort[known]
+        position, velocity = self.position[known], self.velocity[known]
+        effort = np.where(silent, 0.0, self.effort[known])
         return Samples(self.time[known], position, velocity, effort, self.missed)
 
 

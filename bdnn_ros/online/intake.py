@@ -116,7 +116,8 @@ class Clock:
 class Intake:
     """Joint states into a ring of position, velocity, effort (3n numbers, NaN where not measured).
 
-    Messages that hold only some of the joints are put together (see `Assembly`).
+    A sample has the effort of every joint, of all but those without a sensor, or none. Messages that hold only some of
+    the joints are put together (see `Assembly`).
 
     Attributes:
         joints: n names, the order in the ring.
@@ -181,7 +182,7 @@ class Intake:
             return self._take_part(kind, position, velocity, effort, stamp, sent)
         self._leave_out(self._assembly.give_up())
         row = self.ring.slot().reshape(3, -1)
-        fault = self._fill(row, kind, position, velocity, effort)
+        fault = self._fill(row, kind, position, velocity, effort, stamp)
         return self._reject(fault, stamp) if fault else self._commit(row, stamp, sent)
 
     def _begin_at_zero(self) -> None:
@@ -196,7 +197,7 @@ class Intake:
     ) -> bool:
         """Let a message wait for the others, or make a sample of it and those that do."""
         part = np.empty((3, len(kind.index)))
-        fault = self._fill(part, kind, position, velocity, effort)
+        fault = self._fill(part, kind, position, velocity, effort, stamp)
         if fault:
             return self._reject(fault, stamp)
         assembly = self._assembly
@@ -206,18 +207,20 @@ class Intake:
             return False
         row = self.ring.slot().reshape(3, -1)
         row[:] = assembly.row
-        if np.isnan(row[2]).any():
+        if (np.isnan(row[2]) & ~self.silent.joints).any():
             row[2] = math.nan  # what one controller does not measure, the robot does not
         return self._commit(row, assembly.stamp, sent)
 
-    def _fill(self, row: np.ndarray, kind: Kind, position: Any, velocity: Any, effort: Any) -> str:
+    def _fill(
+        self, row: np.ndarray, kind: Kind, position: Any, velocity: Any, effort: Any, stamp: int
+    ) -> str:
         """Write a message's numbers in our order, (3, m); returns why they cannot be used, empty if they can."""
         index = kind.index
         row[0] = np.asarray(position)[index]
         row[1] = np.asarray(velocity)[index] if len(velocity) else math.nan
         row[2] = np.asarray(effort)[index] if len(effort) else math.nan
         if self.needs_effort:
-            self.silent.fill(row[2], kind.joints)
+            self.silent.look(row[2], kind.joints, stamp)
         if credible(row).all():
             return ""
         # drivers fill what is not measured with NaN; a velocity follows from the position, an effort from nothing
@@ -225,6 +228,7 @@ class Intake:
         unusable[1] &= ~absent[1]
         if absent[2].all() or not self.needs_effort:
             unusable[2] &= ~absent[2]
+        unusable[2] &= ~(absent[2] & self.silent.joints[kind.joints])
         reason = NOT_FINITE
         if not unusable.any():
             reason, unusable = OUT_OF_RANGE, np.abs(row) > MOST
@@ -239,7 +243,7 @@ class Intake:
         if stream_time < 0:
             return self._reject(BACKWARDS, stamp)
         self.received += 1
-        if self.needs_effort and math.isnan(row[2, 0]):
+        if self.needs_effort and math.isnan(row[2, 0]) and np.isnan(row[2]).all():
             self.rejected[NO_EFFORT] += 1
         self.ring.commit(stamp, sent, stream_time)
         return True

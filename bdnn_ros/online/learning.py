@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -100,6 +101,7 @@ class Learning:
         number: int = 0,
         beat: Callable[[], None] = lambda: None,
     ) -> None:
+        self._anew = partial(Learning, robot, cutoff, resume, beat=beat)
         self._before: Dynamics = robot if resume is None else resume
         self._number = number
         known = None
@@ -138,6 +140,10 @@ class Learning:
         self._end = None
         if self.identifier.chunks > chunks:
             yield from self._review(final=True)
+
+    def anew(self) -> Learning:
+        """Another from where this one began, whose versions are counted on: of what this one took in it knows nothing."""
+        return self._anew(self._number if self.served is None else self.served.number)
 
     # -- handing over ------------------------------------------------------------------------------
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-PATIENCE = 300
-"""A joint that never had an effort is without a sensor after so many messages that lack it: a driver may start late."""
+PATIENCE = 10_000_000_000
+"""A joint that never had an effort is without a sensor when so long [ns] was lacking: a driver may start late."""
+LONGEST_STEP = 1_000_000_000
+"""More than this [ns] between two messages is a pause, in which nothing is waited for."""
 
 
 class Silent:
@@ -21,15 +23,17 @@ class Silent:
     def __init__(self, count: int) -> None:
         self.joints = np.zeros(count, bool)
         self._came = np.zeros(count, bool)
-        self._waited = np.zeros(count, int)
+        self._waited = np.zeros(count, np.int64)
+        self._lacked = np.zeros(count, np.int64)
         self._all_came = False
 
-    def fill(self, effort: np.ndarray, places: np.ndarray) -> None:
-        """Put zero, as from a recording, for joints without a sensor; what is NaN then should have been measured.
+    def look(self, effort: np.ndarray, places: np.ndarray, stamp: int) -> None:
+        """Take note of which joints have an effort.
 
         Args:
             effort: of one message, (m,), NaN where it says none.
             places: of its joints among the n, (m,).
+            stamp: of the message [ns].
         """
         if self._all_came:
             return
@@ -38,6 +42,8 @@ class Silent:
             return
         self._came[places[~unknown]] = True
         self._all_came = bool(self._came.all())
-        self._waited[places[unknown]] += 1
-        self.joints = ~self._came & (self._waited > PATIENCE)
-        effort[unknown & self.joints[places]] = 0.0
+        lacking = places[unknown]
+        step = stamp - self._lacked[lacking]
+        self._waited[lacking] += np.where((step > 0) & (step <= LONGEST_STEP), step, 0)
+        self._lacked[lacking] = stamp
+        self.joints = ~self._came & (self._waited >= PATIENCE)

@@ -16,6 +16,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
+import numpy as np
+
 from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.online.analysis import Analyst, with_stamps
 from bdnn_ros.online.buffer import Ring
@@ -49,6 +51,7 @@ class Trainer:
         self.learning: Learning | None = None
         self.robot: Robot | None = None
         self.epoch = 0
+        self._silent = np.zeros(0, bool)
         self.analyst = Analyst(self.say)
         self._missed = 0
 
@@ -92,9 +95,21 @@ class Trainer:
             return False
         if self.training and self.learning is not None:
             known = samples.with_effort()
+            if len(known):
+                self._heed(samples.silent)
             self._learn_all(self.learning.take(known.time, known.position, known.effort))
         self.analyst.tick(float(samples.time[-1]))
         return True
+
+    def _heed(self, silent: np.ndarray) -> None:
+        """Learn anew where an effort comes of a joint that had none: zero stood for it in all that was learned from.
+
+        Args:
+            silent: joints without an effort now, (n,) bool.
+        """
+        before, self._silent = self._silent, silent
+        if self.learning is not None and (before & ~silent).any():
+            self.learning = self.learning.anew()
 
     def _learn_all(self, versions: Iterator[Version]) -> None:
         """Hand over what is learned; where nothing can be, tell so once and go on without."""
@@ -187,6 +202,7 @@ class Trainer:
         # of many joints, one choice of terms takes longer than a trainer may be silent
         beat = self.feed.states.beat
         self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]), beat)
+        self._silent = np.zeros(self.robot.width, bool)
         self.analyst.begin(self.robot, self.feed, info)
         self.say(Message("begun", {"epoch": self.epoch}))
 
