@@ -150,3 +150,21 @@ def test_what_is_not_a_ring_is_refused():
         os.close(descriptor)
     with pytest.raises(UsageError):
         Ring.create(1, 3)
+
+
+def test_samples_are_found_by_when_they_were_sent():
+    ring = Ring.create(2000, 1)
+    assert ring.first_sent_after(5) == 0
+    for k in range(3000):
+        ring.commit(0, 10 * k, k + 1)
+    assert [ring.first_sent_after(sent) for sent in (29_990, 29_989, 29_800, 20_000, 0)] == [
+        3000,
+        2999,
+        2981,
+        2001,
+        1001,
+    ]
+    for k in range(400):  # a clock that went back
+        ring.commit(0, 5000 + 10 * k, 3001 + k)
+    assert [ring.first_sent_after(sent) for sent in (8985, 5005, 0)] == [3399, 3001, 3000]
+    ring.close()

@@ -341,6 +341,24 @@ def test_commands_that_are_far_more_frequent_than_the_states_have_all_their_effo
     commands.close()
 
 
+@pytest.mark.parametrize("every", [1200, 1800, 7200_000], ids=lambda every: f"{every} ms")
+def test_pauses_of_commands_cost_a_recording_none_of_those_before_them(every):
+    """Commands come for 0.6 s, and then no more up to the next such turn; the joint states come all the time but in an hour."""
+    states, commands = Ring.create(4096, 6), Ring.create(4096, 2)
+    intake, orders = Intake(ARM.joints, states, needs_effort=False), CommandIntake(ARM.joints, commands)
+    feed = Feed(ARM.joints, states, commands)
+    for turn in range(10):
+        for k in range(min(every // 10, 180)):
+            now = START + (every * turn + 10 * k) * MS
+            if k < 60:
+                orders.take([float(k), 0.0], now - 1)
+            intake.take(list(ARM.joints), [0.1, 0.2], [], [], now, now)
+    expected = [*map(float, range(60)), *[59.0] * (round(100 * COMMAND_AGE) - 1)] * 10
+    assert feed.recording(0.0).effort[:, 0].tolist() == expected
+    states.close()
+    commands.close()
+
+
 def test_the_kept_stream_becomes_a_recording():
     states = Ring.create(1000, 6)
     intake = Intake(ARM.joints, states)

@@ -192,6 +192,21 @@ class Ring:
                 low = middle + 1
         return low
 
+    def first_sent_after(self, sent: int) -> int:
+        """Number of the first of the latest samples that were sent later than this [ns], by a clock that did not go back.
+
+        Looks back from the newest: whoever asks wants few of them, as a rule.
+        """
+        oldest, end, count = self.oldest, self.written, 256
+        while True:
+            begin = max(end - count, oldest)
+            column = self._copied(self._sent, begin, end)
+            back = np.flatnonzero(np.diff(column) < 0)
+            start = int(back[-1]) + 1 if len(back) else 0
+            if begin == oldest or start or column[0] <= sent:
+                return begin + start + int(np.searchsorted(column[start:], sent, side="right"))
+            count *= 4
+
     # -- the reader's signs of life, for the writer's process --------------------------------------
 
     @property

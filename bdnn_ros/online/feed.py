@@ -152,10 +152,9 @@ class Feed:
         newest = self.commands.latest(1)
         if len(chunk) == 0 or len(newest) == 0:
             return newest
-        moved = int(newest.time[0] - newest.sent[0])  # stream time shortens pauses, and never goes back
         first = min(self._before(chunk).sent.min(initial=chunk.sent[0]), chunk.sent.min())
-        since = int(first) - AGE + moved
-        return self.commands.read(self.commands.first_after(since - 1))
+        # not by their stream time: that lengthens and shortens pauses, those of the commands and of the states apart
+        return self.commands.read(self.commands.first_sent_after(int(first) - AGE - 1))
 
     def _before(self, chunk: Chunk) -> Chunk:
         """The joint states before these at which a command may have come that is still in force at them."""
