@@ -12,7 +12,7 @@ from bdnn_ros.readings import credible
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
-ALL = None
+EVERY_JOINT = None
 """In the place of a joint's name: all joints."""
 COMMAND_AGE = 0.5
 """An effort command acts for so long [s] at most; a joint state later than that has no effort."""
@@ -51,16 +51,16 @@ class EffortConvention:
         """The convention that rules say, `JOINT=FACTOR` each, or `FACTOR` for all joints without one of their own.
 
         Raises:
-            UsageError: as `named`, or a rule names none of the joints.
+            UsageError: as `factors_by_joint`, or a rule names none of the joints.
         """
-        given = named(rules)
+        given = factors_by_joint(rules)
         for name, factor in given.items():
-            if name not in joints and name is not ALL:
+            if name not in joints and name is not EVERY_JOINT:
                 raise UsageError(
                     f"Effort factor '{name}={factor:g}': there is no joint {name!r}.",
                     f"Name one of {listed(joints, 20)}.",
                 )
-        general = given.get(ALL, 1.0)
+        general = given.get(EVERY_JOINT, 1.0)
         return cls(np.array([given.get(joint, general) for joint in joints], float), robot)
 
     def acting(self, position: np.ndarray, effort: np.ndarray) -> np.ndarray:
@@ -75,8 +75,8 @@ class EffortConvention:
         return replace(recording, effort=self.acting(recording.position, recording.effort))
 
 
-def named(rules: Sequence[str]) -> dict[str | None, float]:
-    """The factors that rules say, by joint; that of `ALL` counts for joints without one of their own.
+def factors_by_joint(rules: Sequence[str]) -> dict[str | None, float]:
+    """The factors that rules say, by joint; that of `EVERY_JOINT` counts for joints without one of their own.
 
     Raises:
         UsageError: a rule is malformed, its factor is zero or not finite, or there are two for the same.
@@ -84,9 +84,9 @@ def named(rules: Sequence[str]) -> dict[str | None, float]:
     given: dict[str | None, float] = {}
     for rule in rules:
         name, equals, number = rule.rpartition("=")
-        joint = name if equals else ALL
+        joint = name if equals else EVERY_JOINT
         if joint in given:
-            whom = "all joints" if joint is ALL else joint
+            whom = "all joints" if joint is EVERY_JOINT else joint
             raise UsageError(
                 f"Two effort factors are given for {whom}.", "Give one, the product where both hold."
             )
@@ -102,6 +102,6 @@ def _number(rule: str, text: str) -> float:
     if not credible(np.array(factor)) or factor == 0.0:
         raise UsageError(
             f"Effort factor {rule!r} is not a number other than zero.",
-            "Use JOINT=FACTOR, or FACTOR for all joints.",
+            "Use JOINT=FACTOR, or FACTOR for all others.",
         )
     return factor

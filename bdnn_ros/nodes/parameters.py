@@ -12,7 +12,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from bdnn_ros.efforts import named
+from bdnn_ros.efforts import factors_by_joint
 from bdnn_ros.errors import BdnnError, UsageError, listed
 
 TYPES = {
@@ -103,7 +103,7 @@ IDENTIFICATION = (
         "effort_factors",
         [],
         "N*m in each unit of reported effort, JOINT=FACTOR or FACTOR for all others: for currents, or turned signs.",
-        check=named,
+        check=factors_by_joint,
     ),
     Setting(
         "add_gravity",

@@ -28,7 +28,7 @@ class Settings:
 
     Attributes:
         effort_source: "measured" takes the joint states' effort, "command" the effort commands.
-        effort_factors: what efforts are multiplied by, `JOINT=FACTOR` each, or `FACTOR`.
+        effort_factors: what efforts are multiplied by, `JOINT=FACTOR` each, or one `FACTOR` for all others.
         add_gravity: efforts leave out what the controller adds for gravity; the description's is added.
         cutoff: of the low-pass [Hz], None chooses by rate.
         capacity: joint states that are kept.
