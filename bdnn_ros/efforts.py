@@ -64,15 +64,22 @@ class EffortConvention:
         return cls(np.array([given.get(joint, general) for joint in joints], float), robot)
 
     def acting(self, position: np.ndarray, effort: np.ndarray) -> np.ndarray:
-        """The effort that drives the joints [N·m] where this one is reported, (N, n) at positions (N, n) [rad]."""
+        """The effort that drives the joints [N·m] where this one is reported, (N, n) at positions (N, n) [rad].
+
+        An effort that was not measured must be NaN, and stays so: gravity is none of a joint without a sensor.
+        """
         effort = self.factors * effort
         return effort if self.robot is None else effort + self.robot.gravity(position)
 
     def applied(self, recording: Recording) -> Recording:
-        """The recording with the effort that drives the joints; as it is without an effort."""
+        """The recording with the effort that drives the joints; as it is without an effort.
+
+        An effort that is zero throughout, as that of a joint without a sensor, stays zero.
+        """
         if recording.effort is None:
             return recording
-        return replace(recording, effort=self.acting(recording.position, recording.effort))
+        effort = self.acting(recording.position, recording.effort)
+        return replace(recording, effort=np.where(recording.effort.any(axis=0), effort, 0.0))
 
 
 def factors_by_joint(rules: Sequence[str]) -> dict[str | None, float]:

@@ -14,7 +14,7 @@ from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import UsageError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.feed import Feed
-from bdnn_ros.online.intake import Intake
+from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.serving import Settings
 from bdnn_ros.online.session import Session
 from bdnn_ros.recording import Recording
@@ -122,6 +122,41 @@ def test_a_live_stream_is_converted_as_a_bag_is(arm):
     samples = feed.read(100)
     np.testing.assert_allclose(samples.effort - arm.gravity(samples.position), np.tile([1.0, -18.0], (50, 1)))
     ring.close()
+
+
+@pytest.mark.parametrize("reported", [np.nan, 0.0])
+def test_gravity_is_no_effort_of_a_joint_without_a_sensor(arm, plain, reported):
+    effort = plain.require_effort() - arm.gravity(plain.position)
+    effort[:, 1] = reported
+    ring = Ring.create(16384, 6)
+    intake = Intake(arm.joints, ring)
+    for time, position, said in zip(plain.time, plain.position, effort, strict=True):
+        stamp = 10**18 + round(time * 1e9)
+        intake.take(list(arm.joints), position, [], said, stamp, stamp)
+    convention = Settings(add_gravity=True).convention(arm)
+    live = Feed(arm.joints, ring, convention=convention).recording(0.0)
+    known = np.column_stack([plain.require_effort()[-len(live) :, 0], np.zeros(len(live))])
+    assert len(live) > 0.3 * len(plain)
+    np.testing.assert_allclose(live.effort, known)
+    samples = Feed(arm.joints, ring, convention=convention).read(len(live)).with_effort()
+    np.testing.assert_allclose(samples.effort, known)
+    if reported == 0.0:
+        whole = EffortConvention.of([], arm.joints, arm).applied(replace(plain, effort=effort))
+        np.testing.assert_allclose(whole.effort, known)
+    ring.close()
+
+
+def test_gravity_is_added_where_a_joint_is_commanded_no_effort(arm):
+    states, commands = Ring.create(100, 6), Ring.create(100, 2)
+    intake, orders = Intake(arm.joints, states, needs_effort=False), CommandIntake(arm.joints, commands)
+    feed = Feed(arm.joints, states, commands, convention=Settings(add_gravity=True).convention(arm))
+    for k in range(50):
+        orders.take([1.0, 0.0], (k + 1) * MS)
+        intake.take(list(arm.joints), [0.3, 0.1 * k], [], [], (k + 1) * MS, (k + 1) * MS)
+    live = feed.recording(0.0)
+    np.testing.assert_allclose(live.effort - arm.gravity(live.position), np.tile([1.0, 0.0], (50, 1)))
+    states.close()
+    commands.close()
 
 
 def test_a_factor_of_a_joint_that_the_robot_lacks_is_refused_at_once(arm):

@@ -82,6 +82,7 @@ class Feed:
         self.kept = start if kept is None else kept
         self.convention = convention
         self._next_command = 0
+        self._acted = np.zeros(len(joints), bool)
 
     def read(self, most: int) -> Samples:
         """The samples that came since the last call, at most `most`."""
@@ -123,7 +124,7 @@ class Feed:
         if 0.0 < seconds <= self.latest_time():  # a number beyond may be no whole one of nanoseconds
             start = self.states.first_after(int(newest.time[0] - seconds * 1e9))
         chunk = self.states.read(max(start, self.kept))
-        samples = self._samples(chunk, self._commands_of(chunk)).with_effort()
+        samples = self._samples(chunk, self._commands_of(chunk), alone=True).with_effort()
         if len(samples) == 0:
             raise RecordingError(
                 "None of the joint states carries effort.",
@@ -166,15 +167,29 @@ class Feed:
         stamp, sent, time = (column[:count] for column in (before.stamp, before.sent, before.time))
         return Chunk(before.first, stamp, sent, time, before.values[:count], before.missed)
 
-    def _samples(self, chunk: Chunk, commands: Chunk | None = None) -> Samples:
+    def _samples(self, chunk: Chunk, commands: Chunk | None = None, alone: bool = False) -> Samples:
+        """A chunk's samples; `alone` where it may hold older ones than were looked at before."""
         n = len(self.joints)
         position, velocity, effort = (chunk.values[:, k * n : (k + 1) * n] for k in range(3))
         if commands is not None:
             effort = commanded(chunk, self._before(chunk), commands)
         if self.convention is not None:
+            if self.convention.robot is not None and self.commands is None:
+                effort = self._measured(effort, alone)
             effort = self.convention.acting(position, effort)
         time = (chunk.time - self.states.origin) * 1e-9
         return Samples(time, position, velocity, effort, chunk.missed)
+
+    def _measured(self, effort: np.ndarray, alone: bool) -> np.ndarray:
+        """Reported efforts, (N, n), with NaN up to the first that is not zero of each joint.
+
+        Without a sensor it is zero throughout: with gravity it would look measured.
+        """
+        acted = np.logical_or.accumulate(np.abs(effort) > 0.0, axis=0)
+        if not alone:
+            acted |= self._acted
+            self._acted = acted[-1] if len(acted) else self._acted
+        return np.where(acted, effort, np.nan)
 
 
 def _whole(velocity: np.ndarray) -> np.ndarray:
