@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import socket
 import struct
 import threading
@@ -114,6 +115,15 @@ class Channel:
                 raise ConnectionError("the other side is gone")
             data += part
         return bytes(data)
+
+
+def leave_signals_to_the_node() -> None:
+    """Have a process at the other side of a channel end with that, and not by a signal to stop.
+
+    A terminal, or systemd at a stop, sends it to every process: the node decides when its own may go.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
 
 
 def close_all(message: Message) -> None:

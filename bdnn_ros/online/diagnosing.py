@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import socket
 import sys
 import threading
@@ -16,7 +15,7 @@ import traceback
 from typing import Any
 
 from bdnn_ros.errors import BdnnError, ConventionError
-from bdnn_ros.online.channel import Channel, Message
+from bdnn_ros.online.channel import Channel, Message, leave_signals_to_the_node
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
@@ -74,9 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="One diagnosis for a trainer; started by it.")
     parser.add_argument("--channel", type=int, required=True, help="descriptor of the socket to the trainer")
     options = parser.parse_args(arguments)
-    # a terminal, or systemd at a stop, sends it to every process: the node decides, and this one ends with its channel
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    leave_signals_to_the_node()
     os.nice(NICENESS)
     channel = Channel(socket.socket(fileno=options.channel))
     try:

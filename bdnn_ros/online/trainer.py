@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import os
 import select
-import signal
 import socket
 import sys
 import threading
@@ -21,7 +20,7 @@ import numpy as np
 from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.online.analysis import Analyst, with_stamps
 from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.channel import Channel, Message, close_all
+from bdnn_ros.online.channel import Channel, Message, close_all, leave_signals_to_the_node
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.learning import Learning, Version
 from bdnn_ros.online.serving import Settings
@@ -230,9 +229,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--channel", type=int, required=True, help="descriptor of the socket to the node")
     parser.add_argument("--nice", type=int, default=10, help="how much to yield to other processes, 0 to 19")
     options = parser.parse_args(arguments)
-    # a terminal, or systemd at a stop, sends it to every process: the node decides, and this one ends with its channel
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    leave_signals_to_the_node()
     os.nice(options.nice)
     threading.current_thread().name = "trainer"
     channel = Channel(socket.socket(fileno=options.channel))
