@@ -71,15 +71,20 @@ class EffortConvention:
         effort = self.factors * effort
         return effort if self.robot is None else effort + self.robot.gravity(position)
 
-    def applied(self, recording: Recording) -> Recording:
+    def applied(self, recording: Recording, commanded: bool = False) -> Recording:
         """The recording with the effort that drives the joints; as it is without an effort.
 
-        An effort that is zero throughout, as that of a joint without a sensor, stays zero.
+        Args:
+            commanded: the efforts are commands, which may be zero throughout; where a measured one is, there is no sensor.
         """
         if recording.effort is None:
             return recording
-        effort = self.acting(recording.position, recording.effort)
-        return replace(recording, effort=np.where(recording.effort.any(axis=0), effort, 0.0))
+        return replace(recording, effort=self.sensed(recording.position, recording.effort, commanded))
+
+    def sensed(self, position: np.ndarray, effort: np.ndarray, commanded: bool) -> np.ndarray:
+        """As `acting`, of a whole recording: a measured effort that is zero throughout stays so."""
+        there = commanded | effort.any(axis=0)
+        return np.where(there, self.acting(position, effort), effort)
 
 
 def factors_by_joint(rules: Sequence[str]) -> dict[str | None, float]:

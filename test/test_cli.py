@@ -178,10 +178,14 @@ def test_a_second_signal_ends_only_what_hangs(
 
     monkeypatch.setattr(info, "run", interrupt)
     monkeypatch.setattr("bdnn_ros.cli.main.PATIENCE", 0.05 if hung else 5.0)
-    handlers = [signal.getsignal(number) for number in ENDING]
-    assert main(["info", "bag"]) == INTERRUPTED_STATUS
-    assert bool(cleared) != (hung and second == signal.SIGINT)
-    assert [signal.getsignal(number) for number in ENDING] == handlers
+    before = [(number, signal.signal(number, signal.default_int_handler)) for number in ENDING]
+    try:
+        assert main(["info", "bag"]) == INTERRUPTED_STATUS
+        assert bool(cleared) != (hung and second == signal.SIGINT)
+        assert {signal.getsignal(number) for number in ENDING} == {signal.default_int_handler}
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
 
 
 def test_a_full_standard_output_is_said_to_be(pendulum: Robot, tmp_path: Path) -> None:

@@ -143,6 +143,8 @@ def test_gravity_is_no_effort_of_a_joint_without_a_sensor(arm, plain, reported):
     if reported == 0.0:
         whole = EffortConvention.of([], arm.joints, arm).applied(replace(plain, effort=effort))
         np.testing.assert_allclose(whole.effort, known)
+        commanded = EffortConvention.of([], arm.joints, arm).applied(replace(plain, effort=effort), True)
+        np.testing.assert_allclose(commanded.effort[:, 1], arm.gravity(plain.position)[:, 1])
     ring.close()
 
 

@@ -74,7 +74,8 @@ def load(
     if robot is not None:
         robot = _fitted(robot, chosen, whole, undisturbed, given is not None or needs_robot)
     convention = _convention(args, recordings, robot)
-    return [convention.applied(recording) if convention else recording for recording in recordings], robot
+    commanded = args.effort == "command"
+    return [convention.applied(one, commanded) if convention else one for one in recordings], robot
 
 
 def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EveryState:
@@ -99,7 +100,7 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     convention = _convention(args, [every.motion], robot)
     if convention is None:
         return every
-    return replace(every, effort=convention.acting(every.position, every.effort))
+    return replace(every, effort=convention.sensed(every.position, every.effort, args.effort == "command"))
 
 
 def shown(args: argparse.Namespace, joints: Sequence[str]) -> tuple[str, ...]:

@@ -16,10 +16,10 @@ FOUND = {
     "pitch_deg": (-360.0, 360.0),
     "cutoff": (1e-3, math.inf),
     "scale": (1e-3, 1e3),
-    "delay": (0.0, math.inf),
+    "delay": (-math.inf, math.inf),
 }
 """Wider bounds of what fits may find, one on top of another: the rest of a weak spring, a tilt, a filter at a high rate."""
-LESS = ("payload", "joint_spring", "effort_delay")
+LESS = ("payload", "effort_delay")
 """Effects of which a file may have less than an earlier model had, beside those of what a robot is described with."""
 ROUNDED = 1e-6
 """A value that a fit put on its bound may be so far beyond it."""

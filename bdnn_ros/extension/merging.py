@@ -72,7 +72,7 @@ def _together(before: Known, after: Known) -> list[Known] | None:
     if not total.any():
         return []
     both = replace(first, values=effect.values(total, effect.relinearised(total, shape)))
-    if effect.name == JointSpring.name and total[0] == 0.0:  # what rested elsewhere leaves a constant
+    if effect.name == JointSpring.name and total[0] <= 0.0:  # what rested elsewhere leaves a constant
         both = replace(first, effect=get(EffortOffset.name), values={"offset": -float(total[1])})
     return [(both, _spread(both, before, after))]
 
