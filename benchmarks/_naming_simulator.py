@@ -65,10 +65,11 @@ def section(code: str) -> list[str]:
         "Made by `python benchmarks/naming_mujoco.py --budget 0`: MuJoCo reads the description and moves the robot with joints,\n"
         "friction and an integrator of its own; the recording holds what the controller commanded, at 100 to 500 Hz and with\n"
         "noise of .2 to 1.5 % of its spread. Links are off by 0, 3 or 5 %, half of the robots are worn. Sizes are 8 to 40 %\n"
-        "of the effort's spread; a delay 10 to 19 ms, a tilt up to 5 degrees about each axis, a payload .5 to 2 kg, a zero\n"
-        "30 to 120 mrad, a scale 10 to 35 %, a push 5 to 15 N, a link 28 to 57 % heavier or 22 to 36 % lighter, load-dependent\n"
-        "friction 8 to 30 % of the effort, a velocity filter of 3 to 12 Hz, a gap of 4 to 30 mrad, a gear on which its link\n"
-        "swings at 25 to 45 rad/s. Gap and soft gear are second joints of MuJoCo's, between rotor and link, on worn robots.\n",
+        "of the effort's spread; a delay 10 to 19 ms, a tilt up to 5 degrees about each axis, a payload .5 to 2 kg (a sphere of\n"
+        "4 to 16 cm or a box of 4 to 30 cm), a zero 30 to 120 mrad, a scale 10 to 35 %, a push 5 to 15 N, a link 28 to 57 %\n"
+        "heavier or 22 to 36 % lighter, load-dependent friction 8 to 30 % of the effort, a velocity filter of 3 to 12 Hz, a\n"
+        "gap of 4 to 30 mrad, a gear on which its link swings at 25 to 45 rad/s. Gap and soft gear are second joints of\n"
+        "MuJoCo's, between rotor and link, on worn robots.\n",
         f"{in_words(records)} {now} by the sources as they stand.\n",
         markdown(table(records)),
         *(line for part in OTHERS for line in _part(*part, code)),
