@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from bdnn_ros.nodes.diagnostics import Reporter
 from bdnn_ros.nodes.error_now import ErrorNow
+from bdnn_ros.nodes.publishing import Publishing
 from bdnn_ros.online.serving import Settings
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
@@ -100,6 +103,13 @@ def test_a_joint_without_effort_is_named_and_its_error_is_none(stream):
     assert values["effort_nrmse"] == values[f"effort_nrmse_{ARM.joints[0]}"] != "nan"
     assert f"No effort comes for {ARM.joints[1]}" in stream.logged[-1]
     assert stream.status(effort=(1.0, NAN)) == (DiagnosticStatus.OK, "training")
+
+
+def test_the_error_of_an_instant_is_noted_of_the_joints_that_have_an_effort(stream):
+    stream.status(messages=11_000, bad=11_000, effort=(1.0, NAN))
+    publishing = Publishing(MagicMock(), stream.session)
+    publishing.compare()
+    assert np.isfinite(publishing._error.nrmse).tolist() == [True, False]
 
 
 def test_a_description_that_was_refused_is_told_of_beside_the_rest(stream):

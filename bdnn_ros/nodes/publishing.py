@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.event_handler import PublisherEventCallbacks
@@ -75,8 +74,7 @@ class Publishing:
             return None
         self._last_stamp = instant.stamp
         told = served.parts(instant.position, instant.velocity, instant.acceleration)
-        if np.isfinite(instant.effort).all():
-            error.add(instant.stamp, instant.effort, told.effort)
+        error.add(instant.stamp, instant.effort, told.effort)
         return served, instant, told
 
     def forget(self) -> None:
