@@ -7,6 +7,7 @@ import os
 import shutil
 import sqlite3
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -75,33 +76,28 @@ def test_what_was_not_committed_is_taken_out_of_the_database(tmp_path: Path) -> 
     assert content(path.parent) == before
 
 
+def written_on(path: Path) -> None:
+    """What a recorder does that runs still."""
+    os.utime(path, (1.0, 1.0))
+
+
+def ended(path: Path) -> None:
+    """What SQLite does when the last program closes a database: what lies beside it goes."""
+    path.with_name(f"{path.name}-wal").unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("meanwhile", [written_on, ended])
 def test_a_database_that_changes_while_it_is_copied_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    meanwhile: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = killed(tmp_path, "WAL", 300)
     copy = shutil.copyfile
 
     def slow(source: Path, target: Path) -> None:
         copy(source, target)
-        os.utime(path, (1.0, 1.0))
+        meanwhile(path)
 
     monkeypatch.setattr(databases.shutil, "copyfile", slow)
-    with pytest.raises(BagError, match=r"a\.db3 is being written\. Stop the recorder"):
-        bags.read(path)
-
-
-def test_a_recorder_that_ends_while_its_database_is_copied_leaves_no_damage(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """SQLite removes what lies beside a database when the last program closes it."""
-    path = killed(tmp_path, "WAL", 300)
-    copy = shutil.copyfile
-
-    def last(source: Path, target: Path) -> None:
-        copy(source, target)
-        path.with_name("a.db3-wal").unlink(missing_ok=True)
-
-    monkeypatch.setattr(databases.shutil, "copyfile", last)
     with pytest.raises(BagError, match=r"a\.db3 is being written\. Stop the recorder"):
         bags.read(path)
 
