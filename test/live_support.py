@@ -19,6 +19,9 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
 DISCOVERY = 10.0
+PATIENCE = 40.0
+"""Only so long does a test wait for what does not come [s]; a busy machine is slow to do what it does do."""
+FIRST_STAMP = 1_000_000_000_000
 
 
 def real_robot(robot: Robot, seed: int = 1, error: float = 0.1) -> Robot:
@@ -127,7 +130,7 @@ def node_process(tmp_path: Path, domain: int, namespace: str = "", **parameters:
             raise AssertionError(process.output)
 
 
-def wait_until(condition: Callable[[], Any], timeout: float = DISCOVERY, what: str = "") -> Any:
+def wait_until(condition: Callable[[], Any], timeout: float = PATIENCE, what: str = "") -> Any:
     """The condition's first true value."""
     end = time.monotonic() + timeout
     while time.monotonic() < end:
@@ -213,7 +216,7 @@ class Robotics:
         recording: Recording,
         topic: str = "joint_states",
         speed: float = 1.0,
-        start: int = 1_000_000_000_000,
+        start: int = FIRST_STAMP,
         change: Callable[[int, Any], Any] | None = None,
     ) -> None:
         """Publish a recording as joint states, at its own pace; stamps begin at `start` [ns]."""
