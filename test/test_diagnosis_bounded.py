@@ -112,12 +112,29 @@ def test_what_is_incidental_may_as_well_not_be_there(seed: int) -> None:
     rng = np.random.default_rng(seed)
     columns, target, prior = rng.normal(size=(12, 3)), rng.normal(size=12), rng.uniform(0.5, 2.0, 3)
     schur, left, ends = columns.T @ columns + np.diag(prior), columns.T @ target, np.full((1, 3), np.inf)
-    incidental = np.array([False, False, True])
+    kinds = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 1e8]])
     (full,), (free,) = gains_of(schur[None], left[None], prior[None], -ends, ends)
     two = slice(0, 2)
     alone = schur[None, two, two], left[None, two], prior[None, two], -ends[:, two], ends[:, two]
     (least,), (without,) = gains_of(*alone)
-    (both,), (best,) = gains_of(schur[None], left[None], prior[None], -ends, ends, incidental)
+    (both,), (best,) = gains_of(schur[None], left[None], prior[None], -ends, ends, kinds)
     assert both == pytest.approx(np.logaddexp(full, least) - np.log(2.0), abs=1e-6)
     wanted = free if full > least else np.append(without, 0.0)
     np.testing.assert_allclose(best, wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_may_be_of_several_sizes_is_as_likely_as_each_of_them_on_average(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    columns, target, prior = rng.normal(size=(12, 2)), 5.0 * rng.normal(size=12), rng.uniform(5.0, 9.0, 2)
+    kinds, ends = np.array([[1.0, 1.0], [1.0 / 9.0, 1.0 / 9.0]]), np.full((1, 2), np.inf)
+    gram, left = columns.T @ columns, columns.T @ target
+
+    def one(precision: np.ndarray) -> tuple[float, np.ndarray]:
+        gain, best = gains_of((gram + np.diag(precision))[None], left[None], precision[None], -ends, ends)
+        return float(gain[0]), best[0]
+
+    (usual, small), (wide, large) = (one(prior * kind) for kind in kinds)
+    (both,), (best,) = gains_of((gram + np.diag(prior))[None], left[None], prior[None], -ends, ends, kinds)
+    assert both == pytest.approx(np.log((np.exp(usual) + np.exp(wide)) / 2.0))
+    np.testing.assert_allclose(best, small if usual > wide else large, rtol=1e-9)

@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.rigid import HEAVY
 from bdnn_ros.robot import Robot
 
 J1, J2 = "arm2_joint1", "arm2_joint2"
@@ -252,19 +253,25 @@ def test_contributions_add_up(pool, terms):
 
 
 def test_a_payload_may_as_well_have_no_inertia_of_its_own(terms) -> None:
-    """Its fit is the likelier one, its evidence the mean of both."""
+    """Its fit is the likeliest one, its evidence the mean of all; a heavy payload is another kind."""
     payload, _ = term("payload@arm2_link2:mass=1", Robot.bundled("arm2"))
     pool = pool_of([*terms, payload])
     last = len(terms)
     index = pool.columns_of([VISCOUS, last])
     own = np.flatnonzero(np.isin(index, pool.slots[last][4:]))
     known = pool.precision[index] * np.where(np.isin(np.arange(len(index)), own), 1e8, 1.0)
-    full, least = (pool._fit((VISCOUS, last), index, each) for each in (pool.precision[index], known))
+    slot = np.isin(index, pool.slots[last])
+    each = [
+        one * np.where(slot, size**-2.0, 1.0)
+        for size in (1.0, HEAVY)
+        for one in (pool.precision[index], known)
+    ]
+    fits = [pool._fit((VISCOUS, last), index, one) for one in each]
     both = pool.fit([VISCOUS, last])
-    assert both.evidence == pytest.approx(np.logaddexp(full.evidence, least.evidence) - np.log(2.0))
-    np.testing.assert_array_equal(
-        both.coefficients, max(full, least, key=lambda one: one.evidence).coefficients
-    )
-    np.testing.assert_allclose(least.coefficients[own], 0.0, atol=1e-6)
+    evidence = [fit.evidence for fit in fits]
+    assert both.evidence == pytest.approx(np.logaddexp.reduce(evidence) - np.log(4.0))
+    np.testing.assert_allclose(both.coefficients, fits[int(np.argmax(evidence))].coefficients, rtol=1e-9)
+    for least in fits[1::2]:
+        np.testing.assert_allclose(least.coefficients[own], 0.0, atol=1e-6)
     gain = pool.gains(pool.fit([VISCOUS]), [last])[0]
     assert gain == pytest.approx(both.evidence - pool.fit([VISCOUS]).evidence, abs=2.0)

@@ -11,10 +11,6 @@ EXACT = 1e-12
 """Coefficients may leave their bounds by this much."""
 ROUNDING = 1e-12
 """Share of a diagonal that rounding may have taken of it."""
-NOTHING = 1e8
-"""Precision, in units of what is believed, of a coefficient that is nothing."""
-LIKELY = np.log(2.0)
-"""Log odds against either of two things that are as likely."""
 MOST_SETS = 10
 """So many sets of held coefficients are tried before the general solver is asked."""
 
@@ -157,13 +153,18 @@ def held_out_losses(
     return np.asarray(0.5 * (powers - 2.0 * np.sum(best * moments, axis=1) + squared))
 
 
+def mean_evidence(each: np.ndarray) -> np.ndarray:
+    """Log evidence of what may be of any of m kinds, from that of each, (m, ...)."""
+    return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(len(each)))
+
+
 def gains_of(
     schur: np.ndarray,
     left: np.ndarray,
     prior: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    incidental: np.ndarray | None = None,
+    kinds: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Evidence gained by each of c blocks of k columns, (c,), and coefficients inside their bounds, (c, k).
 
@@ -171,16 +172,16 @@ def gains_of(
         schur: what the columns add to the information matrix beside the rest, (c, k, k).
         left: their moments with what the rest leaves, (c, k).
         prior: precisions of the coefficients, (c, k).
-        incidental: which of k coefficients may as well be nothing, (k,) bool; their blocks' coefficients are the likelier ones.
+        kinds: precisions that are as likely, in units of those, (m, k): the blocks' coefficients are by the likeliest.
     """
-    if incidental is not None and incidental.any():
-        known = prior * np.where(incidental, NOTHING, 1.0)
-        alone = schur + (known - prior)[:, :, None] * np.eye(prior.shape[1])
-        (full, free), (least, without) = (
-            gains_of(matrices, left, precisions, low, high)
-            for matrices, precisions in ((schur, prior), (alone, known))
-        )
-        return np.logaddexp(full, least) - LIKELY, np.where((full > least)[:, None], free, without)
+    if kinds is not None and len(kinds) > 1:
+        each = []
+        for kind in kinds:
+            known = prior * kind
+            information = schur + (known - prior)[:, :, None] * np.eye(prior.shape[1])
+            each.append(gains_of(information, left, known, low, high))
+        gains, found = (np.array(parts) for parts in zip(*each, strict=True))
+        return mean_evidence(gains), found[gains.argmax(axis=0), np.arange(len(left))]
     schur = raised(schur, prior)
     if left.shape[1] == 1:
         best, size = np.clip(left / schur[..., 0], low, high), np.log(schur[:, 0, 0])

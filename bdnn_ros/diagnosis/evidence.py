@@ -16,13 +16,12 @@ from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bdnn_ros.diagnosis.bounded import (
-    LIKELY,
-    NOTHING,
     by_block,
     factored,
     gains_of,
     held,
     held_out_losses,
+    mean_evidence,
     outside,
 )
 from bdnn_ros.diagnosis.equations import BLURS, Equations
@@ -37,6 +36,7 @@ class Fit:
     Attributes:
         terms: indices into the pool.
         coefficients: links' relative errors, nuisances, then the terms' coefficients, (P,).
+        precision: prior precisions of these, (P,): those of the likeliest kind of each effect.
         factor: lower Cholesky factor of their posterior precision, (P, P).
         evidence: log evidence up to a constant of the data and noise model.
         loss: half the sum of squared whitened residuals plus the prior's share.
@@ -44,6 +44,7 @@ class Fit:
 
     terms: tuple[int, ...]
     coefficients: np.ndarray
+    precision: np.ndarray
     factor: np.ndarray
     evidence: float
     loss: float
@@ -78,7 +79,9 @@ class Pool:
         self.precision = 1.0 / np.concatenate(spread) ** 2
         free = np.tile([-np.inf, np.inf], (self.base, 1))
         self.lower, self.upper = np.vstack([free, *(t.effect.coefficient_bounds for t in self.terms)]).T
-        self.incidental = np.concatenate([np.full(self.base, False), *(t.incidental for t in self.terms)])
+        most = max((len(t.kinds) for t in self.terms), default=1)
+        kinds = (np.broadcast_to(t.kinds, (most, t.kinds.shape[1])) for t in self.terms)
+        self.kinds = np.concatenate([np.ones((most, self.base)), *kinds], axis=1)  # all are of one kind
         self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
         self.white_target = equations.whiten(equations.target, noise)
         self.gram, self.moment, self.power = by_block(
@@ -148,13 +151,10 @@ class Pool:
         key = tuple(chosen)
         if key not in self._fits:
             index = self.columns_of(key)
-            full = self._fit(key, index, self.precision[index])
-            if self.incidental[index].any():
-                known = self.precision * np.where(self.incidental, NOTHING, 1.0)
-                least = self._fit(key, index, known[index])
-                both = float(np.logaddexp(full.evidence, least.evidence)) - LIKELY
-                full = replace(max(full, least, key=lambda fit: fit.evidence), evidence=both)
-            self._fits[key] = full
+            kinds = np.unique(self.kinds[:, index], axis=0)
+            each = [self._fit(key, index, self.precision[index] * kind) for kind in kinds]
+            evidence = float(mean_evidence(np.array([fit.evidence for fit in each])))
+            self._fits[key] = replace(max(each, key=lambda fit: fit.evidence), evidence=evidence)
         return self._fits[key]
 
     def _fit(self, chosen: tuple[int, ...], index: np.ndarray, precision: np.ndarray) -> Fit:
@@ -167,7 +167,7 @@ class Pool:
             best = held(factor, moment[index], low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
         volume = 0.5 * np.sum(np.log(precision)) - np.sum(np.log(np.diag(factor)))
-        return Fit(chosen, best, factor, float(volume - loss - self._scale), float(loss))
+        return Fit(chosen, best, precision, factor, float(volume - loss - self._scale), float(loss))
 
     def most(self, candidates: Sequence[int]) -> float:
         """What the evidence of any set of some terms, with these shapes, cannot exceed: all of them at once and for nothing.
@@ -177,7 +177,8 @@ class Pool:
         gram, moment, power = self.total
         index = self.columns_of(candidates)
         try:
-            factor = cho_factor(gram[np.ix_(index, index)] + np.diag(self.precision[index]), lower=True)
+            least = self.precision[index] * self.kinds[:, index].min(axis=0)
+            factor = cho_factor(gram[np.ix_(index, index)] + np.diag(least), lower=True)
         except LinAlgError:
             return np.inf
         return float(0.5 * (moment[index] @ cho_solve(factor, moment[index]) - power) - self._scale)
@@ -196,7 +197,7 @@ class Pool:
         half[:, wanted] = solve_triangular(fit.factor, gram[np.ix_(index, wanted)], lower=True)
         result = np.empty(len(candidates))
         sizes = np.array([len(self.slots[c]) for c in candidates])
-        some = np.array([len(self.terms[c].effect.incidental) for c in candidates])
+        some = np.array([len(self.terms[c].kinds) for c in candidates])
         for size, few in np.unique(np.stack([sizes, some]), axis=1).T:
             same = np.flatnonzero((sizes == size) & (some == few))
             slots = np.array([self.slots[candidates[int(i)]] for i in same])
@@ -204,8 +205,8 @@ class Pool:
             seen = half[:, slots].transpose(1, 2, 0)
             schur = inner - seen @ seen.transpose(0, 2, 1)
             schur[:, np.arange(size), np.arange(size)] += self.precision[slots]
-            ends, incidental = (self.lower[slots], self.upper[slots]), self.incidental[slots[0]]
-            result[same], _ = gains_of(schur, left[slots], self.precision[slots], *ends, incidental)
+            ends, kinds = (self.lower[slots], self.upper[slots]), self.kinds[:few, slots[0]]
+            result[same], _ = gains_of(schur, left[slots], self.precision[slots], *ends, kinds)
         return result
 
     def gain_of(self, fit: Fit, term: Term, columns: np.ndarray | None = None) -> tuple[float, np.ndarray]:
@@ -214,17 +215,17 @@ class Pool:
         Args:
             columns: rows (R, n, k) in place of the term's own, without bounds; else its own are made and not kept.
         """
-        bounds, incidental = np.array(term.effect.coefficient_bounds), term.incidental
+        bounds, kinds = np.array(term.effect.coefficient_bounds), term.kinds
         if columns is None:
             columns = self.equations.made(term)
         elif columns.shape[2] != len(bounds):
-            bounds, incidental = np.tile([-np.inf, np.inf], (columns.shape[2], 1)), incidental[:0]
+            bounds, kinds = np.tile([-np.inf, np.inf], (columns.shape[2], 1)), kinds[:0]
         inner, left = self.beside(fit, columns)
         left -= self.equations.echo(term, len(left)).sum(axis=0)
         prior = 1.0 / self.equations.spread(term, columns) ** 2
         schur = inner + np.diag(prior)
         ends = bounds[None, :, 0], bounds[None, :, 1]
-        gains, best = gains_of(schur[None], left[None], prior[None], *ends, incidental)
+        gains, best = gains_of(schur[None], left[None], prior[None], *ends, kinds)
         return float(gains[0]), best[0]
 
     def beside(self, fit: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -38,12 +38,14 @@ class Named:
         doubtful: whether something large is likely without being sure.
         weighty: what is large enough, and borne out.
         silent: what is large enough and has none.
+        unknown: what is sure and large enough, though its parameters are not known.
     """
 
     findings: list[Finding]
     doubtful: bool
     weighty: list[int]
     silent: list[int]
+    unknown: list[int]
 
 
 def named(
@@ -67,7 +69,7 @@ def named(
         max(float(np.sum(rms(equations.target, rows) ** 2)), 1e-30) for rows in (held, equations.usable)
     )
     findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
-    silent = list[int]()
+    silent, unknown = list[int](), list[int]()
     every = range(len(found))
     for one, estimate, judgement, (held_out, ever) in zip(
         every, found, attempt.judgements, taken, strict=True
@@ -84,17 +86,20 @@ def named(
         if _with_its_sample(estimate, equations):
             continue
         weighty.append(one)
-        shown = estimate.shown or _alone(estimate, found)
+        sure = judgement.nothing <= DOUBTFUL <= judgement.at_least(estimate.term)
         # what is named for a link or the base is told by joints that bear most of it
-        shown = shown and not unfit[np.argmax(ever.less / scale**2)]
-        if shown and judgement.nothing <= DOUBTFUL <= judgement.at_least(estimate.term):
+        sure &= not unfit[np.argmax(ever.less / scale**2)]
+        if sure and (estimate.shown or _alone(estimate, found)):
             share = float(np.sum(ever.less)) / throughout if gone else float(np.sum(less)) / before
             # causes that work against each other may each remove more than there is
             findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
             silent.remove(one)
+        elif sure and estimate.there:
+            unknown.append(one)
+            silent.remove(one)
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())
-    return Named(findings, doubtful, weighty, silent)
+    return Named(findings, doubtful, weighty, silent, unknown)
 
 
 def _with_its_sample(estimate: Estimate, equations: Equations) -> bool:

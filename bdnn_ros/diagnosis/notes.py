@@ -10,13 +10,16 @@ import numpy as np
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.joining import starts, stretches
+from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import FORCE, ExternalWrench
+from bdnn_ros.effects.rigid import Payload
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.units import printed
 
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
 MOSTLY_LINKS = (
@@ -48,6 +51,11 @@ BRIEFLY = (
 )
 ONE_CLOCK = "Times are told on one clock, on which the recordings follow one another: {begin}."
 IN_MODEL = "Not sure enough for a name, but in the extended model, which it helps: {what}."
+UNKNOWN = (
+    "Surely something is there, and the extended model has it, but this motion shows its parameters too badly for a name: "
+    "{what}. Record more motion; `bdnn excite` makes one that shows them."
+)
+CENTRE_OF_MASS = " (a centre of mass that is elsewhere than in the model does the same)"
 NOT_IN_MODEL = (
     "Not sure enough for a name, and not in the extended model, though the gain counts it: something that pushes at "
     "{where}."
@@ -102,6 +110,18 @@ def unnamed(terms: Sequence[tuple[Term, str]]) -> list[str]:
     others = [f"{term.title} at {place}" for term, place in terms if not term.effect.timed]
     told = [IN_MODEL.format(what=listed(others, 20))] if others else []
     return told + ([NOT_IN_MODEL.format(where=listed(dict.fromkeys(pushes), 20))] if pushes else [])
+
+
+def unknown(found: Sequence[tuple[Estimate, str]]) -> list[str]:
+    """A note on effects, each with its place, that are surely there with parameters that are not known."""
+
+    def told(estimate: Estimate, place: str) -> str:
+        name, quantity = next(iter(estimate.quantities.items()))
+        size = f"{name} {quantity.value:.2g} ± {quantity.std:.1g} {printed(quantity.unit)}".rstrip()
+        other = CENTRE_OF_MASS * (estimate.term.effect.name == Payload.name)
+        return f"{estimate.term.title} at {place}, {size}{other}"
+
+    return [UNKNOWN.format(what="; ".join(told(*one) for one in found))] if found else []
 
 
 def mostly_links(share: float, since: bool) -> list[str]:

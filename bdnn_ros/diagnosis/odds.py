@@ -28,9 +28,9 @@ PERIODS_COST = 4.0
 """What it costs more to wind with a period that is sought: a joint's range tells some fifty apart."""
 LINK_COST = 3.5
 """The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
-PAYLOAD_COST = 5.5
-"""The same against a payload at the end of an arm: there tools are changed."""
-INNER_COST, FIRST_COST = COST - PAYLOAD_COST, 8.5
+PAYLOAD_COST = 4.8
+"""The same against a payload at the end of an arm, of either size: there tools are changed."""
+INNER_COST, FIRST_COST = 2.5, 8.5
 """What a payload costs more on an inner link, and on the first, where a rotor or a spring does nearly the same."""
 COMMON_COST = 2.0
 """What a kind of effect costs that every other joint has, too."""

@@ -54,11 +54,15 @@ class Estimate:
         return self.term.effect.values(self.acting * self.coefficients, dict(self.term.shape))
 
     @property
+    def there(self) -> bool:
+        """Whether it is known to be there at all, pressed against no end."""
+        return self.possible and self.clear and self.more
+
+    @property
     def shown(self) -> bool:
-        """Whether it is known well enough for a name: to be there at all, and its parameters, none pressed against an end."""
+        """Whether it is known well enough for a name: to be there, and by its parameters."""
         stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
-        known = self.term.effect.shown(self.values, {p.name: float(std) for p, std in stds})
-        return self.possible and self.clear and self.more and known
+        return self.there and self.term.effect.shown(self.values, {p.name: float(std) for p, std in stds})
 
     @property
     def more(self) -> bool:
@@ -146,7 +150,8 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
         at += len(columns)
     index = pool.columns_of(fit.terms)
     white = pool.white[:, :, index]
-    precision = pool.precision[index]
+    # what is incidental may be there, though it is likelier not to
+    precision = np.minimum(fit.precision, pool.precision[index])
     if tangents:
         extra = np.stack(tangents, axis=2)
         white = np.concatenate([white, equations.whiten(extra, pool.noise)], axis=2)

@@ -26,6 +26,7 @@ from bdnn_ros.diagnosis.notes import (
     mostly_links,
     of_recording,
     one_clock,
+    unknown,
     unnamed,
 )
 from bdnn_ros.diagnosis.posterior import Estimate
@@ -83,7 +84,7 @@ def told(
     of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
     # what dry friction is named for may hold any effort at rest
     at_rest = () if findings else remainder.resting
-    unclear = names.doubtful or far_off or of_weight or bool(at_rest) or bool(always)
+    unclear = names.doubtful or bool(names.unknown) or far_off or of_weight or bool(at_rest) or bool(always)
     verdict = _verdict(findings, unclear, near)
     return Diagnosis(
         source=_source(recordings, equations),
@@ -113,6 +114,7 @@ def told(
             *[THROUGHOUT] * bool(always),
             *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
             *unnamed([(found[one].term, name_of(robot, found[one].term)) for one in names.silent]),
+            *unknown([(found[one], name_of(robot, found[one].term)) for one in names.unknown]),
             *[FAR_OFF] * far_off,
             *(mostly_links(_by_links(equations, attempt.fitted, held), bool(since)) if findings else ()),
             *(

@@ -12,6 +12,8 @@ from bdnn_ros.effects.registry import get
 
 COMMON = ("armature", "viscous_friction", "coulomb_friction", "effort_offset")
 """What almost every drive has, and an identified model knows of each joint, in the order of `physical.parameters.JOINT_NAMES`."""
+NOTHING = 1e-4
+"""Spread, in units of what is believed, of a coefficient that is nothing."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +36,9 @@ class Term:
         return (self.effect.name, self.effect.variant, self.target, self.link)
 
     @property
-    def incidental(self) -> np.ndarray:
-        """Which of its coefficients may as well be nothing, (k,) bool."""
-        return np.isin(np.arange(len(self.effect.coefficient_bounds)), self.effect.incidental)
+    def kinds(self) -> np.ndarray:
+        """Prior precisions of its coefficients by each of the effect's kinds, in units of what is believed, (m, k)."""
+        return np.maximum(self.effect.kinds, NOTHING) ** -2.0
 
     def shaped(self, shape: dict[str, float]) -> Term:
         """The same effect with another shape."""

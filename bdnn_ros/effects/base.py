@@ -121,8 +121,6 @@ class Effect(ABC):
     """What it does goes up and down with the position, as what changes with time may where a joint is seldom at a place."""
     timed: ClassVar[bool] = False
     """It acts between two times that only the data tell: its `start` and `end`."""
-    incidental: ClassVar[tuple[int, ...]] = ()
-    """Coefficients that are fitted, not told, and may as well be nothing."""
     parts: ClassVar[tuple[str, ...]] = ()
     """Parameters of which a motion may show some without the others; a sentence is given NaN for what is not shown."""
     once: ClassVar[bool] = False
@@ -226,9 +224,12 @@ class Effect(ABC):
         Args:
             typical: such that each makes a typical share of the effort along the motion, (k,).
         """
-        return (
-            typical if math.isinf(self.coefficient_spread) else np.full(len(typical), self.coefficient_spread)
-        )
+        return np.where(math.isinf(self.coefficient_spread), typical, self.coefficient_spread)
+
+    @property
+    def kinds(self) -> np.ndarray:
+        """Kinds of it that are as likely: each has spreads of its coefficients in units of `spread`, (m, k); 0 is nothing."""
+        return np.ones((1, len(self.coefficient_bounds)))
 
     def points(self, robot: Robot, link: str | None) -> list[dict[str, float]]:
         """Parts of the shape that say where on its link it acts, each worth a try."""

@@ -26,7 +26,9 @@ POINT = 1 + len(SHAPE)
 """A point has so many inertial parameters, mass and first moments; a body's inertia comes after them."""
 ANY, NONE_LESS = (-np.inf, np.inf), (0.0, np.inf)
 CARRIED, OFF_CENTRE = 0.1, 0.1
-"""Arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
+"""Most arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
+HEAVY = 3.0
+"""Light arms carry up to so many times that."""
 GYRATION = 0.1
 """And what they carry has up to such a radius of gyration about its own centre [m]: that of a box of 25 cm."""
 REACH = 0.5
@@ -106,7 +108,6 @@ class Payload(OnBody):
         Parameter("com_y", "m", -1.0, 1.0, plausible=(-0.05, 0.05), believed=OFF_CENTRE, default=0.0),
         Parameter("com_z", "m", -1.0, 1.0, plausible=(0.0, 0.12), believed=OFF_CENTRE, default=0.0),
     )
-    incidental = tuple(range(POINT, PER_LINK))
     parts = SHAPE
     equation = "Y_link(q, qd, qdd) * (mass, mass * com, mass * (com.com * 1 - com * com'))"
     confused_with = ("link_inertia", "base_tilt", "effort_scale")
@@ -135,6 +136,11 @@ class Payload(OnBody):
         mass = CARRIED * float(motion.robot.inertials[:, 0].sum())
         own = GYRATION**2 * np.array([1.0, 0.5, 1.0, 0.5, 0.5, 1.0])
         return mass * np.array([1.0, OFF_CENTRE, OFF_CENTRE, OFF_CENTRE, *own])
+
+    @property
+    def kinds(self) -> np.ndarray:
+        own = np.arange(PER_LINK) >= POINT
+        return np.array([size * np.where(own, body, 1.0) for size in (1.0, HEAVY) for body in (1.0, 0.0)])
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
         mass = abs(coefficients[0]) + (0.0 if std is None else CERTAIN * std[0])
