@@ -109,3 +109,14 @@ def test_what_is_carried_is_no_point_and_still_weighed_right(mass, size):
     assert rms(left, found.equations.usable) == pytest.approx(
         rms(found.pool.residual(found.fit, blur=False), found.equations.usable), rel=0.02
     )
+
+
+def test_a_payload_of_which_the_first_moment_alone_is_known_is_not_passed_over():
+    """A link whose centre of mass is elsewhere does the same: no name for it, and not nothing wrong either."""
+    robot = Robot.bundled("arm6")
+    carried = "payload@arm6_link4:mass=0.1,com_x=-0.1,com_y=0.06"
+    simulated, _ = Scenario(robot, effects=(carried,), seed=3, wrong=0.05).run()
+    diagnosis = diagnose([simulated.recording], robot)
+    assert not diagnosis.findings and diagnosis.verdict == "cannot_tell"
+    (note,) = (one for one in diagnosis.notes if one.startswith("Surely something is there"))
+    assert "a payload at arm6_link4, mass 0." in note and "centre of mass" in note

@@ -12,7 +12,7 @@ from copy import copy
 
 import numpy as np
 
-from bdnn_ros.effects.base import NONE_HELD, SHOWN, Effect, Held, Parameter, Values
+from bdnn_ros.effects.base import NONE_HELD, Effect, Held, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.errors import UsageError
@@ -33,6 +33,9 @@ GYRATION = 0.1
 """And what they carry has up to such a radius of gyration about its own centre [m]: that of a box of 25 cm."""
 REACH = 0.5
 """Nothing is carried further than this from its link's origin [m]."""
+WEIGHED = 1.5
+"""A payload has a mass of so many standard deviations. What is of a first moment alone is a centre of mass that is elsewhere,
+and one that is further off than descriptions are as a rule is rarer than a payload."""
 CERTAIN = 2.0
 """So many standard deviations of its mass a payload must lie beyond reach to be none."""
 
@@ -147,7 +150,7 @@ class Payload(OnBody):
         return bool(np.linalg.norm(coefficients[1:POINT]) <= REACH * mass)
 
     def shown(self, values: Values, stds: Values) -> bool:
-        return abs(values["mass"]) > SHOWN * stds["mass"]
+        return abs(values["mass"]) > WEIGHED * stds["mass"]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         moments = np.asarray(coefficients[1:POINT])
