@@ -40,6 +40,7 @@ def examined(recording: Recording, viscous: tuple[float, float], coulomb: tuple[
             {("viscous_friction", "arm2_joint1"): 1.0, ("coulomb_friction", "arm2_joint1"): 1.2},
         ),
         ((0.6, 0.1), (0.8, 2.0), {("coulomb_friction", "arm2_joint2"): 2.0}),
+        ((0.6, 90.0), (0.8, 0.0), {("viscous_friction", "arm2_joint2"): 89.9}),
     ],
 )
 def test_what_is_less_than_described_is_told_and_nothing_in_its_place(recording, viscous, coulomb, less):

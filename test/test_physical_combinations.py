@@ -48,3 +48,13 @@ def test_value_and_std_follow_the_weights():
         w = combination.weights
         np.testing.assert_allclose(combination.value(parameters), w @ parameters)
         np.testing.assert_allclose(combination.std(covariance) ** 2, (w**2) @ np.diagonal(covariance))
+
+
+def test_a_right_angle_written_short_is_one():
+    """It is 4e-6 rad off: what that shows, no motion tells."""
+    urdf = Robot.bundled("arm7").urdf
+    short = urdf.replace("1.57079633", "1.5708")
+    assert short != urdf
+    words = [c.words for c in combinations(Robot.from_urdf(short))]
+    assert len(words) == len(combinations(Robot.from_urdf(urdf)))
+    assert not any("e-0" in one for one in words)

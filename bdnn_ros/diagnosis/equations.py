@@ -247,8 +247,8 @@ class Equations:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
         seen = np.where(self.ever_usable[..., None], columns, 0.0)
         strongest = term.effect.strength(np.sqrt(np.mean(seen**2, axis=0)), self.effort_scale)
-        strongest = np.maximum(strongest, HARDLY_SEEN * strongest.max())
-        return term.effect.spread(TYPICAL_SHARE / np.maximum(strongest, 1e-9), self.motion, term.target)
+        typical = TYPICAL_SHARE / np.maximum(strongest, max(HARDLY_SEEN * strongest.max(), 1e-9))
+        return np.maximum(term.effect.spread(typical, self.motion, term.target), term.gone)
 
     def echo(self, term: Term, width: int) -> np.ndarray:
         """Correlation of a term's whitened columns with the effort's noise, by block, (B, k): what noise alone explains.

@@ -40,6 +40,17 @@ class Term:
         """Prior precisions of its coefficients by each of the effect's kinds, in units of what is believed, (m, k)."""
         return np.maximum(self.effect.kinds, NOTHING) ** -2.0
 
+    @property
+    def gone(self) -> np.ndarray:
+        """How much of each coefficient may be gone of what a description or an earlier model has there, (k,) or (1,) where none.
+
+        That may be more than a joint's effort has room for: a tag in a URDF is often a guess.
+        """
+        if self.effect.on_body or not self.effect.may_be_gone:
+            return np.zeros(1)
+        low = np.array(self.effect.coefficient_bounds)[:, 0]
+        return np.where(np.isfinite(low), -low, 0.0)
+
     def shaped(self, shape: dict[str, float]) -> Term:
         """The same effect with another shape."""
         return Term(self.effect, self.target, self.link, tuple(sorted(shape.items())))

@@ -13,10 +13,15 @@ from bdnn_ros.robot.units import along
 
 MOTIONS = 60
 """Random motions that stand for all there are."""
-DEPENDENT = 1e-7
-"""A column whose rest is shorter than this, relative to its length, depends on those before it."""
+DEPENDENT = 1e-4
+"""A column whose rest is shorter than this, relative to its length, depends on those before it.
+
+A right angle that is written as 1.5708 leaves 5e-6, and what a motion shows at all 5e-3 or more.
+"""
 SMALLEST_TERM = 1e-6
 """Terms smaller than this are rounding."""
+UNTOLD = 1e-4
+"""And smaller than this, they are not told: a right angle that is written short makes them."""
 TERMS = 4
 """Terms a name spells out."""
 WORDS = {
@@ -132,7 +137,7 @@ def _links(robot: Robot) -> list[str]:
 
 def _in_words(names: list[str], leading: int, weights: np.ndarray) -> str:
     """A combination in words: its leading parameter, then the largest of the others."""
-    others = [k for k in np.argsort(-np.abs(weights)) if weights[k] != 0.0 and k != leading]
+    others = [k for k in np.argsort(-np.abs(weights)) if abs(weights[k]) > UNTOLD and k != leading]
     text = _of(names[leading])
     if others:
         terms = [_term(weights[k], _of(names[k])) for k in others[:TERMS]]
