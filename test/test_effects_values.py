@@ -208,7 +208,7 @@ def test_what_a_spring_may_do_does_not_hang_on_where_a_joint_has_its_zero(middle
     )
 
 
-@pytest.mark.parametrize("std, shown", [(0.2, True), (0.6, False)])
+@pytest.mark.parametrize("std, shown", [(0.2, True), (0.7, False)])
 def test_a_payload_is_shown_by_a_mass_that_is_surely_there(std, shown):
     """What turns a link's inertia alone is a rotor as well."""
     values = {"mass": 1.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.5}
@@ -246,3 +246,12 @@ def test_a_spring_is_less_by_its_stiffness_wherever_it_rests(stiffness, less):
         if less
         else "elbow has a spring that the model leaves out"
     )
+
+
+def test_what_a_motion_does_not_show_of_a_tilt_or_a_centre_is_not_told_as_a_number():
+    tilt, payload = get("base_tilt"), get("payload")
+    assert "roll ?, pitch -3.10°" in tilt.sentence("The base", {"roll_deg": math.nan, "pitch_deg": -3.1})
+    roll, (_, _, _, com_z) = tilt.parameters[0], payload.parameters
+    assert roll.seen(1.45, 0.8) and roll.seen(8.0, 3.4) and not roll.seen(1.45, 3.4)
+    assert com_z.seen(0.0, 0.02) and com_z.seen(0.3, 0.07) and not com_z.seen(0.0, 0.068)
+    assert set(tilt.parts) == {p.name for p in tilt.parameters}

@@ -38,7 +38,7 @@ class Parameter:
         lower, upper: what is physically possible.
         plausible: magnitudes met in practice, (low, high); the simulation draws from it.
         of_effort: the plausible range is a share of the joint's typical effort instead of absolute.
-        believed: what is known of it beforehand: a standard deviation as large says nothing.
+        believed: what is known of it beforehand: a standard deviation as large says nothing, unless of twice as much.
     """
 
     name: str
@@ -60,7 +60,8 @@ class Parameter:
     def seen(self, value: float, std: float) -> bool:
         """Whether a recording says anything of it: that a force is below a hundred kilonewtons is nothing."""
         usual = 0.0 if self.of_effort else max(map(abs, self.plausible))
-        return std < self.believed and (usual == 0.0 or std < max(UNSEEN * usual, abs(value)))
+        limit = max(UNSEEN * usual, abs(value)) if usual else np.inf
+        return bool(std < min(max(self.believed, abs(value) / 2.0), limit))
 
 
 class Effect(ABC):

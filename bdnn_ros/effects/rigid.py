@@ -107,9 +107,9 @@ class Payload(OnBody):
     title = "a payload"
     parameters = (
         Parameter("mass", "kg", 0.0, plausible=(0.2, 3.0)),
-        Parameter("com_x", "m", -1.0, 1.0, plausible=(-0.05, 0.05), believed=OFF_CENTRE, default=0.0),
-        Parameter("com_y", "m", -1.0, 1.0, plausible=(-0.05, 0.05), believed=OFF_CENTRE, default=0.0),
-        Parameter("com_z", "m", -1.0, 1.0, plausible=(0.0, 0.12), believed=OFF_CENTRE, default=0.0),
+        Parameter("com_x", "m", -1.0, 1.0, plausible=(-0.05, 0.05), believed=OFF_CENTRE / 2.0, default=0.0),
+        Parameter("com_y", "m", -1.0, 1.0, plausible=(-0.05, 0.05), believed=OFF_CENTRE / 2.0, default=0.0),
+        Parameter("com_z", "m", -1.0, 1.0, plausible=(0.0, 0.12), believed=OFF_CENTRE / 2.0, default=0.0),
     )
     parts = SHAPE
     equation = "Y_link(q, qd, qdd) * (mass, mass * com, mass * (com.com * 1 - com * com'))"
@@ -239,9 +239,10 @@ class BaseTilt(Effect):
     title = "a tilted base"
     on = "base"
     parameters = (
-        Parameter("roll_deg", "deg", -90.0, 90.0, plausible=(-6.0, 6.0), default=0.0),
-        Parameter("pitch_deg", "deg", -90.0, 90.0, plausible=(-6.0, 6.0), default=0.0),
+        Parameter("roll_deg", "deg", -90.0, 90.0, plausible=(-6.0, 6.0), believed=3.0, default=0.0),
+        Parameter("pitch_deg", "deg", -90.0, 90.0, plausible=(-6.0, 6.0), believed=3.0, default=0.0),
     )
+    parts = ("roll_deg", "pitch_deg")
     equation = "g(q) under gravity turned by (Ry(pitch) * Rx(roll))' minus g(q)"
     confused_with = ("payload", "effort_offset", "link_inertia")
     shown_by = (
@@ -276,10 +277,8 @@ class BaseTilt(Effect):
         return np.radians([values["roll_deg"], values["pitch_deg"]]), shape
 
     def sentence(self, where: str, values: Values) -> str:
-        return (
-            f"The base is tilted: roll {values['roll_deg']:.2f}°, pitch {values['pitch_deg']:.2f}° from the "
-            "level that the model takes."
-        )
+        roll, pitch = ("?" if math.isnan(values[key]) else f"{values[key]:.2f}°" for key in self.parts)
+        return f"The base is tilted: roll {roll}, pitch {pitch} from the level that the model takes."
 
 
 def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values) -> tuple[int, np.ndarray]:
