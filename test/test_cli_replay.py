@@ -96,3 +96,16 @@ def test_an_error_that_is_no_number_is_null(bag, monkeypatch, capsys):
     assert main(["replay", str(bag), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["nmse"] == [[None, None], [0.5, 0.25]] and told["nmse_mean"] == [None, 0.375]
+
+
+def test_a_joint_whose_effort_never_changes_has_no_error(bag, tmp_path, capsys):
+    """As of a driver that fills in zero where there is no sensor."""
+    recording = bags.read(bag)
+    effort = np.where([True, False], recording.effort, 0.0)
+    path = str(bags.write(replace(recording, effort=effort), tmp_path / "bag"))
+    assert main(["replay", path, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert all(other is None for _, other in told["nmse"])
+    assert told["nmse_mean"] == [one for one, _ in told["nmse"]] and max(told["nmse_mean"][1:]) < 1.0
+    nothing = Error(1.0, np.ones(2), np.zeros(2), 0)
+    assert np.isnan(nothing.nmse_mean) and replay._row(nothing).split() == ["1.0", "0", "-", "-"]

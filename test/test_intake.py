@@ -125,6 +125,21 @@ def test_a_joint_without_a_sensor_for_its_effort_spoils_nothing(intake):
     assert not send(intake, 2 * step * count + 2, **lacks)
 
 
+def test_a_joint_whose_effort_never_changes_has_no_sensor(intake):
+    """Drivers fill in zero, too. A robot at rest tells nothing of that, and a sensor may start late."""
+    count = 2 * PATIENCE // (100 * MS)
+    for k in range(count):
+        send(intake, 100 * k, effort=(3.0, 0.0))
+    assert not intake.silent.still.any()
+    for k in range(count, 2 * count):
+        send(intake, 100 * k, position=(0.1 * k, 2.0), effort=(3.0 + k, 0.0))
+        assert not intake.silent.still.any() or k > 1.5 * count - 2
+    assert intake.silent.still.tolist() == [False, True] and not intake.silent.joints.any()
+    assert intake.ring.written == 2 * count and not intake.rejected
+    send(intake, 200 * count, effort=(3.0, 0.1))
+    assert not intake.silent.still.any()
+
+
 def test_a_pause_is_no_time_in_which_an_effort_was_lacking(intake):
     for k in range(20):
         assert not send(intake, 2 * k * PAUSE // MS, effort=(3.0, float("nan")))

@@ -77,3 +77,25 @@ def test_other_joints_begin_anew(told):
     told.go_on(2.0)
     told.error.add(round(told.time * 1e9), np.ones(3), np.ones(3))
     assert told.error.nrmse.shape == (3,)
+
+
+@pytest.mark.parametrize("level", [0.0, -37.2, 1e4])
+def test_an_effort_that_never_changes_has_no_error(told, level):
+    """A driver fills in what it has no sensor for; where a sensor starts after all, its error begins."""
+    error, estimated = ErrorNow(), np.array([0.3, 0.5])
+
+    def go_on(first: int, count: int, wave: float) -> np.ndarray:
+        for k in range(first, first + count):
+            measured = np.array([np.sin(0.1 * k), level + wave * np.cos(0.1 * k)])
+            error.add(10**18 + k * 10_000_000, measured, estimated)
+        return np.isnan(error.nrmse)
+
+    assert go_on(0, 2000, 0.0).tolist() == [False, True]
+    assert go_on(2000, 300, 1.0).tolist() == [False, False]
+
+
+def test_a_quiet_effort_of_a_robot_at_rest_has_an_error(told):
+    rng = np.random.default_rng(0)
+    for k in range(500):
+        told.error.add(10**18 + k * 10_000_000, 5.0 + 1e-4 * rng.standard_normal(2), np.full(2, 5.0))
+    np.testing.assert_allclose(told.error.nrmse, 1.0, rtol=0.1)

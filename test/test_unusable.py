@@ -105,6 +105,15 @@ def test_a_joint_without_effort_is_named_and_its_error_is_none(stream):
     assert stream.status(effort=(1.0, NAN)) == (DiagnosticStatus.OK, "training")
 
 
+def test_a_joint_whose_effort_never_changes_is_named_too(stream):
+    for k in range(120):
+        stream.status(effort=(1.0 + 0.1 * k, 0.0), position=(0.01 * k, 0.2))
+    values = {pair.key: pair.value for pair in stream.reporter.status(ErrorNow(), True, "", 0).values}
+    assert values["joints_without_effort"] == ARM.joints[1]
+    (said,) = stream.logged
+    assert f"The effort of {ARM.joints[1]} never changes" in said
+
+
 def test_the_error_of_an_instant_is_noted_of_the_joints_that_have_an_effort(stream):
     stream.status(messages=11_000, bad=11_000, effort=(1.0, NAN))
     publishing = Publishing(MagicMock(), stream.session)

@@ -13,6 +13,7 @@ import numpy as np
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.options import counted
+from bdnn_ros.cli.tables import cell
 from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.online.learning import Error, Learning
 from bdnn_ros.online.models import save_model
@@ -106,8 +107,8 @@ def _taken(learning: Learning) -> list[Error]:
 
 
 def _row(error: Error) -> str:
-    nmse = 100.0 * error.nmse
-    return f"{error.time:8.1f}  {error.number:7d}  {nmse.mean():9.3f}  {nmse.max():9.3f}"
+    mean, worst = (cell(100.0 * value, 9, ".3f") for value in (error.nmse_mean, error.nmse_worst))
+    return f"{error.time:8.1f}  {error.number:7d}  {mean}  {worst}"
 
 
 def _print(learning: Learning, errors: list[Error], recording: Recording, took: float, table: bool) -> None:
@@ -132,7 +133,7 @@ def _as_json(recording: Recording, learning: Learning, errors: list[Error], took
         "time": [round(error.time, 6) for error in errors],
         "version": [error.number for error in errors],
         "nmse": [numbers(error.nmse) for error in errors],
-        "nmse_mean": numbers([error.nmse.mean() for error in errors]),
+        "nmse_mean": numbers([error.nmse_mean for error in errors]),
         "samples": len(recording),
         "seconds": took,
         "rejected": learning.rejected,

@@ -29,6 +29,10 @@ THROTTLE = 10.0
 NO_SENSOR = (
     "No effort comes for {} (NaN throughout): not measured there. The others are learned and diagnosed."
 )
+NO_CHANGE = (
+    "The effort of {} never changes while the robot moves: not measured there. "
+    "What is measured is learned and diagnosed."
+)
 UNSTAMPED = "joint_states comes without stamps: when it was sent stands for them. Let the driver stamp at measurement."
 
 
@@ -129,8 +133,9 @@ class Reporter:
         self._warnings.say("joints", session.watch.complaint)
         self._warnings.say("absent", session.watch.absent)
         self._warnings.say("commands", f"effort_commands: {complaint}" if more else "", again=True)
-        without = _without_effort(session)
-        self._warnings.say("without effort", NO_SENSOR.format(listed(without)) if without else "")
+        lacking, still = _without_effort(session)
+        self._warnings.say("without effort", NO_SENSOR.format(listed(lacking)) if lacking else "")
+        self._warnings.say("unchanged effort", NO_CHANGE.format(listed(still)) if still else "")
         nrmse = error.nrmse
         known = nrmse[np.isfinite(nrmse)]
         values: dict[str, object] = {
@@ -147,7 +152,7 @@ class Reporter:
                 else {}
             ),
             "joints_left_out": ", ".join(session.left_out),
-            "joints_without_effort": ", ".join(without),
+            "joints_without_effort": ", ".join((*lacking, *still)),
             "stream_rate": f"{rate:.1f}",
             "stream_pauses": intake.clock.pauses if intake else 0,
             "stream_clock_restarts": intake.clock.restarts if intake else 0,
@@ -202,12 +207,16 @@ class Reporter:
         return DiagnosticStatus.OK, "training" if session.learning else "serving, training is paused"
 
 
-def _without_effort(session: Session) -> list[str]:
-    """Joints in use that have no sensor for their effort."""
+def _without_effort(session: Session) -> tuple[list[str], list[str]]:
+    """Joints in use that have no sensor for their effort: whose effort never came, and whose never changed."""
     intake = session.intake
-    return (
-        [joint for joint, so in zip(intake.joints, intake.silent.joints, strict=True) if so] if intake else []
+    if intake is None:
+        return [], []
+    silent = intake.silent
+    lacking, still = (
+        [intake.joints[k] for k in np.flatnonzero(which)] for which in (silent.joints, silent.still)
     )
+    return lacking, still
 
 
 def setup(model: Dynamics) -> dict[str, object]:

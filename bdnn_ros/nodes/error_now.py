@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.online.silent import LEAST_VARIANCE, changes
+
 MEMORY = 3.0
 """Time the error is of [s]."""
 SPREAD_MEMORY = 120.0
@@ -27,12 +29,14 @@ class _Block:
         start: of the first [s].
         count: how many.
         known: joints whose effort is measured, (n,) bool.
-        sums: of squared error, measured effort and its square, (3, known joints).
+        first: measured effort of the first, (known joints,): squares of what is added to it would hide how little that is.
+        sums: of squared error, measured effort less the first, and the square of that, (3, known joints).
     """
 
     start: float
     count: int
     known: np.ndarray
+    first: np.ndarray
     sums: np.ndarray
 
 
@@ -53,8 +57,8 @@ class ErrorNow:
         known = np.isfinite(measured)
         measured, estimated = measured[known], estimated[known]
         with np.errstate(over="ignore", invalid="ignore"):
-            sums = np.array([(measured - estimated) ** 2, measured, measured**2])
-        if not known.any() or not np.isfinite(sums).all():
+            squares = np.array([(measured - estimated) ** 2, measured**2])
+        if not known.any() or not np.isfinite(squares).all():
             return
         self._elapsed += min(max((stamp - self._stamp) * 1e-9, 0.0), 1.0)
         self._stamp = stamp
@@ -62,33 +66,40 @@ class ErrorNow:
         if block is not None and not np.array_equal(block.known, known):
             self._blocks.clear()
         elif block is not None and self._elapsed - block.start < BLOCK:
-            self._open = _Block(block.start, block.count + 1, known, block.sums + sums)
+            apart = measured - block.first
+            sums = block.sums + np.array([squares[0], apart, apart**2])
+            self._open = _Block(block.start, block.count + 1, known, block.first, sums)
             return
         elif block is not None:
             self._blocks.append(block)
         while self._blocks and self._elapsed - self._blocks[0].start > SPREAD_MEMORY:
             self._blocks.popleft()
-        self._open = _Block(self._elapsed, 1, known, sums)
+        still = np.zeros_like(measured)
+        self._open = _Block(self._elapsed, 1, known, measured, np.array([squares[0], still, still]))
 
     @property
     def nrmse(self) -> np.ndarray:
-        """Of each joint, (n,), NaN where not measured; empty before the first instant."""
+        """Of each joint, (n,), NaN where not measured or unchanged throughout; empty before the first instant."""
         last = self._open
         if last is None:
             return np.zeros(0)
         blocks = [block for block in (*self._blocks, last) if np.array_equal(block.known, last.known)]
         counts = np.array([block.count for block in blocks], float)
+        first = np.array([block.first for block in blocks])
         squared, mean, power = (np.array([block.sums for block in blocks]) / counts[:, None, None]).swapaxes(
             0, 1
         )
         recent = [last.start - block.start < MEMORY for block in blocks]
         error = _mean(squared[recent], counts[recent], _usual(squared[recent], STANDS_OUT, ALONE))
-        middle = np.median(mean, axis=0)
-        apart = np.maximum(power - 2.0 * middle * mean + middle**2, 0.0)
+        middle = np.median(first + mean, axis=0)
+        away = first - middle
+        apart = np.maximum(power + 2.0 * away * mean + away**2, 0.0)
         usual = _usual(apart, STANDS_OUT_OF_SPREAD, ALONE_IN_SPREAD)
-        variance = _mean(apart, counts, usual) - _mean(mean - middle, counts, usual) ** 2
+        variance = _mean(apart, counts, usual) - _mean(away + mean, counts, usual) ** 2
+        told = changes(variance) | (counts.sum() == 1.0)  # one instant alone shows no change
         nrmse = np.full(len(last.known), np.nan)
-        nrmse[last.known] = np.sqrt(error / np.maximum(variance, 1e-12))
+        scale = np.maximum(variance, LEAST_VARIANCE)
+        nrmse[last.known] = np.where(told, np.sqrt(error / scale), np.nan)
         return nrmse
 
 

@@ -220,7 +220,7 @@ class Intake:
         row[1] = np.asarray(velocity)[index] if len(velocity) else math.nan
         row[2] = np.asarray(effort)[index] if len(effort) else math.nan
         if self.needs_effort:
-            self.silent.look(row[2], kind.joints, stamp)
+            self.silent.look(row[0], row[2], kind.joints, stamp)
         if credible(row).all():
             return ""
         # drivers fill what is not measured with NaN; a velocity follows from the position, an effort from nothing

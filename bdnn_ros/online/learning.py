@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +14,7 @@ from bdnn_ros.errors import DataError, UpdateRejected
 from bdnn_ros.online.changes import Change, Monitor
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.order import belief, predicted
+from bdnn_ros.online.silent import LEAST_VARIANCE, changes
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -27,8 +29,6 @@ WORSE = 1.2
 """A new model may err so many times as much as the one that serves, on motion neither has seen."""
 NEGLIGIBLE = 0.02
 """Errors under this share of the effort's spread count as equal."""
-LEAST_VARIANCE = 1e-12
-"""Of an effort that changes at all [N²·m²]."""
 POSES = 12
 """Poses of the last chunk at which the mass matrix is tried."""
 
@@ -68,8 +68,21 @@ class Error:
 
     @property
     def nmse(self) -> np.ndarray:
-        """Squared error over the effort's variance, (n,)."""
-        return np.asarray(self.squared / np.maximum(self.variance, 1e-12))
+        """Squared error over the effort's variance, (n,), NaN of a joint whose effort has not changed yet."""
+        scaled = self.squared / np.maximum(self.variance, LEAST_VARIANCE)
+        return np.where(changes(self.variance), scaled, np.nan)
+
+    @property
+    def nmse_mean(self) -> float:
+        """Mean over the joints whose effort changes; NaN without any."""
+        told = self.nmse[changes(self.variance)]
+        return float(told.mean()) if len(told) else math.nan
+
+    @property
+    def nmse_worst(self) -> float:
+        """The largest of these; NaN without any."""
+        told = self.nmse[changes(self.variance)]
+        return float(told.max()) if len(told) else math.nan
 
 
 class Learning:
@@ -223,7 +236,7 @@ def check(
         np.linalg.cholesky(matrices)
     except np.linalg.LinAlgError:
         raise UpdateRejected("The update's mass matrix is not positive-definite.") from None
-    scale, told = np.maximum(variance, LEAST_VARIANCE), variance > LEAST_VARIANCE
+    scale, told = np.maximum(variance, LEAST_VARIANCE), changes(variance)
     told = told if told.any() else np.ones(len(scale), bool)  # what never changes is of no sensor
     old, new = (np.sqrt(np.mean((error / scale)[told])) for error in (before, after))
     if new > WORSE * old + NEGLIGIBLE:

@@ -1,4 +1,4 @@
-"""Joints whose driver reports no effort while that of the others comes."""
+"""Joints without a sensor for their effort: it never comes while that of the others does, or never changes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ PATIENCE = 10_000_000_000
 """A joint that never had an effort is without a sensor when so long [ns] was lacking: a driver may start late."""
 LONGEST_STEP = 1_000_000_000
 """More than this [ns] between two messages is a pause, in which nothing is waited for."""
+MOVES = 0.01
+"""Where a joint has come so far [rad, m] from where it was, the robot moves: at rest no effort need change."""
+LEAST_VARIANCE = 1e-12
+"""Of an effort that changes at all [N²·m²]."""
+
+
+def changes(variance: np.ndarray) -> np.ndarray:
+    """Which efforts of this variance, (n,) [N²·m²], change at all: to what a driver only fills in no error compares."""
+    return np.asarray(variance > LEAST_VARIANCE)
 
 
 class Silent:
@@ -17,33 +26,46 @@ class Silent:
         count: of joints, n.
 
     Attributes:
-        joints: which have no sensor, (n,) bool.
+        joints: which have no sensor, as their effort never came, (n,) bool.
+        still: which have none either, as theirs never changed while the robot moved, (n,) bool.
     """
 
     def __init__(self, count: int) -> None:
         self.joints = np.zeros(count, bool)
+        self.still = np.zeros(count, bool)
         self._came = np.zeros(count, bool)
+        self._changed = np.zeros(count, bool)
         self._waited = np.zeros(count, np.int64)
         self._lacked = np.zeros(count, np.int64)
-        self._all_came = False
+        self._first = np.full((2, count), np.nan)
+        self._moves = self._all_changed = False
 
-    def look(self, effort: np.ndarray, places: np.ndarray, stamp: int) -> None:
+    def look(self, position: np.ndarray, effort: np.ndarray, places: np.ndarray, stamp: int) -> None:
         """Take note of which joints have an effort.
 
         Args:
-            effort: of one message, (m,), NaN where it says none.
+            position, effort: of one message, (m,), NaN where it says none.
             places: of its joints among the n, (m,).
             stamp: of the message [ns].
         """
-        if self._all_came:
+        if self._all_changed:
             return
         unknown = np.isnan(effort)
         if unknown.all():
             return
-        self._came[places[~unknown]] = True
-        self._all_came = bool(self._came.all())
-        lacking = places[unknown]
+        first = self._first[:, places]
+        self._first[:, places] = first = np.where(np.isnan(first), [position, effort], first)
+        away = (position > first[0] + MOVES) | (position < first[0] - MOVES)
+        self._moves = self._moves or bool(away.any())
+        came, changed = places[~unknown], places[~unknown & (effort != first[1])]
+        # what was waited for an effort to come says nothing of one that came and does not change yet
+        self._waited[came[~self._came[came]]] = 0
+        self._came[came] = True
+        self._changed[changed] = True
+        self._all_changed = bool(self._changed.all())
+        lacking = places[unknown | (self._moves & ~self._changed[places])]
         step = stamp - self._lacked[lacking]
         self._waited[lacking] += np.where((step > 0) & (step <= LONGEST_STEP), step, 0)
         self._lacked[lacking] = stamp
-        self.joints = ~self._came & (self._waited >= PATIENCE)
+        long = self._waited >= PATIENCE
+        self.joints, self.still = ~self._came & long, self._came & ~self._changed & long
