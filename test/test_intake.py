@@ -249,6 +249,24 @@ def test_two_clocks_by_turns_do_not_carry_stream_time_away(intake, pattern):
     assert intake.clock._time < START + 20_000 * 2 * PAUSE + 3600 * PAUSE
 
 
+@pytest.mark.parametrize("effort", [(), (float("nan"),)])
+@pytest.mark.parametrize("late", [0, 20])
+def test_of_two_controllers_one_may_have_no_sensor_at_all(intake, effort, late):
+    count = PATIENCE // (100 * MS)
+
+    def both(k: int, last: tuple[float, ...] = effort) -> np.ndarray:
+        send(intake, 100 * k, ("a",), (1.0,), (), (3.0,))
+        assert send(intake, 100 * k + late, ("b",), (2.0,), (), last) or k == 0
+        return np.isfinite(intake.ring.latest(1).values[0, 4:])
+
+    send(intake, 0, effort=())
+    told = np.array([both(k) for k in range(2 * count)])
+    assert not told[: count - 1].any() and told[count + 1 :, 0].all() and not told[:, 1].any()
+    assert intake.silent.joints.tolist() == [False, True]
+    assert both(2 * count, (4.0,)).all() and not intake.silent.joints.any()
+    assert not both(2 * count + 1).any()
+
+
 def part(intake: Intake, joint: str, stamp: int, value: float = 1.0, effort: float = 3.0) -> bool:
     """A message of one joint, stamped [ns] after the start."""
     return intake.take([joint], (value,), (), (effort,), START + stamp, START + stamp + 5)
