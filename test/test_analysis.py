@@ -60,7 +60,13 @@ def test_times_of_a_diagnosis_are_the_publisher_s_stamps(monkeypatch):
         intake.take(list(ARM.joints), [0.1 * row, 0.0], [0.0, 0.0], [0.0, 0.0], stamp, stamp)
     times = {"start": {"value": 1.5}, "end": {"value": 3.0}, "force_x": {"value": 7.0}}
     found = {"sentence": "", "effect": "external_wrench", "share": 0.5, "parameters": times}
-    diagnosis = {"verdict": "explained", "findings": [found], "gain": {"value": 0.5}, "advice": []}
+    diagnosis = {
+        "verdict": "explained",
+        "findings": [found],
+        "gain": {"value": 0.5},
+        "advice": [],
+        "notes": [],
+    }
     monkeypatch.setattr(Analyst, "_answer", lambda self, asked: {"diagnosis": diagnosis})
     analyst = Analyst(said.put)
     analyst.begin(ARM, Feed(ARM.joints, ring), BEGUN)
@@ -114,14 +120,16 @@ def test_sentences_tell_the_same_times_as_the_values():
     push = {"start": {"value": 8.2, "std": 0.1}, "end": {"value": 9.41, "std": 0.1}}
     sentence = "Something pushed l from 8.2 s to 9.4 s with (1.0, 2.0, 3.0) N for 8.2 s."
     load = "Or l carries 1.2 kg from 8.2 s on: move it for 10.0 s, at 8.3 s or at 5.0 s."
-    diagnosis = {"findings": [{"parameters": push, "sentence": sentence}], "advice": [load]}
+    diagnosis = {"findings": [{"parameters": push, "sentence": sentence}], "advice": [load], "notes": [load]}
     told = diagnosis_with_stamps(diagnosis, ring)
     start = BEGUN_AT * 1e-9 + 8.2
     assert told["findings"][0]["parameters"]["start"]["value"] == pytest.approx(start, rel=0, abs=1e-5)
     assert told["findings"][0]["sentence"] == (
         "Something pushed l from 1700000008.2 s to 1700000009.4 s with (1.0, 2.0, 3.0) N for 8.2 s."
     )
-    assert told["advice"] == [
-        "Or l carries 1.2 kg from 1700000008.2 s on: move it for 10.0 s, at 8.3 s or at 5.0 s."
-    ]
+    assert (
+        told["notes"]
+        == told["advice"]
+        == ["Or l carries 1.2 kg from 1700000008.2 s on: move it for 10.0 s, at 8.3 s or at 5.0 s."]
+    )
     ring.close()

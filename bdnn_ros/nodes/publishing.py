@@ -44,6 +44,7 @@ class Publishing:
         self._reporter = Reporter(session, node.get_logger().warning, node.get_fully_qualified_name())
         self._last_stamp = 0
         self._forgotten = session.forgotten
+        self._noted: list[str] = []
         self._estimates = self._publisher(DynamicsEstimate, "~/estimate", 10)
         self._efforts = self._publisher(JointState, "~/effort_estimate", 10)
         self._findings = self._publisher(Findings, "~/findings", LATCHED)
@@ -82,7 +83,7 @@ class Publishing:
         if self._forgotten == self._session.forgotten:
             return
         self._forgotten = self._session.forgotten
-        self._error = ErrorNow()
+        self._error, self._noted = ErrorNow(), []
         self._findings.publish(nothing_yet_message(self._now()))
 
     def tell(
@@ -104,10 +105,20 @@ class Publishing:
             info = self._session.findings.popleft().info
             if "diagnosis" in info:
                 self._findings.publish(findings_message(info["diagnosis"], now))
+                self._note(info["diagnosis"])
             elif info.get("unlike"):
                 self._node.get_logger().warning(info["error"])
             else:
                 self._node.get_logger().info(f"no diagnosis: {info['error']}")
+
+    def _note(self, diagnosis: dict[str, Any]) -> None:
+        """Log what a diagnosis says beside its findings, as the message has no field for it; nothing twice in a row."""
+        if "notes" not in diagnosis:  # a change that was noticed: what the last diagnosis said holds
+            return
+        noted, self._noted = self._noted, list(diagnosis["notes"])
+        for note in self._noted:
+            if note not in noted:
+                self._node.get_logger().info(note)
 
     def _now(self) -> Time:
         return self._node.get_clock().now().to_msg()

@@ -222,8 +222,9 @@ class Services:
             response.success, response.message = False, str(answer.info["error"])
             return response
         now = self._node.get_clock().now().to_msg()
-        response.findings = findings_message(answer.info["diagnosis"], now)
-        return _done(response, response.findings.verdict)
+        diagnosis = answer.info["diagnosis"]
+        response.findings = findings_message(diagnosis, now)
+        return _done(response, ". ".join(filter(None, (diagnosis["verdict"], " ".join(diagnosis["notes"])))))
 
     # -- files -----------------------------------------------------------------------------------
 

@@ -177,7 +177,7 @@ def diagnosis_with_stamps(diagnosis: dict[str, Any], states: Ring) -> dict[str, 
     return {
         **diagnosis,
         "findings": findings,
-        "advice": [_in_stamps(sentence, times) for sentence in diagnosis["advice"]],
+        **{key: [_in_stamps(sentence, times) for sentence in diagnosis[key]] for key in ("advice", "notes")},
     }
 
 
