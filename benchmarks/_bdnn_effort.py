@@ -123,7 +123,7 @@ class LeastSquaresModel(ReadOut):
         self._robot, self._parameters = robot, parameters
 
     def effort(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        motion = Samples(q, v, a, direction, np.zeros_like(q))
+        motion = Samples(q, v, a, direction, np.zeros_like(q), np.ones(q.shape, bool))
         return np.asarray(columns(self._robot.regressor(q, v, a), motion) @ self._parameters)
 
 

@@ -14,7 +14,7 @@ from bdnn_ros.bdnn.bodies import Belief, columns, fit, pseudo_inertias, quadrati
 from bdnn_ros.bdnn.chain import Search
 from bdnn_ros.bdnn.kinematics import Kinematics
 from bdnn_ros.bdnn.refinement import Refinement, get_chain
-from bdnn_ros.bdnn.samples import Samples, samples_of, shortened
+from bdnn_ros.bdnn.samples import Samples, samples_of, scales_of, shortened
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import MINIMUM_SAMPLES
@@ -135,6 +135,45 @@ def test_belief_in_a_body_does_not_depend_on_its_frame():
 
 def samples(name: str, seconds: float = 12.0, **options: object) -> Samples:
     return samples_of([signals(worn(name), seconds, 0, **options)])
+
+
+def test_where_all_was_measured_nothing_is_weighed():
+    """To the last digit: what is seen counts one, and errors are plain means."""
+    whole = signals(worn("arm2"), 8.0, 0)
+    data, scales = samples_of([whole]), scales_of(samples_of([whole]))
+    rows = np.flatnonzero(whole.interior)[:: max(int(np.sqrt(2.0) * whole.kernel_std * whole.rate), 1)]
+    np.testing.assert_array_equal(data.effort, whole.smooth(whole.effort)[rows])
+    np.testing.assert_array_equal(scales.effort, np.std(data.effort, axis=0))
+    assert data.seen.all() and data.seen.shape == data.effort.shape
+    kinematics = Kinematics.random(2, np.random.default_rng(0))
+    chain = chains.descend(data, kinematics, 3, lambda: False)
+    regressor = kinematics.regressor(data.position, data.velocity, data.acceleration)
+    np.testing.assert_array_equal(columns(regressor, data)[:, :, : 2 * PER_LINK], regressor)
+    errors = (chain.effort(data) - data.effort) / scales.effort
+    np.testing.assert_array_equal(chain.error(data), np.mean(errors**2, axis=0))
+    noise = np.sqrt(np.mean((chain.effort(data) - data.effort) ** 2, axis=0))
+    np.testing.assert_array_equal(chains.noise_of(data, chain), noise)
+
+
+def test_what_was_not_measured_has_no_part_in_a_chain():
+    """Whatever stands there."""
+    whole = signals(worn("arm2"), 8.0, 0)
+    late, later = (np.arange(len(whole)) > share * len(whole) for share in (0.5, 0.6))
+
+    def told(value: float, *joints: int) -> Samples:
+        where = np.zeros(whole.position.shape, bool)
+        where[np.ix_(late, joints)] = True
+        effort = np.where(where & later[:, None], value, whole.effort)
+        return samples_of([replace(whole, unmeasured=where, effort=effort)])
+
+    assert len(told(0.0, 0, 1)) < 0.6 * len(samples_of([whole])) and told(0.0, 0, 1).seen.all()
+    start, ends = Kinematics.random(2, np.random.default_rng(0)), []
+    for data in (told(0.0, 1), told(1e3, 1)):
+        assert not data.seen.all() and not data.effort[~data.seen].any()
+        chain, believed = chains.descend(data, start, 5, lambda: False), chains.generic(data)
+        ends.append(chains.refine(data, chains.feasible(data, chain, believed), believed))
+    np.testing.assert_allclose(ends[1].parameters, ends[0].parameters, rtol=1e-6)
+    assert ends[1].cost == pytest.approx(ends[0].cost, rel=1e-6)
 
 
 def test_bodies_of_known_axes_are_fitted_and_could_exist():

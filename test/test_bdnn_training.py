@@ -23,6 +23,7 @@ from bdnn_ros.bdnn.training import identify
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
 from bdnn_ros.robot.state import robot_state
 from bdnn_ros.scores import score_model
+from bdnn_ros.signals import Signals
 from bdnn_ros.simulation.perturbation import wrong_robot
 
 
@@ -343,7 +344,7 @@ def test_a_chain_that_cannot_be_polished_is_taken_as_it_was_found(arm2, monkeypa
 def test_the_gradient_of_the_inverse_loss_is_its_slope():
     field = random_field(2)
     rng = np.random.default_rng(0)
-    batch = [rng.normal(size=(9, 4)), *rng.normal(size=(3, 9, 2))]
+    batch = [rng.normal(size=(9, 4)), *rng.normal(size=(3, 9, 2)), rng.uniform(size=(9, 2)) < 0.7]
     _, gradient = effort_loss(field, batch)
     direction, step = rng.normal(size=gradient.size), 1e-6
     ahead, behind = (
@@ -361,6 +362,7 @@ def test_the_gradient_of_the_correction_is_its_slope():
         rng.normal(size=(7, 3)),
         rng.normal(size=(7, 3)),
         np.array([1.0, 2.0, 0.5]),
+        rng.uniform(size=(7, 3)) < 0.7,
     )
     network = Network.random(6, 5, 6, rng)
     _, gradient = task.loss(network)
@@ -369,6 +371,49 @@ def test_the_gradient_of_the_correction_is_its_slope():
         task.loss(network.with_vector(network.vector() + s * step * direction))[0] for s in (1, -1)
     )
     assert (ahead - behind) / (2.0 * step) == pytest.approx(gradient @ direction, rel=1e-6)
+
+
+def unmeasured(whole: Signals, where: np.ndarray) -> Signals:
+    """The signals with an effort of zero where it was not measured, (N, n) bool."""
+    return replace(whole, effort=np.where(where, 0.0, whole.effort), unmeasured=where)
+
+
+def without_sensor(whole: Signals, joint: int) -> Signals:
+    return unmeasured(whole, np.broadcast_to(np.arange(whole.width) == joint, whole.position.shape))
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize("how", ["chain", "networks", "prior"])
+def test_a_joint_without_a_sensor_spoils_nothing(arm2, how, joint):
+    """Zero is no effort of its own: it would have the others' bodies bent to suit it."""
+    robot, train, validation, test = arm2
+    train, validation, test = (without_sensor(one, joint) for one in (train, validation, test))
+    wrong = robot.with_inertials(1.1 * robot.inertials) if how == "prior" else None
+    architecture = "networks" if how == "networks" else "chain"
+    ticks = Clock(0.005 if how == "networks" else 0.02)
+    model = identify(train, validation, wrong, budget=20.0, architecture=architecture, clock=ticks)
+    found = nmse(model, test)
+    assert np.isnan(found[joint]) and found[1 - joint] < (0.05 if how == "networks" else 2e-3)
+    if how != "networks":
+        assert not model.core.local.output_weights[joint].any()
+
+
+def test_efforts_that_were_cut_off_are_not_learned(arm2):
+    """A black box of a sensor that stops at three quarters of the range is as good as of one that measures all of it."""
+    _, train, validation, test = arm2
+    limit = 0.75 * np.abs(train.effort).max(axis=0)
+    cut = [unmeasured(one, np.abs(one.effort) > limit) for one in (train, validation)]
+    assert 0.02 < np.mean(~cut[0].seen) < 0.5
+    assert (nmse(identify(*cut, budget=20.0, clock=Clock()), test) < 2e-3).all()
+
+
+def test_no_rollout_is_driven_by_an_effort_that_was_not_measured(arm2):
+    _, train, _, _ = arm2
+    where = np.zeros(train.position.shape, bool)
+    where[len(train) // 3 : -len(train) // 3, 1] = True
+    rollouts, rng = Rollouts([unmeasured(train, where)], np.ones(2)), np.random.default_rng(0)
+    assert all((rollouts.draw(50, rng).efforts != 0.0).all() for _ in range(20))
+    assert Rollouts([without_sensor(train, 0)], np.ones(2)).draw(5, rng) is None
 
 
 def test_windows_drawn_together_have_one_step(arm2):

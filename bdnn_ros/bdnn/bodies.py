@@ -135,11 +135,11 @@ class Quadratic:
 
 
 def columns(regressor: np.ndarray, samples: Samples) -> np.ndarray:
-    """All columns of the effort, (N, n, 10 n + 4 n): bodies, then armature, viscous, coulomb, offset."""
+    """All columns of the effort, (N, n, 10 n + 4 n): bodies, then armature, viscous, coulomb, offset; zero where unseen."""
     n = samples.width
     joint = [samples.acceleration, samples.velocity, samples.direction, np.ones_like(samples.effort)]
     blocks = [values[:, :, None] * np.eye(n) for values in joint]
-    return np.concatenate([regressor, *blocks], axis=2)
+    return np.concatenate([regressor, *blocks], axis=2) * samples.seen[:, :, None]
 
 
 def quadratic(design: np.ndarray, effort: np.ndarray, noise: np.ndarray) -> Quadratic:

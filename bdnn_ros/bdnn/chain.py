@@ -15,7 +15,7 @@ import numpy as np
 
 from bdnn_ros.bdnn.bodies import Belief, Quadratic, columns, fit, quadratic
 from bdnn_ros.bdnn.kinematics import Kinematics
-from bdnn_ros.bdnn.samples import Samples, scales_of
+from bdnn_ros.bdnn.samples import Samples, mean_square, scales_of
 from bdnn_ros.robot import PER_LINK
 
 SEARCH_SAMPLES = 300
@@ -44,7 +44,7 @@ class Chain:
     Attributes:
         kinematics: its axes.
         parameters: θ, as in `bodies`; feasible after `refine` only.
-        cost: mean squared error over the effort's variance, on the samples it was fitted to.
+        cost: mean squared error over the effort's variance, on the samples it was fitted to and of joints seen in them.
     """
 
     kinematics: Kinematics
@@ -52,14 +52,14 @@ class Chain:
     cost: float
 
     def effort(self, samples: Samples) -> np.ndarray:
-        """Effort along samples, (N, n) [N·m]."""
+        """Effort along samples, (N, n) [N·m], zero where none was seen."""
         regressor = self.kinematics.regressor(samples.position, samples.velocity, samples.acceleration)
         return columns(regressor, samples) @ self.parameters
 
     def error(self, samples: Samples, scale: np.ndarray | None = None) -> np.ndarray:
-        """Mean squared error by joint, (n,), over the square of a scale (n,), else of the effort's own."""
+        """Mean squared error by joint, (n,), over the square of a scale (n,), else of the effort's own; of what was seen."""
         scale = scales_of(samples).effort if scale is None else scale
-        return np.asarray(np.mean(((self.effort(samples) - samples.effort) / scale) ** 2, axis=0))
+        return mean_square((self.effort(samples) - samples.effort) / scale, samples.seen)
 
 
 # -- search ----------------------------------------------------------------------------------------------
@@ -71,7 +71,7 @@ def descend(samples: Samples, start: Kinematics, steps: int, give_up: Callable[[
     Args:
         give_up: asked before every step.
     """
-    scale = scales_of(samples).effort
+    scale, count = scales_of(samples).effort, np.count_nonzero(samples.seen)
     kinematics, damping = start, 1e-2
     rows, target, theta, residual, cost = _solved(samples, kinematics, scale)
     for _ in range(steps):
@@ -79,12 +79,13 @@ def descend(samples: Samples, start: Kinematics, steps: int, give_up: Callable[[
             break
         inertials = theta[: PER_LINK * samples.width].reshape(-1, PER_LINK)
         motion = (samples.position, samples.velocity, samples.acceleration)
-        slope = (kinematics.jacobian(inertials, *motion) / scale[:, None]).reshape(len(target), -1)
-        gram = rows.T @ rows / len(rows)
-        cross = rows.T @ slope / len(rows)
+        slope = kinematics.jacobian(inertials, *motion) / scale[:, None] * samples.seen[:, :, None]
+        slope = slope.reshape(len(target), -1)
+        gram = rows.T @ rows / count
+        cross = rows.T @ slope / count
         projected = np.linalg.solve(gram + np.diag(_ridge(gram)), cross)
-        hessian = slope.T @ slope / len(rows) - cross.T @ projected
-        gradient = slope.T @ residual / len(rows) - projected.T @ (rows.T @ residual) / len(rows)
+        hessian = slope.T @ slope / count - cross.T @ projected
+        gradient = slope.T @ residual / count - projected.T @ (rows.T @ residual) / count
         if not np.isfinite(hessian).all():
             break
         gain = 0.0
@@ -139,15 +140,16 @@ class Search:
 def _solved(
     samples: Samples, kinematics: Kinematics, scale: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Rows (N n, P), target, best θ, residual and cost for given axes."""
+    """Rows (N n, P), target, best θ, residual and cost for given axes; rows are zero where no effort was seen."""
     regressor = kinematics.regressor(samples.position, samples.velocity, samples.acceleration)
     design = columns(regressor, samples) / scale[:, None]
     rows, target = design.reshape(-1, design.shape[2]), (samples.effort / scale).ravel()
-    gram, right = rows.T @ rows / len(rows), rows.T @ target / len(rows)
+    count = np.count_nonzero(samples.seen)
+    gram, right = rows.T @ rows / count, rows.T @ target / count
     ridge = _ridge(gram)
     theta = np.linalg.solve(gram + np.diag(ridge), right)
     residual = target - rows @ theta
-    return rows, target, theta, residual, float(np.mean(residual**2) + theta @ (ridge * theta))
+    return rows, target, theta, residual, float(np.sum(residual**2) / count + theta @ (ridge * theta))
 
 
 def _ridge(gram: np.ndarray) -> np.ndarray:
@@ -219,11 +221,12 @@ def refit(samples: Samples, chain: Chain, belief: Belief) -> Chain:
 def noise_of(samples: Samples, chain: Chain) -> np.ndarray:
     """Standard deviation of what the chain leaves unexplained, (n,) [N·m]."""
     residual = chain.effort(samples) - samples.effort
-    return np.maximum(np.sqrt(np.mean(residual**2, axis=0)), NOISE_FLOOR * scales_of(samples).effort)
+    left = np.sqrt(mean_square(residual, samples.seen))
+    return np.maximum(left, NOISE_FLOOR * scales_of(samples).effort)
 
 
 def _costed(samples: Samples, chain: Chain) -> Chain:
-    return replace(chain, cost=float(chain.error(samples).mean()))
+    return replace(chain, cost=float(chain.error(samples)[samples.seen.any(axis=0)].mean()))
 
 
 def _chunks(samples: Samples) -> list[Samples]:
@@ -250,7 +253,8 @@ def _normal(
     for part in _chunks(samples):
         motion = (part.position, part.velocity, part.acceleration)
         design = columns(chain.kinematics.regressor(*motion), part)
-        full = np.concatenate([chain.kinematics.jacobian(inertials, *motion), design], axis=2)
+        slope = chain.kinematics.jacobian(inertials, *motion) * part.seen[:, :, None]
+        full = np.concatenate([slope, design], axis=2)
         rows = (full / noise[:, None]).reshape(-1, size)
         hessian += rows.T @ rows
         gradient += rows.T @ ((design @ theta - part.effort) / noise).ravel()

@@ -46,6 +46,7 @@ class Task:
         motion: Lᵀ q̈, (N, n).
         effort: u − R, (N, n) [N·m].
         scale: typical effort, (n,).
+        seen: where u was measured, (N, n) bool.
     """
 
     inputs: np.ndarray
@@ -53,6 +54,7 @@ class Task:
     motion: np.ndarray
     effort: np.ndarray
     scale: np.ndarray
+    seen: np.ndarray
 
     def loss(self, network: Network) -> tuple[float, np.ndarray]:
         """Mean squared error over the effort's variance, and its gradient by the weights.
@@ -63,14 +65,15 @@ class Task:
         factor = spd_factor(done.output, self.effort.shape[1])
         matrix = spd_matrix(factor)
         y = np.linalg.solve(matrix, self.motion[..., None])[..., 0]
-        error = ((self.root @ y[..., None])[..., 0] - self.effort) / self.scale
-        on_y = (np.swapaxes(self.root, 1, 2) @ (2.0 * error / (self.scale * error.size))[..., None])[..., 0]
+        error = ((self.root @ y[..., None])[..., 0] - self.effort) / self.scale * self.seen
+        count = np.count_nonzero(self.seen)
+        on_y = (np.swapaxes(self.root, 1, 2) @ (2.0 * error / (self.scale * count))[..., None])[..., 0]
         left = -np.linalg.solve(matrix, on_y[..., None])[..., 0]
         shift = spd_shift(factor)
         left_inner, right_inner = spd_apply(factor, shift, left)[1], spd_apply(factor, shift, y)[1]
         cotangent = spd_pull(factor, left, left_inner, y, right_inner)
         gradient = network.weight_gradient(done, network.deltas(done, cotangent))
-        return float(np.mean(error**2)), flat(gradient)
+        return float(np.sum(error**2) / count), flat(gradient)
 
 
 class _Enough(Exception):
@@ -122,4 +125,5 @@ def _task(core: PriorCore, parts: Sequence[Signals], rng: np.random.Generator) -
     root = np.linalg.cholesky(core.prior.mass_matrix(q))
     motion = (np.swapaxes(root, 1, 2) @ samples.acceleration[..., None])[..., 0]
     bias = core.bias(q, v, samples.direction)
-    return Task(angles(q), root, motion, samples.effort - bias, scales_of(samples).effort)
+    scale = scales_of(samples).effort
+    return Task(angles(q), root, motion, samples.effort - bias, scale, samples.seen)

@@ -89,8 +89,8 @@ def _joint_sums(
     ]
     features = signals.smooth(np.concatenate(pieces))
     result = []
-    # signals of a few samples give fewer blocks, or none
-    inside = np.flatnonzero(signals.interior)
+    # signals of a few samples give fewer blocks, or none; so do those without an effort of this joint
+    inside = np.flatnonzero(signals.interior & signals.seen[:, joint])
     for rows in np.array_split(inside, min(blocks, len(inside))) if len(inside) else []:
         x, y = features[rows], residual[rows]
         result.append(Sums(x.T @ x, x.T @ y, float(y @ y), len(rows)))

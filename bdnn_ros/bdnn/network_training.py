@@ -194,8 +194,12 @@ class Rollouts:
         starts: dict[float, list[tuple[int, int]]] = {}
         for k, s in enumerate(parts):
             rate = next((known for known in starts if abs(s.rate / known - 1.0) < SAME_RATE), s.rate)
+            missing = np.append(0, np.cumsum(~s.seen.all(axis=1)))  # it moves all joints, not its own alone
             starts.setdefault(rate, []).extend(
-                (k, start) for rows in s.segments for start in range(rows.start, rows.stop - length)
+                (k, start)
+                for rows in s.segments
+                for start in range(rows.start, rows.stop - length)
+                if missing[start] == missing[start + length + 1]
             )
         self._starts = [(2.0 / rate, np.array(found)) for rate, found in starts.items() if found]
 
@@ -221,15 +225,16 @@ def effort_loss(field: Field, columns: Sequence[np.ndarray]) -> tuple[float, np.
     """Mean squared error of the effort over its scale, and its gradient by all weights.
 
     Args:
-        columns: state (B, 2n), acceleration, direction and effort (B, n).
+        columns: state (B, 2n), acceleration, direction, effort, and where that counts: 1, or 0 (B, n).
     """
-    state, acceleration, direction, effort = columns
+    state, acceleration, direction, effort, seen = columns
     done = field.effort(state, acceleration, direction)
-    error = (done.effort - effort) / field.scales.effort
-    gradient = field.effort_gradient(done, error * ((2.0 / error.size) / field.scales.effort))
-    return float(np.mean(error * error)), flat(gradient)
+    error = (done.effort - effort) / field.scales.effort * seen
+    count = max(int(np.count_nonzero(seen)), 1)
+    gradient = field.effort_gradient(done, error * ((2.0 / count) / field.scales.effort))
+    return float(np.mean(error * error)) * (error.size / count), flat(gradient)
 
 
 def _columns(samples: Samples) -> list[np.ndarray]:
     state = np.concatenate([samples.position, samples.velocity], axis=1)
-    return [state, samples.acceleration, samples.direction, samples.effort]
+    return [state, samples.acceleration, samples.direction, samples.effort, samples.seen]

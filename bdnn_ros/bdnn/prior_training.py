@@ -18,6 +18,7 @@ from bdnn_ros.bdnn.restoring import fingerprint, prior_core, prior_core_state
 from bdnn_ros.bdnn.samples import (
     Samples,
     joined,
+    mean_square,
     most_samples,
     most_working_samples,
     samples_of,
@@ -146,7 +147,8 @@ def identified(robot: Robot, belief: Belief, samples: Samples, start: np.ndarray
     theta = belief.reference if start is None else start
     least = NOISE_FLOOR * scales_of(samples).effort
     for _ in range(ROUNDS):
-        noise = np.maximum(np.sqrt(np.mean((design @ theta - samples.effort) ** 2, axis=0)), least)
+        left = np.sqrt(mean_square(design @ theta - samples.effort, samples.seen))
+        noise = np.maximum(left, least)
         theta = fit(quadratic(design, samples.effort, noise), belief)
     return theta
 
@@ -175,4 +177,5 @@ def thickened(inertial: np.ndarray) -> np.ndarray:
 
 def _error(robot: Robot, theta: np.ndarray, samples: Samples) -> float:
     design = columns(robot.regressor(samples.position, samples.velocity, samples.acceleration), samples)
-    return float(np.mean(((design @ theta - samples.effort) / scales_of(samples).effort) ** 2))
+    errors = (design @ theta - samples.effort) / scales_of(samples).effort
+    return float(np.sum(errors**2) / np.count_nonzero(samples.seen))

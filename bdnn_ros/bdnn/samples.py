@@ -27,7 +27,8 @@ class Samples:
     Attributes:
         position, velocity, acceleration: [rad], [rad/s], [rad/s²].
         direction: of the motion, −1 to 1, as soft as the effort.
-        effort: [N·m].
+        effort: [N·m], zero where it was not measured.
+        seen: where it was, bool; nothing is learned elsewhere.
     """
 
     position: np.ndarray
@@ -35,6 +36,7 @@ class Samples:
     acceleration: np.ndarray
     direction: np.ndarray
     effort: np.ndarray
+    seen: np.ndarray
 
     def __len__(self) -> int:
         return len(self.effort)
@@ -67,8 +69,11 @@ def samples_of(parts: Sequence[Signals], thinning: float = THINNING) -> Samples:
             raise RecordingError("There is no effort to learn from.", "Use --effort command, or another bag.")
         every = max(int(thinning * np.sqrt(2.0) * signals.kernel_std * signals.rate), 1)
         rows = np.flatnonzero(signals.interior)[::every]
-        columns = (signals.position, signals.velocity, signals.acceleration, signals.sign, signals.effort)
-        pieces.append([signals.smooth(values)[rows] for values in columns])
+        rows = rows[signals.seen[rows].any(axis=1)]
+        seen = signals.seen[rows]
+        motion = (signals.position, signals.velocity, signals.acceleration, signals.sign)
+        effort = np.where(seen, signals.smooth(signals.effort)[rows], 0.0)
+        pieces.append([*(signals.smooth(values)[rows] for values in motion), effort, seen])
     result = Samples(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
     if len(result) < FEWEST:
         raise RecordingError(
@@ -83,13 +88,21 @@ def scales_of(samples: Samples) -> Scales:
     return Scales(
         velocity,
         _typical(samples.acceleration),
-        _typical(samples.effort),
+        _typical(samples.effort, samples.seen),
         np.maximum(SLOW_SHARE * velocity, 1e-4),
     )
 
 
-def _typical(values: np.ndarray) -> np.ndarray:
-    spread = np.std(values, axis=0)
+def mean_square(errors: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """By joint, (n,), of errors (N, n) that are zero where nothing was seen; zero of a joint that never was."""
+    return np.asarray(np.sum(errors**2, axis=0) / np.maximum(np.sum(seen, axis=0), 1))
+
+
+def _typical(values: np.ndarray, seen: np.ndarray | None = None) -> np.ndarray:
+    if seen is None or seen.all():
+        spread = np.std(values, axis=0)
+    else:
+        spread = np.std(values, axis=0, where=seen | ~seen.any(axis=0))
     return np.maximum(spread, 1e-3 * max(float(spread.max()), 1e-6))
 
 
