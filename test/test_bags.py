@@ -843,3 +843,25 @@ def test_a_real_recording_without_velocity() -> None:
     assert (len(recording), recording.width, recording.velocity) == (45000, 6, None)
     assert recording.effort is not None and recording.urdf is not None
     assert recording.rate == pytest.approx(5000.0)
+
+
+def test_both_readers_count_time_from_the_first_joint_state_whatever_is_left_out(tmp_path: Path) -> None:
+    """A push that was found in one must be at the same moment in the other."""
+    recording = motion(samples=400)
+    blind = recording.position.copy()
+    blind[:150] = np.nan
+    unknown = [
+        (topic, kind, log, joint_state(("pivot",), q, (), u, log))
+        for (topic, kind, log, _), q, u in zip(
+            states(recording), blind, recording.require_effort(), strict=True
+        )
+    ]
+    commands = [("/u", MULTI_ARRAY, EPOCH + k * SECOND // 10, command([float(k)])) for k in range(20, 40)]
+    bag = write_bag(tmp_path / "bag", sorted([*states(recording), *commands], key=lambda message: message[2]))
+    blinded = write_bag(tmp_path / "blinded", unknown)
+    for begins, lacks, found, every in (
+        (2.0, 0.0, bags.read(bag, effort="command"), bags.read_every(bag, effort="command")),
+        (1.5, 1.5, bags.read(blinded, drop_invalid=True), bags.read_every(blinded, drop_invalid=True)),
+    ):
+        assert found.epoch == every.motion.epoch == EPOCH
+        assert (found.time[0], every.motion.time[0]) == pytest.approx((begins, lacks), abs=1e-9)

@@ -72,6 +72,15 @@ def test_every_row_is_of_the_recording_that_began_last():
     assert stretches(parts[0].time, ()) == [(parts[0].time[0], parts[0].time[-1])]
 
 
+def test_the_clock_of_all_is_that_of_the_first():
+    """Which may begin later than its recording: what it shows is told at its time there."""
+    first, second = recorded(1), recorded(2)
+    parts = [prepare(replace(one, time=one.time + late)) for one, late in ((first, 3.0), (second, 8.0))]
+    joined = concatenated(parts, [first.time + 3.0, second.time + 8.0])
+    np.testing.assert_allclose(joined.time[: len(parts[0])], parts[0].time)
+    np.testing.assert_allclose(joined.time[len(parts[0]) :], parts[1].time - 8.0 + 24.0, atol=0.02)
+
+
 def test_recordings_of_two_rates_go_together_by_one_cutoff():
     """They did up to the end, where the reported velocities were prepared as each by itself is."""
     found = diagnose([recorded(1, rate=50.0), recorded(2)], ARM, cutoff=8.0)

@@ -33,6 +33,11 @@ def stamped(name: str, parts: Sequence[Samples], every: bool = False) -> tuple[l
     ]
 
 
+def begun(stamps: np.ndarray) -> int:
+    """The first of the stamps (N,) [ns] that is a time, whatever is left out later; 0 where there is none."""
+    return next(iter(stamps[told(stamps)].tolist()), 0)
+
+
 def told(stamps: np.ndarray) -> np.ndarray:
     """Which stamps (N,) [ns] are a time, (N,) bool: zero is none among others long after it."""
     set_ = stamps != 0

@@ -114,7 +114,7 @@ def read_every(
     velocity, silent, more = reported_velocity(name, shown.joints, shown.position, shown.velocity)
     acting, also = reported_effort(name, samples)
     motion = Recording(
-        (moments - moments[0]) * 1e-9,
+        (moments - samples.epoch) * 1e-9,
         samples.joints,
         shown.position,
         _if_credible(velocity),
@@ -122,7 +122,7 @@ def read_every(
         name=name,
         urdf=urdf,
         notes=(*notes, *more, *also),
-        epoch=int(moments[0]),
+        epoch=samples.epoch,
     )
     motion = with_derived(motion, silent)
     nothing = np.full(samples.position.shape, np.nan)

@@ -35,6 +35,7 @@ class Samples:
         joints: n joint names.
         log, stamp: time of recording and of the header, (N,) int64 [ns].
         position, velocity, effort: (N, n), NaN where a message left it empty; None where all did.
+        epoch: what the clock reads at time 0 of a recording that is made of them [ns].
     """
 
     joints: tuple[str, ...]
@@ -43,6 +44,7 @@ class Samples:
     position: np.ndarray
     velocity: np.ndarray | None
     effort: np.ndarray | None
+    epoch: int = 0
 
     def __len__(self) -> int:
         return len(self.stamp)

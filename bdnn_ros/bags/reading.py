@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bdnn_ros.bags.cdr import MalformedMessage, decode_string
-from bdnn_ros.bags.clock import stamped
+from bdnn_ros.bags.clock import begun, stamped
 from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.description import movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
@@ -48,7 +48,7 @@ def read(
     joints: Sequence[str] = (),
     robot_joints: Sequence[str] = (),
 ) -> Recording:
-    """The joint states of a bag as a recording that starts at time 0.
+    """The joint states of a bag as a recording; its time 0 is that of the first joint state, even if that is left out.
 
     Messages are streamed: memory holds the joint data and one chunk, not the file. Stamps are those of the
     headers; where all of these are zero, those of the recorder. Joints that come in messages of their own are put
@@ -234,6 +234,7 @@ def _samples(
     clocked, notes = stamped(name, found, every)
     samples, more = together(name, clocked, wanted, needed=needed, measured=commands is None, every=every)
     unused = [joint for joint in old if not any(joint in part.joints for part in found)]
+    samples = replace(samples, epoch=begun(clocked[0].stamp))
     return samples, [*_notes(name, states, sum(map(len, found)), unused), *notes, *more]
 
 
@@ -267,7 +268,6 @@ def recording_of(
     name: str, samples: Samples, urdf: str | None, drop_invalid: bool, notes: list[str]
 ) -> Recording:
     """The recording of samples: fields that nobody measured recognised."""
-    stamps = samples.stamp
     velocity, silent, more = reported_velocity(name, samples.joints, samples.position, samples.velocity)
     effort, also = samples.effort, []
     if effort is not None:
@@ -278,9 +278,8 @@ def recording_of(
             samples = replace(samples, effort=np.where(absent, 0.0, effort))
         effort, unmeasured = reported_effort(name, samples)
         also += unmeasured
-    epoch = int(stamps[0]) if len(stamps) else 0
     recording = cleaned(
-        (stamps - epoch) * 1e-9,
+        (samples.stamp - samples.epoch) * 1e-9,
         samples.joints,
         samples.position,
         velocity,
@@ -290,4 +289,4 @@ def recording_of(
         drop_invalid=drop_invalid,
     )
     recording = with_derived(recording, silent)
-    return replace(recording, epoch=epoch, notes=(*notes, *more, *also, *recording.notes))
+    return replace(recording, epoch=samples.epoch, notes=(*notes, *more, *also, *recording.notes))

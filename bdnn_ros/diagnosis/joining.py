@@ -79,8 +79,11 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
 
 
 def starts(times: Sequence[np.ndarray]) -> list[float]:
-    """When each of some recordings begins on the clock of all, from their stamps [s]: a second after the one before it."""
-    return np.cumsum([0.0, *(time[-1] - time[0] + 1.0 for time in times[:-1])]).tolist()
+    """When each of some recordings begins on the clock of all, which is the first one's, from their stamps [s].
+
+    The others begin a second after the one before them.
+    """
+    return np.cumsum([times[0][0], *(time[-1] - time[0] + 1.0 for time in times[:-1])]).tolist()
 
 
 def owners(time: np.ndarray, begun: Sequence[float]) -> np.ndarray:
