@@ -319,6 +319,39 @@ def test_two_publishers_of_the_same_joints(tmp_path: Path) -> None:
     assert_equal(again, arm)
 
 
+def test_messages_that_change_their_joints_on_the_way_are_of_one_publisher(tmp_path: Path) -> None:
+    """As where a controller is started; a stamp that comes twice or late, at the change or elsewhere, makes no second."""
+    arm, rng = motion(joints=ARM), np.random.default_rng(0)
+    more = replace(
+        arm,
+        joints=(*ARM, "finger"),
+        **{
+            field: np.column_stack([getattr(arm, field), np.ones(len(arm))])
+            for field in ("position", "velocity", "effort")
+        },
+    )
+    for name, strays in (("none", {}), ("twice", {50: 49}), ("late", {301: 297}), ("change", {300: 299})):
+        stamps = EPOCH + np.round((arm.time + rng.uniform(0.0, 0.002, len(arm))) * 1e9).astype(np.int64)
+        for row, of in strays.items():
+            stamps[row] = stamps[of]
+        messages = [
+            (topic, kind, log, joint_state(one.joints, one.position[k], (), one.require_effort()[k], stamp))
+            for k, ((topic, kind, log, _), stamp) in enumerate(zip(states(arm), stamps.tolist(), strict=True))
+            for one in [arm if k < 300 else more]
+        ]
+        again = bags.read(write_bag(tmp_path / name, messages), joints=ARM, drop_invalid=True)
+        assert len(again) == len(arm) - len(strays), name
+
+
+def test_a_second_publisher_that_is_slow_is_known_by_stamps_between_those_of_the_first(
+    tmp_path: Path,
+) -> None:
+    arm = motion(joints=ARM)
+    other = replace(motion(joints=(*ARM, "finger"), samples=60, rate=10.0), epoch=EPOCH + 3_000_000)
+    messages = sorted([*states(arm), *states(other)], key=lambda message: message[2])
+    assert_equal(bags.read(write_bag(tmp_path / "bag", messages), joints=ARM), arm)
+
+
 def test_the_description_chooses_the_joints(tmp_path: Path) -> None:
     recording = motion(joints=("wheel", "pivot"), urdf=PENDULUM)
     again = bags.read(bag_of(tmp_path / "bag", recording))

@@ -9,9 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bdnn_ros.bags.cdr import Layout, MalformedMessage, joint_state_layout
+from bdnn_ros.stamps import RESTART
 
 DENSER = 0.75
 """Stamps this much closer than those of one publisher come from two."""
+FEW_TURNS = 8
+"""Messages that change their joints this seldom come from one publisher, whatever a single stamp of them says."""
 BLOCK = 4096
 """Messages that are decoded together: large enough for NumPy, small enough for memory."""
 
@@ -189,15 +192,33 @@ class JointStates:
             _joined([_columns(block, group.joints, joints) for block in group.blocks]) for group in groups
         ]
         kept = _joined(parts)
-        if len(parts) > 1 and _twofold(kept.stamp, parts[0].stamp):
+        if len(parts) > 1 and _twofold(parts):
             kept = parts[0]
         return Samples(tuple(joints), kept.log, kept.stamp, kept.position, kept.velocity, kept.effort)
 
 
-def _twofold(merged: np.ndarray, single: np.ndarray) -> bool:
-    """Whether stamps of several publishers are between one another, instead of filling one another's gaps."""
-    steps = np.diff(merged)
-    return bool((steps <= 0).any() or np.median(steps) < DENSER * np.median(np.diff(single)))
+def _twofold(parts: Sequence[Block]) -> bool:
+    """Whether stamps of several publishers are between one another, instead of filling one another's gaps.
+
+    What tells is the steps from one part to another: of one publisher these are as long as any, but for a stray stamp.
+
+    Args:
+        parts: messages that hold other joints each, those that are most first.
+    """
+    order = np.argsort(np.concatenate([part.arrival for part in parts]))
+    stamp = np.concatenate([part.stamp for part in parts])[order]
+    source = np.repeat(range(len(parts)), [len(part.stamp) for part in parts])[order]
+    own = parts[0].stamp
+    if not stamp.any():
+        stamp, own = np.concatenate([part.log for part in parts])[order], parts[0].log
+    if len(own) < 2:
+        return False
+    usual = float(np.median(np.diff(own)))
+    given = stamp != 0
+    steps = np.diff(stamp[given])[np.diff(source[given]) != 0]
+    if len(steps) < FEW_TURNS:  # parts that follow one another, but for a clock that is of another publisher
+        return bool((steps < -RESTART * usual).any())
+    return bool(np.mean(np.clip(steps, -usual, usual)) < DENSER * usual)
 
 
 def _columns(block: Block, has: Sequence[str], wanted: Sequence[str]) -> Block:
