@@ -82,8 +82,8 @@ class EffortConvention:
         return replace(recording, effort=self.sensed(recording.position, recording.effort, commanded))
 
     def sensed(self, position: np.ndarray, effort: np.ndarray, commanded: bool) -> np.ndarray:
-        """As `acting`, of a whole recording: a measured effort that is zero throughout stays so."""
-        there = commanded | effort.any(axis=0)
+        """As `acting`, of a whole recording: a measured effort that is zero throughout, where there is one, stays so."""
+        there = commanded | np.nan_to_num(effort).any(axis=0)
         return np.where(there, self.acting(position, effort), effort)
 
 

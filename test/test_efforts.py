@@ -148,6 +148,14 @@ def test_gravity_is_no_effort_of_a_joint_without_a_sensor(arm, plain, reported):
     ring.close()
 
 
+def test_a_message_without_efforts_makes_no_sensor(arm, plain):
+    effort = plain.require_effort() * [1.0, 0.0]
+    effort[0] = np.nan
+    sensed = EffortConvention.of([], arm.joints, arm).sensed(plain.position, effort, False)
+    assert np.isnan(sensed[0]).all() and not sensed[1:, 1].any()
+    np.testing.assert_allclose(sensed[1:, 0], (effort + arm.gravity(plain.position))[1:, 0])
+
+
 def test_gravity_is_added_where_a_joint_is_commanded_no_effort(arm):
     states, commands = Ring.create(100, 6), Ring.create(100, 2)
     intake, orders = Intake(arm.joints, states, needs_effort=False), CommandIntake(arm.joints, commands)
