@@ -198,6 +198,19 @@ def test_parameters_are_written_where_there_is_a_prior(bag, tmp_path):
         )
 
 
+def test_parameters_of_another_model_beside_stay(bag, tmp_path):
+    """Whether or not the file that is replaced had any; its own go with it."""
+    words = ["identify", bag["first"], "--budget", "0.5", "--prior"]
+    beside, parameters = tmp_path / "b.bdnn", tmp_path / "parameters.json"
+    assert main([*words, "urdf", "--out", str(tmp_path / "a.bdnn")]) == 0
+    told = parameters.read_text()
+    for _ in range(2):
+        assert main([*words, "none", "--out", str(beside)]) == 0
+        assert parameters.read_text() == told
+    assert main([*words, "none", "--out", str(tmp_path / "a.bdnn")]) == 0
+    assert not parameters.exists() and beside.exists()
+
+
 def test_a_directory_may_have_dots_in_its_name(bag, tmp_path, monkeypatch):
     """And what is beside it is nobody's business, whatever it is called."""
     monkeypatch.chdir(tmp_path)

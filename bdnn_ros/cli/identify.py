@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from bdnn_ros.bdnn.modelfile import model_place
 from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
-from bdnn_ros.errors import UsageError, listed
-from bdnn_ros.online.models import Model, save_model
+from bdnn_ros.errors import BdnnError, UsageError, listed
+from bdnn_ros.online.models import Model, load_model, save_model
 from bdnn_ros.physical.parameters import Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -131,6 +131,7 @@ def run(args: argparse.Namespace) -> int:
     if robot is not None:
         metrics["simulation"] = score_description(robot, tested)
     path, told = model_place(args.out), None
+    outdated = args.prior == "none" and _are_parameters_of(path, path.with_name(PARAMETERS))
     with outputs.written_together(path.parent) as place:
         save_model(place / path.name, model)
         _write(place / "metrics.json", {key: value.as_json() for key, value in metrics.items()})
@@ -138,8 +139,8 @@ def run(args: argparse.Namespace) -> int:
             content, told = _parameters(robot, model, training, args.cutoff, spread)
             _write(place / PARAMETERS, content)
         _picture(place / "effort.png", model, robot, tested[0])
-    if args.prior == "none":
-        _remove_parameters(path.with_name(PARAMETERS))
+    if outdated:
+        path.with_name(PARAMETERS).unlink()
     elif told is not None:
         _tell(told, path.with_name(PARAMETERS))
     _print(metrics, alike, path, robot)
@@ -242,16 +243,19 @@ def _tell(told: Told, path: Path) -> None:
         options.say(sentence)
 
 
-def _remove_parameters(path: Path) -> None:
-    """Takes away what was identified of a model that was here before; a file of somebody else's stays."""
-    from bdnn_ros.physical.parameters_report import FORMAT
+def _are_parameters_of(model: Path, path: Path) -> bool:
+    """Whether a file tells what was identified of a model: not that of another model beside it, nor somebody else's."""
+    from bdnn_ros.physical import parameters_report
+    from bdnn_ros.physical.model import PhysicalModel
 
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return
-    if isinstance(content, dict) and content.get("format") == FORMAT:
-        path.unlink()
+        content, known = json.loads(path.read_text(encoding="utf-8")), load_model(model)
+    except (OSError, ValueError, BdnnError):
+        return False
+    if not (isinstance(content, dict) and isinstance(known, PhysicalModel)):
+        return False
+    own = parameters_report.as_json(known)
+    return all(content.get(key) == own[key] for key in ("format", "joints", "parameters"))
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:
