@@ -176,6 +176,26 @@ def test_effects_that_cannot_be_or_never_act_are_refused(spec, says, tmp_path, c
     assert not (tmp_path / "out").exists()
 
 
+def test_what_a_truth_holds_beside_effects_is_said_to_be_left_out_unless_it_is_asked_for(tmp_path, capsys):
+    real = ("--worn", "--wrong", "0.2", "--seed", "3")
+    first, _ = simulated(tmp_path / "first", "--effect", "effort_offset@arm2_joint1:offset=1", *real)
+    again = ("--effects", str(first / "truth.yaml"))
+    capsys.readouterr()
+    for number, (given, says) in enumerate(
+        (
+            ((), "Pass --worn --wrong 0.2 --seed 3 as well for the same robot."),
+            (real[:3], "Pass --seed 3 as well"),
+            (real[1:], "Pass --worn as well"),
+            (real, ""),
+        )
+    ):
+        out, status = simulated(tmp_path / str(number), *again, *given)
+        notes = capsys.readouterr().err
+        assert status == 0 and (says in notes if says else notes == "")
+    truths = [yaml.safe_load((one / "truth.yaml").read_text()) for one in (first, out)]
+    assert truths[0] == truths[1]
+
+
 def test_a_push_may_last_beyond_the_recording(tmp_path):
     for spec in (f"{PUSH},start=-1,end=9", f"{PUSH},start=1,end=inf"):
         assert simulated(tmp_path, "--effect", spec, "--overwrite")[1] == 0

@@ -34,7 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="effect[@joint or link][:key=value,...], repeatable; effects: " + ", ".join(EFFECTS),
     )
     parser.add_argument(
-        "--effects", metavar="FILE", type=Path, help="effects.yaml of an extended model (or a truth.yaml)"
+        "--effects",
+        metavar="FILE",
+        type=Path,
+        help="effects.yaml of an extended model (or a truth.yaml, of which --worn and --wrong are asked for anew)",
     )
     parser.add_argument("--hide", metavar="N", type=int, default=0, help="N random effects more, not printed")
     parser.add_argument(
@@ -88,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
     if args.effects:
         found = EffectsFile.read(args.effects)
         robot = found.robot(robot)
+        _say_left_out(found, args)
         if robot.held:
             held = listed(f"{joint} at {position:.4g}" for joint, position in robot.held)
             options.say(f"Held as {args.effects} has it: {held}.")
@@ -132,6 +136,25 @@ def run(args: argparse.Namespace) -> int:
         print(f"{args.hide} hidden: see {truth}, after a guess.")
     print(f"{bag}: {counted(len(simulated.recording), 'sample')} of {counted(robot.width, 'joint')}.")
     return 0
+
+
+def _say_left_out(found: EffectsFile, args: argparse.Namespace) -> None:
+    """Tells what a truth.yaml holds beside effects, where it is not asked for: friction, rotors and links of its robot."""
+    truth, what, needed = found.content, list[str](), list[str]()
+    wrong = truth.get("wrong") or 0.0
+    if truth.get("worn"):
+        what.append("worn joints")
+        needed += [] if args.worn else ["--worn"]
+    if truth.get("links"):
+        what.append("links that are off")
+        needed += [] if args.wrong == wrong else [f"--wrong {wrong}"]
+    if what and truth.get("seed", args.seed) != args.seed:
+        needed.append(f"--seed {truth['seed']}")
+    if needed:
+        options.say(
+            f"{args.effects}: its robot had {' and '.join(what)}, which are no effects and differ here. "
+            f"Pass {' '.join(needed)} as well for the same robot."
+        )
 
 
 def _robot(args: argparse.Namespace) -> Robot:
