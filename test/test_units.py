@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,3 +75,8 @@ def test_findings_have_them(robot: Robot) -> None:
 def test_sentences_have_them(robot: Robot, spec: str, words: str) -> None:
     name, _, rest = spec.partition(":")
     assert words in parse_spec(f"{name}@arm2_joint2:{rest}", robot).sentence(robot)
+
+
+def test_what_gives_less_than_in_a_model_has_them(robot: Robot) -> None:
+    gives = parse_spec("joint_elasticity@arm2_joint2:stiffness=9000", robot)
+    assert "by 0.000111 m/N." in replace(gives, values={"stiffness": -9000.0}).sentence(robot)

@@ -10,6 +10,7 @@ ALONG = {
     "kg*m^2": "kg",
     "N*m": "N",
     "N*m/rad": "N/m",
+    "rad/(N*m)": "m/N",
     "N*m*s/rad": "N*s/m",
     "N*m*s^2/rad^2": "N*s^2/m^2",
 }
