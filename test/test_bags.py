@@ -442,6 +442,23 @@ def test_velocity_that_nobody_reports_is_absent(tmp_path: Path, value: float) ->
         assert "no velocity is reported for a, b, c" in again.notes[0]
 
 
+@pytest.mark.parametrize("stray", [np.nan, 1e300])
+def test_a_position_that_is_none_does_not_hide_that_nobody_reports_velocity(
+    tmp_path: Path, stray: float
+) -> None:
+    recording = motion(joints=ARM)
+    position = recording.position.copy()
+    position[70] = stray
+    messages = [
+        (t, k, log, joint_state(ARM, q, np.zeros(3), u, log))
+        for (t, k, log, _), q, u in zip(states(recording), position, recording.require_effort(), strict=True)
+    ]
+    path = write_bag(tmp_path / "bag", messages)
+    again = bags.read(path, drop_invalid=True)
+    assert len(again) == 599 and again.velocity is None
+    assert bags.read_every(path).motion.velocity is None
+
+
 @pytest.mark.parametrize("value", [np.nan, 0.0])
 def test_velocity_that_one_joint_does_not_report_is_derived_for_it_alone(
     tmp_path: Path, value: float

@@ -9,6 +9,7 @@ import numpy as np
 
 from bdnn_ros.bags.joint_states import Samples
 from bdnn_ros.errors import listed
+from bdnn_ros.readings import credible
 from bdnn_ros.recording import GAP_SECONDS, Recording
 from bdnn_ros.signals.wraps import wraps
 
@@ -34,7 +35,7 @@ def reported_velocity(
         return None, silent, []
     absent = np.isnan(velocity).all(axis=0)
     unknown = ~(np.isfinite(velocity) & (velocity != 0.0)).any(axis=0)
-    moves = np.ptp(position, axis=0) > MOVES if len(position) else unknown
+    moves = _covered(position) > MOVES if len(position) else unknown
     silent = (unknown & moves) | absent
     partly = np.isnan(velocity[:, ~absent]).all(axis=1) & (not absent.all())
     if partly.any():
@@ -47,6 +48,12 @@ def reported_velocity(
     if partly.any() or unknown.all():
         return None, np.zeros_like(silent), notes
     return np.where(silent, 0.0, velocity), silent, notes
+
+
+def _covered(position: np.ndarray) -> np.ndarray:
+    """How much each joint covers, (n,) [rad], by those of the positions (N, n) that may be one; -inf without any."""
+    seen = credible(position)
+    return np.where(seen, position, -np.inf).max(axis=0) - np.where(seen, position, np.inf).min(axis=0)
 
 
 def with_derived(recording: Recording, silent: np.ndarray) -> Recording:
