@@ -30,6 +30,7 @@ from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.simulate import simulate
 
 J1, J2 = "arm2_joint1", "arm2_joint2"
 FILES = {
@@ -295,6 +296,15 @@ def test_what_cannot_be_diagnosed_is_refused_in_one_sentence(
     error = capsys.readouterr().err
     assert error.count("bdnn: error:") == 1 and says in error.lower() and "Traceback" not in error
     assert not (tmp_path / "out" / "diagnosis.json").exists()
+
+
+def test_a_low_pass_that_leaves_too_little_is_named(tmp_path, capsys):
+    made = simulate(Robot.bundled("arm2"), seed=1, duration=15.0, rate=100.0).recording
+    words = ["diagnose", str(bags.write(made, tmp_path / "bag")), "--out", str(tmp_path / "out")]
+    assert main([*words, "--cutoff", "0.4"]) == 1
+    error = capsys.readouterr().err
+    assert "15.0 s hold too little motion for a diagnosis behind a low-pass of 0.4 Hz" in error
+    assert "Give a higher --cutoff" in error and "10 s" not in error
 
 
 def test_an_unknown_model_or_bag_is_wrong_usage(recording, tmp_path, capsys):

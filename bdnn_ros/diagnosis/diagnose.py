@@ -34,8 +34,10 @@ from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals, flattened
+from bdnn_ros.signals import Signals, flattened, usual_cutoff
 
+ENOUGH = 10.0
+"""So many seconds of motion are mostly enough, behind a usual low-pass."""
 FEWEST_VALUES = 12.0
 """A low-pass has to leave so many independent values of the joint that moves longest: fewer suit any cause."""
 
@@ -111,7 +113,7 @@ def examine(
     robot, recordings = known.robot, known.acting(recordings)
     require_mass(robot)
     if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
-        raise _too_short(recordings)
+        raise _too_short(recordings, cutoff)
     say("filtering")
     recordings = excerpts(recordings)
     signals = _signals(recordings, robot, cutoff)
@@ -121,20 +123,20 @@ def examine(
     recordings, signals, late = _as_measured(recordings, signals, robot, cutoff, model)
     if model is not None and signals.own is not None:
         predicted = model.predict(signals)
-    looks = _looks(recordings, signals, known, predicted, say)
+    looks = _looks(recordings, signals, known, predicted, say, cutoff)
     calm = undisturbed(signals, robot, looks.pushed()) if _creep_is_seen(signals, model) else signals
     if calm is not signals:
         say("beside what pushes dry friction comes on otherwise")
-        signals, looks = calm, _looks(recordings, calm, known, predicted, say)
+        signals, looks = calm, _looks(recordings, calm, known, predicted, say, cutoff)
     tilt = looks.tilt()
     if tilt is not None:
         say("as the bodies hang on a base that is tilted")
-        looks = _looks(recordings, signals, known, predicted, say, tilt)
+        looks = _looks(recordings, signals, known, predicted, say, cutoff, tilt)
     recordings = remarked(recordings, signals, robot)
     equations, candidates = looks.equations, looks.candidates
     attempt = best_attempt(looks)
     if not equations.usable[attempt.test].any():
-        raise _too_short(recordings)
+        raise _too_short(recordings, cutoff)
     beyond = excesses(_in_rows_that_count(equations, attempt.fitted))
     pool = _exact(candidates, equations, attempt.fitted)
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
@@ -192,9 +194,13 @@ def _looks(
     known: Compared,
     predicted: np.ndarray | None,
     say: Progress,
+    cutoff: float | None = None,
     tilt: tuple[float, float] | None = None,
 ) -> Looks:
     """First looks at the regression of a motion, on a base tilted so [rad].
+
+    Args:
+        cutoff: low-pass that was asked for [Hz], None for the usual one.
 
     Raises:
         RecordingError: too short.
@@ -205,7 +211,7 @@ def _looks(
     equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
-        raise _too_short(recordings)
+        raise _too_short(recordings, cutoff)
     errors = LINK_ERRORS if covariance is None else DOUBTS
     candidates = Candidates.shown_by(equations, None if model is None else known.held)
     return Looks(equations, candidates, errors, say)
@@ -220,11 +226,21 @@ def _load_ratios(effects: Sequence[Installed], width: int) -> np.ndarray:
     return ratios
 
 
-def _too_short(recordings: Sequence[Recording]) -> RecordingError:
-    together = sum(recording.recorded for recording in recordings)
+def _too_short(recordings: Sequence[Recording], cutoff: float | None) -> RecordingError:
+    """What to say where too little is left behind a low-pass, of which a low cut-off may have been asked for [Hz]."""
+    name, together = recordings[0].name, sum(recording.recorded for recording in recordings)
+    if together < ENOUGH:
+        return RecordingError(
+            f"{name}: {together:.1f} s of motion are too short for a diagnosis.",
+            f"Record at least {ENOUGH:g} s of motion, better 30 s.",
+        )
+    usual = min(usual_cutoff(recording.rate) for recording in recordings)
+    low = cutoff is not None and cutoff < usual
     return RecordingError(
-        f"{recordings[0].name}: {together:.1f} s of motion are too short for a diagnosis.",
-        "Record at least 10 s of motion, better 30 s.",
+        f"{name}: {together:.1f} s hold too little motion for a diagnosis behind a low-pass of {cutoff or usual:.3g} Hz.",
+        f"Give a higher --cutoff ({usual:.3g} Hz is usual), or record longer."
+        if low
+        else "Record longer motion of the joints without pauses, better 30 s.",
     )
 
 
