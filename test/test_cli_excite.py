@@ -109,6 +109,23 @@ def test_a_model_or_a_robot_without_a_diagnosis(tmp_path: Path, capsys) -> None:
         assert "shows all parameters" in capsys.readouterr().out
 
 
+def test_the_model_beside_a_diagnosis_is_its_robot(tmp_path: Path, capsys) -> None:
+    """As where the bag had the description; a model of other joints is another's."""
+    friction = finding(place("coulomb_friction", JOINTS[0]), {"coulomb": 0.3})
+    path = write_diagnosis(
+        tmp_path / "diagnosis.json", JOINTS, friction, urdf="/robot_description of the bag"
+    )
+    words = ["excite", "--for", str(path), "--duration", "8", "--out", str(tmp_path / "out")]
+    for robot in (None, Robot.bundled("arm6")):
+        if robot is not None:
+            save_model(tmp_path, ExtendedModel(robot, (), np.zeros(robot.width)))
+        assert main(words) == 2
+        assert "There is no robot." in capsys.readouterr().err
+    save_model(tmp_path, ExtendedModel(Robot.bundled("arm2"), (), np.zeros(2)))
+    assert main(words) == 0
+    assert (tmp_path / "out" / "trajectory.csv").read_text().startswith(f"time,{JOINTS[0]}.position")
+
+
 @pytest.mark.parametrize(
     ("findings", "says"),
     [

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bdnn_ros.bdnn.modelfile import FILE_NAME
 from bdnn_ros.cli import options, outputs
 from bdnn_ros.cli.tables import csv_header
 from bdnn_ros.diagnosis.identifiability import TIE
@@ -16,6 +17,7 @@ from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.choice import DECISIVE, Excitation, excite
 from bdnn_ros.excitation.rivals import Case, joints_of, read_case
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.robot.urdf import OPEN_VELOCITY
@@ -29,7 +31,11 @@ CSV, YAML = "trajectory.csv", "trajectory.yaml"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn excite`."""
     parser.add_argument(
-        "model", metavar="MODEL", nargs="?", type=Path, help="a model of the robot, as a diagnosis writes it"
+        "model",
+        metavar="MODEL",
+        nargs="?",
+        type=Path,
+        help="a model of the robot, as a diagnosis writes it (default: the one beside the file --for)",
     )
     options.add_robot_arguments(parser)
     parser.add_argument(
@@ -152,7 +158,10 @@ def yaml_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:
 
 
 def _given(args: argparse.Namespace) -> tuple[Robot, Model | None]:
-    """The robot of MODEL with the model itself, or that of --urdf or --robot, else the one the diagnosis names."""
+    """The robot of MODEL with the model itself, or that of --urdf or --robot.
+
+    Else that of the diagnosis: of the model beside it, or the one that it names.
+    """
     given = [name for name in ("model", "urdf", "robot") if getattr(args, name) is not None]
     if len(given) > 1:
         raise UsageError("More than one robot is given.", "Give MODEL, --urdf or --robot.")
@@ -165,13 +174,24 @@ def _given(args: argparse.Namespace) -> tuple[Robot, Model | None]:
                 f"{args.model} is a black box: it does not know the robot's limits.", "Give --urdf instead."
             )
         return robot, model
+    if args.case and not given:
+        extended = _beside(args.case, joints)
+        if extended is not None:
+            return extended.robot, extended
     if args.robot is not None or (not given and source in BUNDLED):
         return Robot.bundled(source if args.robot is None else args.robot, joints), None
     if args.urdf or (not given and source and Path(source).is_file() and Path(source).suffix == ".urdf"):
         return Robot.from_file(args.urdf or source, joints), None
     raise UsageError(
-        "There is no robot.", "Give MODEL (the diagnosis's directory), --urdf FILE or --robot NAME."
+        "There is no robot.", "Give MODEL (a diagnosis's directory), --urdf FILE or --robot NAME."
     )
+
+
+def _beside(case: Path, joints: Sequence[str]) -> ExtendedModel | None:
+    """The extended model that a diagnosis of some joints left beside its file; None where there is none."""
+    path = case.parent / FILE_NAME
+    model = load_model(path) if path.is_file() else None
+    return model if isinstance(model, ExtendedModel) and {*model.joints} == {*joints} else None
 
 
 def _ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
