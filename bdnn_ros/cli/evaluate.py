@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
     if robot is None:
         loading.say_unusable([recording])
     fitness.require_measured(recording)
+    model = loading.along(model, recording)
     if args.holdout is None:
         signals = prepare(recording, args.cutoff)
     else:

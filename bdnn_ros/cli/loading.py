@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from bdnn_ros import bags
 from bdnn_ros.cli.describing import described_robot, unusable, with_joints, without_led
@@ -21,6 +21,15 @@ from bdnn_ros.robot.mimics import with_mimics
 from bdnn_ros.signals import mended
 
 Read = TypeVar("Read")
+Known = TypeVar("Known")
+
+
+@runtime_checkable
+class KnowsTimes(Protocol):
+    """A model of which something acts at times only."""
+
+    def along(self, recording: Recording) -> tuple[Any, str]:
+        """Itself by a recording's clock, and in words what is left out."""
 
 
 def load(
@@ -101,6 +110,16 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     if convention is None:
         return every
     return replace(every, effort=convention.sensed(every.position, every.effort, args.effort == "command"))
+
+
+def along(model: Known, recording: Recording) -> Known:
+    """A model as it acts along a recording: what acts at times of other recordings only is left out, which is said."""
+    if not isinstance(model, KnowsTimes):
+        return model
+    there, left_out = model.along(recording)
+    if left_out:
+        say(left_out)
+    return there
 
 
 def shown(args: argparse.Namespace, joints: Sequence[str]) -> tuple[str, ...]:

@@ -56,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     joints = loading.shown(args, model.joints)
     every = loading.load_every(args, model.joints)
+    model = loading.along(model, every.motion)
     with options.progress("predicting") as show:
         along = effort_along(model, every.motion, args.cutoff, show)
     effort = np.where((every.row >= 0)[:, None], along[every.row], np.nan)

@@ -1,8 +1,8 @@
-"""An extended model in recordings of another time, its sensors aside."""
+"""An extended model in recordings of another time, and by the clock of those it was diagnosed from."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,9 @@ from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed, get
+from bdnn_ros.errors import listed
+from bdnn_ros.extension.recorded import Recorded
+from bdnn_ros.recording import Recording
 
 if TYPE_CHECKING:
     from bdnn_ros.extension.extended import ExtendedModel
@@ -19,6 +22,7 @@ Known = tuple[Installed, Mapping[str, float]]
 AT_SENSORS = frozenset({"effort_scale", "effort_delay", "velocity_filter"})
 """Effects that are taken out of recordings, or told apart from what was found in them."""
 IN_ZEROS = "position_offset"
+OTHER = "{name} is none of the recordings that the model was diagnosed from: {ended}."
 
 
 def known_effects(model: ExtendedModel) -> list[Known]:
@@ -57,6 +61,52 @@ def compared(model: ExtendedModel) -> Compared:
         effect.install(plant)
     held = (*acting.beside_robot, *(effect for effect, _ in sensors))
     return Compared(acting, acting.robot, plant.scale, plant.delay, plant.velocity_cutoff, held)
+
+
+def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, str]:
+    """A model as it acts along a recording, by that one's clock, and in words what is left out; nothing for nothing.
+
+    Its times are those of the recordings it was diagnosed from; where nobody knows which these are, they are taken as they are.
+    """
+    known = known_effects(model)
+    changing = [effect for effect, _ in known if by_the_clock(effect)]
+    if not changing or not model.recorded:
+        return model, ""
+    same = [one for one in model.recorded if one.holds(recording)]
+    if same:
+        return with_effects(model, (one for before in known for one in _moved(*before, same, recording))), ""
+    left = with_effects(model, (one for before in known for one in _lasting(*before)))
+    return left, OTHER.format(name=recording.name, ended=_ended(model, changing))
+
+
+def by_the_clock(effect: Installed) -> bool:
+    """Whether an effect is another at another time of its recording."""
+    return effect.effect.timed or isinstance(effect.effect, Drift)
+
+
+def _moved(
+    effect: Installed, std: Mapping[str, float], same: Sequence[Recorded], recording: Recording
+) -> list[Known]:
+    """An effect by the clock of a recording that is the same as some: what pushed, for each of those in which it did."""
+    if not by_the_clock(effect):
+        return [(effect, std)]
+    times = {name: effect.values[name] for name in ("start", "end")}
+    parts = [one for one in same if one.meets(**times)] if effect.effect.timed else same[:1]
+    since = [one.since(recording) for one in parts]
+    by_it = [{name: time - shift for name, time in times.items()} for shift in since]
+    return [(replace(effect, values={**effect.values, **moved}), std) for moved in by_it]
+
+
+def _ended(model: ExtendedModel, changing: Sequence[Installed]) -> str:
+    """What has become of effects with times since their recording, in words."""
+
+    def places(timed: bool) -> str:
+        return listed(dict.fromkeys(e.place(model.bare) for e in changing if e.effect.timed == timed), 20)
+
+    pushed, drifted = places(True), places(False)
+    said = [f"what pushed {pushed} there is over"] if pushed else []
+    said += [f"what drifted there at {drifted} stays where it ended"] if drifted else []
+    return ", and ".join(said)
 
 
 def _lasting(effect: Installed, std: Mapping[str, float]) -> list[Known]:

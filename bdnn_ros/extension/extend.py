@@ -14,9 +14,10 @@ from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
-from bdnn_ros.extension.earlier import Known, at_another_time, known_effects, with_effects
+from bdnn_ros.extension.earlier import Known, at_another_time, by_the_clock, known_effects, with_effects
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of
 from bdnn_ros.extension.merging import merged
+from bdnn_ros.extension.recorded import on_one_clock
 from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import PER_LINK, Robot
@@ -91,6 +92,7 @@ def extend(examination: Examination) -> ExtendedModel:
         earlier.beyond,
         tuple(sticking.tolist()),
         () if creep is None else tuple(map(tuple, creep.tolist())),
+        on_one_clock(examination.recordings) if any(by_the_clock(one) for one, _ in effects) else (),
     )
 
 

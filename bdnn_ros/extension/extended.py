@@ -16,13 +16,12 @@ from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
-from bdnn_ros.errors import BdnnError, ModelFileError
 from bdnn_ros.extension import earlier
-from bdnn_ros.extension.effects_file import entry, from_entries
+from bdnn_ros.extension.recorded import Recorded
+from bdnn_ros.extension.state import parts_of, state_of
 from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.entries import reading, require_robot, require_shapes
-from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.signals import Signals
 
 IN_BODIES = frozenset({"payload", "link_inertia", "base_tilt"})
@@ -61,10 +60,10 @@ GEAR_ROUNDS = {"joint_elasticity": 1, "backlash": 2}
 class ExtendedModel:
     """A robot with named effects.
 
-    Along a motion, `predict` counts every effect. The pointwise answers (`inverse_dynamics` and the rest)
-    know neither past nor clock: hysteresis, backlash, elasticity, delays, filters, drifts and external
-    wrenches count only in `predict`. M, C and g are those of the efforts that act; `inverse_dynamics`
-    returns, and `forward_dynamics` takes, the effort that is measured, where
+    Along a motion, `predict` counts every effect, at its times in the recordings that it was found in; `along` is for
+    others. The pointwise answers (`inverse_dynamics` and the rest) know neither past nor clock: hysteresis, backlash,
+    elasticity, delays, filters, drifts and external wrenches count only in `predict`. M, C and g are those of the efforts
+    that act; `inverse_dynamics` returns, and `forward_dynamics` takes, the effort that is measured, where
     effort that acts = scale · measured + offset.
 
     Attributes:
@@ -81,6 +80,8 @@ class ExtendedModel:
             how early it does [s], which only `predict` counts, n triples; empty for at once.
         beyond: an identified model whose joints add to its robot what no effect says (motors that turn with
             two joints, learned friction), or None; its offset is not counted.
+        recorded: the recordings that it was diagnosed from, whose one clock is that of its effects; empty where nobody
+            knows, or nothing has a time.
     """
 
     kind: ClassVar[str] = "extended"
@@ -94,6 +95,7 @@ class ExtendedModel:
     beyond: PhysicalModel | None = None
     sticking: tuple[float, ...] = ()
     creep: tuple[tuple[float, ...], ...] = ()
+    recorded: tuple[Recorded, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -109,6 +111,10 @@ class ExtendedModel:
     def robot(self) -> Robot:
         """The robot with those effects that it can hold: bodies, gravity, armature, viscous friction."""
         return self.plant.robot
+
+    def along(self, recording: Recording) -> tuple[ExtendedModel, str]:
+        """Itself as it acts along a recording, by that one's clock, and in words what is left out; nothing for nothing."""
+        return earlier.along(self, recording)
 
     def compared(self) -> Compared:
         """Itself as recordings of another time are compared with it."""
@@ -247,20 +253,7 @@ class ExtendedModel:
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest that make the model again."""
-        arrays, info = robot_state(self.bare)
-        arrays["noise"] = self.noise
-        info |= {
-            "effects": [entry(effect, self.bare) for effect in self.effects],
-            "stds": [dict(std) for std in self.stds],
-            "lead": self.lead,
-            "lag": self.lag,
-            "sticking": list(self.sticking),
-            "creep": [list(ways) for ways in self.creep],
-        }
-        if self.beyond is not None:
-            held, info["beyond"] = self.beyond.to_state()
-            arrays |= {f"beyond.{key}": value for key, value in held.items()}
-        return arrays, info
+        return state_of(self)
 
     @classmethod
     def from_state(cls, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> ExtendedModel:
@@ -269,38 +262,7 @@ class ExtendedModel:
         Raises:
             ModelFileError: something is missing or does not fit.
         """
-        with reading("The extended model", "Diagnose again.", arrays, info) as (arrays, info):
-            held = {key[len("beyond.") :]: v for key, v in arrays.items() if key.startswith("beyond.")}
-            width = len(info["joints"])
-            require_robot(arrays, width)
-            require_shapes(arrays, {"noise": (width,)})
-            try:
-                robot = robot_from_state(arrays, info)
-                effects = tuple(from_entries(info["effects"], robot))
-                beyond = PhysicalModel.from_state(held, info["beyond"]) if held else None
-            except BdnnError as error:
-                raise ModelFileError(
-                    f"The extended model is damaged: {error.problem}", "Diagnose again."
-                ) from None
-            if beyond is not None and beyond.joints != robot.joints:
-                raise ValueError("beyond")
-            sticking = tuple(float(value) for value in info.get("sticking", ()))
-            if len(sticking) not in (0, width):
-                raise ValueError("sticking")
-            creep = tuple(tuple(map(float, ways)) for ways in info.get("creep", ()))
-            if np.shape(creep) not in ((0,), (width, 3)):
-                raise ValueError("creep")
-            return cls(
-                bare=robot,
-                effects=effects,
-                noise=np.asarray(arrays["noise"], float),
-                stds=tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
-                lead=float(info["lead"]),
-                lag=float(info.get("lag", 0.0)),
-                sticking=sticking,
-                creep=creep,
-                beyond=beyond,
-            )
+        return cls(**parts_of(arrays, info))
 
 
 def _settled(load: np.ndarray, before: np.ndarray) -> bool:

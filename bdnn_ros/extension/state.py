@@ -1,0 +1,96 @@
+"""An extended model as named arrays and JSON-able rest, which make it again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bdnn_ros.errors import BdnnError, ModelFileError
+from bdnn_ros.extension.effects_file import entry, from_entries
+from bdnn_ros.extension.recorded import Recorded
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.robot.entries import reading, require_robot, require_shapes
+from bdnn_ros.robot.state import robot_from_state, robot_state
+
+if TYPE_CHECKING:
+    from bdnn_ros.extension.extended import ExtendedModel
+
+BEYOND = "beyond."
+"""Begins the names of the arrays of an identified model within."""
+RECORDED = "recorded."
+"""Begins the names of the arrays of the recordings that the model was diagnosed from."""
+
+
+def state_of(model: ExtendedModel) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and JSON-able rest that make a model again."""
+    arrays, info = robot_state(model.bare)
+    arrays["noise"] = model.noise
+    info |= {
+        "effects": [entry(effect, model.bare) for effect in model.effects],
+        "stds": [dict(std) for std in model.stds],
+        "lead": model.lead,
+        "lag": model.lag,
+        "sticking": list(model.sticking),
+        "creep": [list(ways) for ways in model.creep],
+        "recorded": [one.begin for one in model.recorded],
+    }
+    for k, one in enumerate(model.recorded):
+        arrays |= {f"{RECORDED}{k}.stamps": one.stamps, f"{RECORDED}{k}.position": one.position}
+    if model.beyond is not None:
+        held, info["beyond"] = model.beyond.to_state()
+        arrays |= {f"{BEYOND}{key}": value for key, value in held.items()}
+    return arrays, info
+
+
+def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, Any]:
+    """What `ExtendedModel` is made of, by name, from `state_of`.
+
+    Raises:
+        ModelFileError: something is missing or does not fit.
+    """
+    with reading("The extended model", "Diagnose again.", arrays, info) as (arrays, info):
+        held = {key.removeprefix(BEYOND): v for key, v in arrays.items() if key.startswith(BEYOND)}
+        width = len(info["joints"])
+        require_robot(arrays, width)
+        require_shapes(arrays, {"noise": (width,)})
+        try:
+            robot = robot_from_state(arrays, info)
+            effects = tuple(from_entries(info["effects"], robot))
+            beyond = PhysicalModel.from_state(held, info["beyond"]) if held else None
+        except BdnnError as error:
+            raise ModelFileError(
+                f"The extended model is damaged: {error.problem}", "Diagnose again."
+            ) from None
+        if beyond is not None and beyond.joints != robot.joints:
+            raise ValueError("beyond")
+        sticking = tuple(float(value) for value in info.get("sticking", ()))
+        if len(sticking) not in (0, width):
+            raise ValueError("sticking")
+        creep = tuple(tuple(map(float, ways)) for ways in info.get("creep", ()))
+        if np.shape(creep) not in ((0,), (width, 3)):
+            raise ValueError("creep")
+        return {
+            "bare": robot,
+            "effects": effects,
+            "noise": np.asarray(arrays["noise"], float),
+            "stds": tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
+            "lead": float(info["lead"]),
+            "lag": float(info.get("lag", 0.0)),
+            "sticking": sticking,
+            "creep": creep,
+            "beyond": beyond,
+            "recorded": _recorded(arrays, [float(begin) for begin in info.get("recorded", ())], width),
+        }
+
+
+def _recorded(arrays: dict[str, np.ndarray], begins: list[float], width: int) -> tuple[Recorded, ...]:
+    """The recordings that a model of n = `width` joints was diagnosed from; files of before have none."""
+    found = []
+    for k, begin in enumerate(begins):
+        stamps, position = arrays[f"{RECORDED}{k}.stamps"], arrays[f"{RECORDED}{k}.position"]
+        if stamps.dtype != np.int64 or not stamps.ndim == 1 <= len(stamps):
+            raise ValueError("recorded")
+        require_shapes(arrays, {f"{RECORDED}{k}.position": (len(stamps), width)})
+        found.append(Recorded(begin, stamps, np.asarray(position, float)))
+    return tuple(found)
