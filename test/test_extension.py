@@ -419,6 +419,28 @@ def test_dry_friction_turns_round_before_a_joint_that_sticks():
     assert left(model) < 0.9 * left(replace(model, sticking=()))
 
 
+def test_friction_that_comes_on_little_by_little_does_so_wherever_it_is_held(robot: Robot) -> None:
+    """At an instant as along a motion: of the robot's own friction there is as much as of the same that was found."""
+    creep = ((0.2, 0.4, 0.0), (0.2, 0.0, 0.0), *((0.0, 0.0, 0.0),) * 5)
+    own = robot.with_joint_parameters(coulomb=np.full(robot.width, 2.0))
+    held = ExtendedModel(own, (), np.zeros(robot.width), creep=creep)
+    found = with_effects(robot, *(f"coulomb_friction@{joint}:coulomb=2" for joint in robot.joints))
+    found = replace(found, creep=creep)
+    still, none = np.zeros(robot.width), np.full(robot.width, 2.0)
+    for speed, share in ((0.1, (0.5, 0.5)), (-0.1, (-0.25, -1.0)), (0.3, (1.0, 1.0)), (0.0, (0.0, 0.0))):
+        slow = np.full(robot.width, speed)
+        expected = 2.0 * np.array([*share, *np.sign(slow[2:])])
+        for model in (held, found):
+            np.testing.assert_allclose(model.friction(still, slow), expected, atol=1e-9)
+            back = model.forward_dynamics(still, slow, model.inverse_dynamics(still, slow, none))
+            np.testing.assert_allclose(back, none, rtol=1e-9)
+    steady = motion(robot)
+    steady = replace(steady, velocity=np.full_like(steady.velocity, 0.1))
+    at_once = replace(held, bare=robot)
+    along = (held.predict(steady) - at_once.predict(steady)).mean(axis=0)
+    assert along[:2] == pytest.approx([1.0, 1.0], rel=0.05)
+
+
 def test_a_push_without_a_name_is_not_in_the_model():
     """At its time nothing pushes in another recording: it was in the files, and nothing told of it."""
     arm = Robot.bundled("arm2")

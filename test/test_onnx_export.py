@@ -94,6 +94,9 @@ def test_extended_models() -> None:
     still, slow = np.zeros((1, 7)), np.full((1, 7), 0.5)
     apart = (model.inverse_dynamics(still, slow, still) - creeping.inverse_dynamics(still, slow, still))[0]
     assert apart[[0, 2, 3]] == pytest.approx([0.0, 0.4, 0.65]) and apart[6] == 0.0
+    own = model.bare.with_joint_parameters(coulomb=np.full(7, 0.3))  # the robot's own comes on alike
+    assert error(replace(creeping, bare=own)) < 1e-9
+    assert error(replace(creeping, bare=own, creep=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), *creep[2:]))) < 1e-9
 
 
 def test_every_pointwise_effect_is_known() -> None:

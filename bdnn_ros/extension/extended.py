@@ -133,7 +133,12 @@ class ExtendedModel:
         """Measured effort [N·m], (..., n)."""
         plant = self.plant
         rest = plant.robot.inverse_dynamics(position - plant.position_offset, velocity, acceleration)
-        rest = rest + self._friction_beyond(position, velocity) + acceleration @ self._inertia_beyond
+        rest = (
+            rest
+            - self._yet_to_come(velocity)
+            + self._friction_beyond(position, velocity)
+            + acceleration @ self._inertia_beyond
+        )
         plain = self._resistance(position, velocity, np.zeros_like(rest))
         free = rest + plain
         # friction grows with a load's size, by less than the load: what acts has the sign of what would without it
@@ -147,7 +152,7 @@ class ExtendedModel:
         plant = self.plant
         acting = plant.scale * effort + plant.offset
         drive = acting - self._resistance(position, velocity, acting)
-        drive = drive - self._friction_beyond(position, velocity)
+        drive = drive + self._yet_to_come(velocity) - self._friction_beyond(position, velocity)
         still = np.zeros_like(position)
         drive = drive - plant.robot.inverse_dynamics(position - plant.position_offset, velocity, still)
         return np.linalg.solve(self.mass_matrix(position), drive[..., None])[..., 0]
@@ -182,21 +187,35 @@ class ExtendedModel:
         own = self.beyond.robot.friction(position, velocity) + self.beyond.offset
         return self.beyond.friction(position, velocity) - own
 
+    def _way(self, velocity: np.ndarray) -> np.ndarray:
+        """How much of its dry friction each joint has, (..., n), from -1 to 1: it may come on little by little."""
+        sign, speed = np.sign(velocity), np.abs(velocity)
+        if not self.creep:
+            return np.asarray(sign)
+        ahead, back, _ = np.array(self.creep).T
+        whole = np.maximum(np.where(sign < 0.0, back, ahead), speed)
+        return np.divide(velocity, whole, out=np.zeros_like(whole), where=whole > 0.0)
+
+    def _yet_to_come(self, velocity: np.ndarray) -> np.ndarray:
+        """What is not there of the robot's own dry friction that the robot counts at once, (..., n) [N·m]."""
+        return self.robot.coulomb * (np.sign(velocity) - self._way(velocity))
+
     def _resistance(self, position: np.ndarray, velocity: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Effort of springs, ripples, drag and dry friction under a load, (..., n) [N·m]."""
         width = self.robot.width
-        q, v, u = (np.reshape(values, (-1, width)).tolist() for values in (position, velocity, load))
+        ways = self._way(velocity)
+        q, v, u, way = (np.reshape(each, (-1, width)).tolist() for each in (position, velocity, load, ways))
         result = np.zeros((len(q), width))
         for joint, effort in self.plant.efforts:
             for k in range(len(q)):
                 result[k, joint] += effort(0.0, q[k][joint], v[k][joint], u[k][joint])
-        creep = self.creep or ((0.0, 0.0, 0.0),) * width
         for joint, dry in self.plant.dry:
             for k in range(len(q)):
                 if v[k][joint]:
-                    sign, speed = math.copysign(1.0, v[k][joint]), abs(v[k][joint])
-                    whole = sign * dry(0.0, speed, u[k][joint], sign)
-                    result[k, joint] += whole * speed / max(creep[joint][sign < 0.0], speed)
+                    sign = math.copysign(1.0, v[k][joint])
+                    result[k, joint] += (
+                        abs(way[k][joint]) * sign * dry(0.0, abs(v[k][joint]), u[k][joint], sign)
+                    )
         return result.reshape(np.shape(position))
 
     # -- along a motion --------------------------------------------------------------------------------------

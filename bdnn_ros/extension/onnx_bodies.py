@@ -16,9 +16,13 @@ Array = Any
 CROSS = (np.array([1, 2, 0]), np.array([2, 0, 1]))
 
 
-def robot_effort(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """As `Robot.inverse_dynamics`."""
-    friction = robot.viscous * v + robot.coulomb * np.sign(v)
+def robot_effort(robot: Robot, q: Array, v: Array, a: Array, way: Array | None = None) -> Array:
+    """As `Robot.inverse_dynamics`.
+
+    Args:
+        way: how much of its dry friction each joint has, (N, n), from -1 to 1; None for all of it.
+    """
+    friction = robot.viscous * v + robot.coulomb * (np.sign(v) if way is None else way)
     return rigid_effort(robot, q, v, a) + robot.armature * a + friction
 
 

@@ -76,7 +76,7 @@ def extended_effort(model: ExtendedModel, q: Array, v: Array, a: Array) -> Array
     """As `ExtendedModel.inverse_dynamics`."""
     plant, width = model.plant, len(model.joints)
     way = _way(model, v)
-    acting = robot_effort(plant.robot, q - plant.position_offset, v, a)
+    acting = robot_effort(plant.robot, q - plant.position_offset, v, a, way)
     if model.beyond is not None and (model.beyond.motors.couplings or model.beyond.learned):
         load = rigid_effort(model.beyond.robot, q, v, 0.0 * v)
         acting = acting + effort_beyond(model.beyond, q, v, a, load)
@@ -102,10 +102,16 @@ def _way(model: ExtendedModel, v: Array) -> Array:
     if not model.creep:
         return np.sign(v)
     ahead, back, _ = np.array(model.creep).T
-    soft = np.minimum(ahead, back) > 0.0
-    forth = np.minimum(np.maximum(v / np.where(soft, ahead, 1.0), 0.0), 1.0)
-    hither = np.maximum(np.minimum(v / np.where(soft, back, 1.0), 0.0), -1.0)
-    return soft * (forth + hither) + ~soft * np.sign(v)
+    forth, hither = _share(v, ahead), -_share(-v, back)
+    return forth + hither
+
+
+def _share(speed: Array, whole: np.ndarray) -> Array:
+    """How much of dry friction is there at a speed one way, from 0 to 1; where `whole` is zero, at once."""
+    soft = whole > 0.0
+    return soft * np.minimum(np.maximum(speed / np.where(soft, whole, 1.0), 0.0), 1.0) + ~soft * np.maximum(
+        np.sign(speed), 0.0
+    )
 
 
 def _stribeck(q: Any, v: Any, sign: Any, p: dict[str, float]) -> Any:
