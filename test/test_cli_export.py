@@ -18,6 +18,7 @@ from bdnn_ros.cli.main import main
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import Model, save_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
@@ -122,6 +123,44 @@ def test_chosen_formats_only(tmp_path: Path) -> None:
         assert held == ({"armature", "effort_offset"} if formats == "urdf" else set())  # MuJoCo's has them
     assert main(["export", str(tmp_path), "--out", str(tmp_path / "y"), "--formats", "yaml"]) == 0
     assert [p.name for p in (tmp_path / "y").iterdir()] == ["parameters.yaml"]
+
+
+@pytest.mark.parametrize(("first", "then"), [("urdf", "mjcf"), ("mjcf", "urdf"), ("urdf,mjcf", "mjcf")])
+def test_no_robot_is_left_with_the_effects_of_another(first: str, then: str, tmp_path: Path, capsys) -> None:
+    """What is beside a URDF is more than what is beside a MuJoCo model: neither takes the other's place."""
+    save_model(tmp_path, models()["physical"])
+
+    def export(formats: str, model: Path = tmp_path) -> int:
+        return main(["export", str(model), "--out", str(tmp_path / "out"), "--formats", formats])
+
+    assert export(first) == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    assert export(then) == 2
+    error = capsys.readouterr().err
+    stays = "model.mjcf.xml" if first == "mjcf" else "model.urdf"
+    assert f"effects.yaml has the effects of {stays} there, and would no longer fit" in error
+    assert "or write both with --formats urdf,mjcf." in error
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+    assert export("urdf,mjcf") == 0 and export("yaml,onnx") == 0
+    save_model(tmp_path / "other", models()["extended"])
+    assert export("urdf,mjcf", tmp_path / "other") == 0  # all of them give way together
+
+
+def test_a_model_goes_into_the_directory_of_its_diagnosis(tmp_path: Path, capsys) -> None:
+    robot = Robot.bundled("arm2")
+    model = ExtendedModel(robot, (parse_spec("armature@arm2_joint1:armature=0.1", robot),), np.zeros(2))
+    save_model(tmp_path, model)
+    write_model_files(model, tmp_path)
+    words = ["export", str(tmp_path), "--out", str(tmp_path), "--formats"]
+    assert main([*words, "mjcf"]) == 2 and "extended.urdf" in capsys.readouterr().err
+    assert main([*words, "urdf,mjcf"]) == 0
+    said = EffectsFile.read(tmp_path / "effects.yaml").effects(Robot.from_file(tmp_path / "extended.urdf"))
+    assert [one.effect.name for one in said] == ["armature"]
+    save_model(tmp_path / "other", ExtendedModel(robot, (), np.zeros(2)))
+    assert main(["export", str(tmp_path / "other"), *words[2:], "urdf,mjcf"]) == 2
+    assert capsys.readouterr().err.rstrip().endswith("Name another --out.")
+    (tmp_path / "effects.yaml").write_text("no effects")
+    assert main([*words, "mjcf"]) == 0
 
 
 def test_a_format_that_cannot_be_is_status_one(tmp_path: Path, capsys) -> None:

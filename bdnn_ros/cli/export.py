@@ -18,14 +18,14 @@ from bdnn_ros.errors import DataError, UsageError, listed
 from bdnn_ros.extension.effects_file import entry
 from bdnn_ros.extension.extend import of_physical
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.extension.files import ROBOTS, write_bytes, write_model_files
+from bdnn_ros.extension.files import MODEL, ROBOTS, require_own_effects, write_bytes, write_model_files
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters_report import tilt_entry, zeros_entry
 from bdnn_ros.robot import Robot
 
 FORMATS = (*ROBOTS, "yaml", "onnx")
-STEM, PARAMETERS, GRAPH = "model", "parameters.yaml", "inverse_dynamics.onnx"
+PARAMETERS, GRAPH = "parameters.yaml", "inverse_dynamics.onnx"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     with outputs.written_together(args.out) as place:
         if formats & set(ROBOTS):
             written += _write_robot(model, place, formats)
+            require_own_effects(args.out, place)
         if "yaml" in formats:
             text = yaml.safe_dump(describe(model), sort_keys=False, allow_unicode=True)
             written.append(write_bytes(place / PARAMETERS, text.encode("utf-8")))
@@ -76,7 +77,7 @@ def _write_robot(model: Model, out: Path, formats: set[str]) -> list[Path]:
         return []
     if left_out:
         options.say(left_out)
-    return write_model_files(robot, out, STEM, formats & set(ROBOTS))
+    return write_model_files(robot, out, MODEL, formats & set(ROBOTS))
 
 
 def _as_robot(model: Dynamics) -> tuple[ExtendedModel | None, str]:

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from bdnn_ros.extension.effects_file import effects_text
+from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.extension.effects_file import ALSO_IN, HELD, EffectsFile, effects_text
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.mjcf import beside_mjcf, extended_mjcf
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.written import whole
 
 EFFECTS = "effects.yaml"
-ROBOTS = ("urdf", "mjcf")
+SUFFIXES = {"urdf": ".urdf", "mjcf": ".mjcf.xml"}
+ROBOTS = tuple(SUFFIXES)
 """Formats that hold links and joints."""
+EXTENDED, MODEL = "extended", "model"
+"""Stems of names: of what a diagnosis writes, and of what a model is exported as."""
 
 
 def write_model_files(
-    model: ExtendedModel, out: Path, stem: str = "extended", formats: Collection[str] = ROBOTS
+    model: ExtendedModel, out: Path, stem: str = EXTENDED, formats: Collection[str] = ROBOTS
 ) -> list[Path]:
     """Write an extended model as URDF, MuJoCo model and effects; each file whole or not at all.
 
@@ -27,8 +31,7 @@ def write_model_files(
         stem: of the names of the URDF and the MuJoCo model.
         formats: which of the two are written; effects.yaml has what the first of them cannot say.
     """
-    urdf = f"{stem}.urdf" if "urdf" in formats else ""
-    mjcf = f"{stem}.mjcf.xml" if "mjcf" in formats else ""
+    urdf, mjcf = (f"{stem}{SUFFIXES[kind]}" if kind in formats else "" for kind in ROBOTS)
     beside = beside_urdf(model)
     in_mjcf = beside_mjcf(beside)
     if not urdf:
@@ -40,6 +43,41 @@ def write_model_files(
         texts = {urdf: extended_urdf(model), **texts}
     out.mkdir(parents=True, exist_ok=True)
     return [write_text(out / name, text) for name, text in texts.items()]
+
+
+def require_own_effects(out: Path, written: Path) -> None:
+    """Refuses files of which the effects.yaml would take the place of one that robots need which stay beside it.
+
+    Args:
+        out: the directory, with what is there already.
+        written: another, with what is to be put there.
+
+    Raises:
+        UsageError: a robot would be left with effects that are not its own.
+    """
+    now, then = out / EFFECTS, written / EFFECTS
+    names = [f"{stem}{suffix}" for stem in (EXTENDED, MODEL) for suffix in SUFFIXES.values()]
+    staying = [name for name in names if (out / name).exists() and not (written / name).exists()]
+    if not (staying and now.exists() and then.exists()):
+        return
+    if _says(now) not in (None, _says(then)):
+        both = all((written / f"{MODEL}{suffix}").exists() for suffix in SUFFIXES.values())
+        raise UsageError(
+            f"{now} has the effects of {listed(staying)} there, and would no longer fit.",
+            f"Name another --out{'' if both else ', or write both with --formats ' + ','.join(ROBOTS)}.",
+        )
+
+
+def _says(path: Path) -> list[object] | None:
+    """What an effects.yaml says, whatever the robots beside it are called; None where it cannot be read."""
+    try:
+        content = EffectsFile.read(path).content
+    except UsageError:
+        return None
+    effects = [
+        {**one, ALSO_IN: ALSO_IN in one} if isinstance(one, dict) else one for one in content["effects"]
+    ]
+    return [effects, content.get("joints"), content.get(HELD)]
 
 
 def write_text(path: Path, text: str) -> Path:
