@@ -163,3 +163,14 @@ def test_what_is_less_than_described_is_called_so() -> None:
     assert words.kinds([found(-0.3), found(-0.1), found(0.2)]) == (
         "Less viscous friction at 2 places, viscous friction at 1 place"
     )
+
+
+def test_what_drifts_is_counted_by_what_it_is() -> None:
+    def drifting(variant: str) -> Finding:
+        return replace(
+            finding("drift", "joint", start_value=1.0, end_value=2.0, start=0.0, end=9.0), variant=variant
+        )
+
+    assert words.kinds([drifting("coulomb"), drifting("offset"), drifting("coulomb")]) == (
+        "Drifting Coulomb friction at 2 places, drifting effort offset at 1 place"
+    )

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, place, reference
 from bdnn_ros.effects.base import Parameter
+from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.registry import ALL, get
 from bdnn_ros.robot.units import printed
 
@@ -74,10 +75,16 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
 
 def kinds(findings: Sequence[Finding]) -> str:
     """The kinds of many findings in one line: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
-    counts = Counter(map(cause, findings))
+    counts = Counter(map(_kind, findings))
     parts = [f"{decapitalised(name)} at {n} place{'s' if n > 1 else ''}" for name, n in counts.most_common()]
     text = ", ".join(parts)
     return text[:1].upper() + text[1:]
+
+
+def _kind(finding: Finding) -> str:
+    """What kind of cause a finding is: its `cause`; of a drift, what drifts."""
+    own = get(finding.effect, finding.variant)
+    return f"Drifting {own.title}" if isinstance(own, Drift) else cause(finding)
 
 
 def cause(*findings: Finding) -> str:
