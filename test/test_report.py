@@ -21,6 +21,7 @@ from report_page import Page
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.result import Rival
+from bdnn_ros.report import contents
 from bdnn_ros.report.plots import effort_figure, identification_png
 from bdnn_ros.report.report import render, write_report
 from bdnn_ros.report.view import view
@@ -208,6 +209,25 @@ def test_a_diagnosis_as_it_is_made_is_reported() -> None:
     held = shown.usable & shown.held[:, None]
     before = np.sqrt(np.mean(np.where(held, shown.before, 0.0) ** 2, axis=0) / held.mean(axis=0))
     np.testing.assert_allclose(before, examination.diagnosis.effort_rmse["simulation"], rtol=1e-6)
+    without = replace(shown, usable=shown.usable & [False, True])
+    absent, measured = contents.joint_errors(without)
+    assert np.isnan([absent.spread, absent.simulation, absent.extended, absent.floor]).all()
+    assert absent.simulation_width == absent.extended_width == absent.floor_width == 0.0
+    assert contents.overall(without)["simulation"] == pytest.approx(measured.simulation)
+    assert contents.overall(shown)["simulation"] == pytest.approx(np.sqrt(np.mean(np.square(before))))
+
+
+def test_a_joint_without_a_sensor_has_no_error() -> None:
+    """Zero would be a perfect model."""
+    robot = Robot.bundled("arm2")
+    recording = worn(robot, ["coulomb_friction@arm2_joint2:coulomb=0.2"], fourier_motion(robot, 20.0))
+    effort = recording.require_effort() * [0.0, 1.0]
+    table = (
+        render(examine([replace(recording, effort=effort)], robot)).split('id="gain"')[1].split("</table>")[0]
+    )
+    absent, measured = (row.split("</tr>")[0] for row in table.split('<tr><th scope="row">')[1:])
+    assert absent.count("–") == 5 and "nan" not in table
+    assert measured.count("–") == 0
 
 
 # -- files --------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -58,7 +59,10 @@ class Contest:
 
 @dataclass(frozen=True)
 class JointError:
-    """Held-out errors of a joint, in its unit; `*_width` are bar lengths in per cent, all joints on one scale."""
+    """Held-out errors of a joint, in its unit; `*_width` are bar lengths in per cent, all joints on one scale.
+
+    Of a joint whose effort was not measured all are NaN, and its bars have no length.
+    """
 
     joint: str
     index: int
@@ -119,8 +123,11 @@ def contests(diagnosis: Diagnosis) -> list[Contest]:
 
 def joint_errors(shown: View) -> list[JointError]:
     """Held-out errors of every joint; bars relative to the spread of its effort."""
-    errors = shown.examination.diagnosis.effort_rmse
-    relative = {key: np.asarray(values) / shown.scale for key, values in errors.items()}
+    measured = _measured(shown)
+    errors = {
+        key: np.where(measured, v, np.nan) for key, v in shown.examination.diagnosis.effort_rmse.items()
+    }
+    relative = {key: np.nan_to_num(values / shown.scale) for key, values in errors.items()}
     most = max(float(np.max(values)) for values in relative.values()) or 1.0
     width = {key: 100.0 * values / most for key, values in relative.items()}
     return [
@@ -128,7 +135,7 @@ def joint_errors(shown: View) -> list[JointError]:
             joint,
             j,
             shown.units[j][0],
-            float(shown.scale[j]),
+            float(shown.scale[j]) if measured[j] else math.nan,
             float(errors["simulation"][j]),
             float(errors["extended"][j]),
             float(errors["noise_floor"][j]),
@@ -140,9 +147,15 @@ def joint_errors(shown: View) -> list[JointError]:
     ]
 
 
-def overall(diagnosis: Diagnosis) -> dict[str, float]:
-    """Held-out RMS error over all joints, in the units of their efforts."""
-    return {key: float(np.sqrt(np.mean(np.square(v)))) for key, v in diagnosis.effort_rmse.items()}
+def overall(shown: View) -> dict[str, float]:
+    """Held-out RMS error over all joints whose effort was measured, in the units of their efforts."""
+    errors, measured = shown.examination.diagnosis.effort_rmse, _measured(shown)
+    return {key: float(np.sqrt(np.mean(np.square(v), where=measured))) for key, v in errors.items()}
+
+
+def _measured(shown: View) -> np.ndarray:
+    """Which joints have an effort where the errors are of, (n,) bool."""
+    return np.asarray((shown.usable & shown.held[:, None]).any(axis=0))
 
 
 def parameter_rows(causes: Sequence[Cause]) -> list[ParameterRow]:
