@@ -46,6 +46,7 @@ def models() -> dict[str, Model]:
         ("extended", "lead", None),
         ("extended", "stds", 7),
         ("extended", "sticking", ["much"]),
+        ("extended", "recorded", ["long ago"]),
         ("extended", "effects", 7),
         ("bdnn", "joints", 7),
         ("bdnn", "h", 7),

@@ -33,8 +33,9 @@ def state_of(model: ExtendedModel) -> tuple[dict[str, np.ndarray], dict[str, Any
         "lag": model.lag,
         "sticking": list(model.sticking),
         "creep": [list(ways) for ways in model.creep],
-        "recorded": [one.begin for one in model.recorded],
     }
+    if model.recorded:
+        info["recorded"] = [one.begin for one in model.recorded]
     for k, one in enumerate(model.recorded):
         arrays |= {f"{RECORDED}{k}.stamps": one.stamps, f"{RECORDED}{k}.position": one.position}
     if model.beyond is not None:
