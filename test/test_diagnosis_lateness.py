@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,10 @@ from scipy.signal import lfilter
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
+from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness, taken_back
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.registry import parse_spec
-from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.extend import ExtendedModel, extend
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.recording import Recording
@@ -38,6 +39,11 @@ def smoothed(recording: Recording, lag: float) -> Recording:
     parts = [recording.require_effort()[rows] for rows in recording.segments()]
     done = [lfilter([share], [1.0, share - 1.0], part - part[0], axis=0) + part[0] for part in parts]
     return replace(recording, effort=np.concatenate(done))
+
+
+def extended(robot: Robot) -> Callable[[Sequence[Recording]], ExtendedModel]:
+    """What diagnoses recordings of a robot and extends it."""
+    return lambda recordings: extend(examine(recordings, robot))
 
 
 @pytest.mark.parametrize("name, seed", [("arm2", 1), ("arm6", 2), ("arm7", 3)])
@@ -118,6 +124,34 @@ def test_efforts_move_within_their_pieces():
     )
     assert "comes about 51 ms after the motion" in moved.notes[0]
     assert in_time([recording], Lateness()) == [recording]
+
+
+def test_what_is_taken_back_is_what_the_efforts_move_by():
+    """Whole samples, though a lateness is none; nothing where pieces are too short for it."""
+    recording, fast = (
+        Recording(np.arange(n) / n, ("a",), np.zeros((n, 1)), effort=np.arange(float(n))[:, None])
+        for n in (50, 100)
+    )
+    by_two = Lateness(delay=0.0335)
+    (moved,) = in_time([recording], by_two)
+    assert moved.require_effort()[0, 0] == 2.0
+    assert taken_back([recording], by_two).delay == pytest.approx(0.04)
+    assert taken_back([recording, fast], by_two).delay == pytest.approx((0.04 + 2 * 0.03) / 3)
+    short = recording.part(slice(0, 2))
+    assert in_time([short], by_two) == [short] and taken_back([short], by_two).delay == 0.0
+    assert taken_back([recording], Lateness(lag=0.03)) == Lateness(lag=0.03)
+
+
+@pytest.mark.parametrize("build", [lambda robot: Identifier(robot).fit, extended])
+def test_a_model_predicts_efforts_that_come_late_by_no_whole_samples(build):
+    """Its lead counted all of the delay, where whole samples were taken back: off by a third of one."""
+    robot = Robot.bundled("arm2")
+    recording = Scenario(robot, seed=6, duration=30.0, worn=True, rate=500.0).run()[0].recording
+    effort = np.stack([np.interp(recording.time - 0.0345, recording.time, e) for e in recording.effort.T], 1)
+    seldom = replace(recording, effort=effort, velocity=None).part(slice(50, None, 10))
+    model = build(robot)([seldom])
+    assert model.lead == pytest.approx(-0.0345, abs=0.003)
+    assert score_model(model, [prepare(seldom)]).nrmse_mean < 0.025
 
 
 def test_the_same_is_named_and_the_extended_model_predicts_what_is_recorded():

@@ -18,7 +18,7 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
-from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
+from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness, taken_back
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
 from bdnn_ros.diagnosis.odds import contains
 from bdnn_ros.diagnosis.posterior import CLEAR, Estimate, estimates, excesses
@@ -54,7 +54,7 @@ class Examination:
         recordings: what was looked at, efforts when and in the units in which they act.
         robot: what was believed of it, at the positions that the joints report.
         model: what took the simulation's place, if anything did.
-        late: how late the efforts came, before that was taken back.
+        late: what was taken back of how late the efforts came.
     """
 
     diagnosis: Diagnosis
@@ -167,13 +167,13 @@ def _as_measured(
     cutoff: float | None,
     model: Predicts | None,
 ) -> tuple[Sequence[Recording], Signals, Lateness]:
-    """Recordings and their motion with what they had passed taken back, and how late they were.
+    """Recordings and their motion with what they had passed taken back, and what of it was lateness.
 
     What changed since a model was identified is as late as it was, and its friction comes on as it did.
     """
     late = lateness(signals, robot) if model is None else Lateness()
     if late.total:
-        recordings = in_time(recordings, late)
+        recordings, late = in_time(recordings, late), taken_back(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     own = softness(signals, robot)
     if own is not None:  # how sharp friction is cannot be told any more

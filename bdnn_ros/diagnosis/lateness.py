@@ -157,6 +157,14 @@ def in_time(recordings: Sequence[Recording], late: Lateness) -> list[Recording]:
     return [_earlier(recording, late) for recording in recordings] if late.delay else list(recordings)
 
 
+def taken_back(recordings: Sequence[Recording], late: Lateness) -> Lateness:
+    """What `in_time` takes back of such a lateness: a delay by whole samples only; of several recordings on average."""
+    if not late.delay:
+        return late
+    moved = [samples / one.rate if (samples := _samples(one, late)) else 0.0 for one in recordings]
+    return Lateness(delay=float(np.average(moved, weights=[len(one) for one in recordings])))
+
+
 def note(recording: Recording, late: Lateness) -> str:
     """What a user should know of a recording whose efforts come late."""
     if late.lag:
@@ -170,11 +178,17 @@ def note(recording: Recording, late: Lateness) -> str:
     )
 
 
-def _earlier(recording: Recording, late: Lateness) -> Recording:
+def _samples(recording: Recording, late: Lateness) -> int:
+    """Whole samples by which the efforts are moved: none where that would leave nothing."""
     samples = round(late.delay * recording.rate)
-    rows = np.concatenate([np.arange(s.start, max(s.stop - samples, s.start)) for s in recording.segments()])
-    if not samples or not len(rows):
+    return samples if samples < max(s.stop - s.start for s in recording.segments()) else 0
+
+
+def _earlier(recording: Recording, late: Lateness) -> Recording:
+    samples = _samples(recording, late)
+    if not samples:
         return recording
+    rows = np.concatenate([np.arange(s.start, max(s.stop - samples, s.start)) for s in recording.segments()])
     effort = recording.require_effort()[rows + samples]
     return _with(recording, rows, effort, late)
 
