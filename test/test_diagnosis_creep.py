@@ -22,6 +22,7 @@ from bdnn_ros.scores import score_model
 from bdnn_ros.signals import Signals, flattened, prepare
 from bdnn_ros.signals.signals import friction_direction
 from bdnn_ros.simulation.excitation import fourier
+from bdnn_ros.simulation.scenario import Scenario
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import _naming_mujoco
@@ -109,6 +110,23 @@ def test_friction_that_comes_on_at_once_does_beside_a_joint_that_creeps():
         sharp = {"other": lambda q, v, size=size: size * np.sign(v), "noise_of_other": noise}
         found = creeping(seen(recorded(soft(0.1, 0.1, 8.0), **sharp)), ROBOT)
         assert not found[OTHER].any()
+
+
+def test_a_joint_that_stands_still_to_the_last_digit_has_none():
+    """Its friction fell with a velocity of zero by zero, and the diagnosis broke down."""
+    full = fourier(ROBOT, np.arange(0.0, 15.0, 1.0 / RATE), np.random.default_rng(1))
+    moves = np.arange(ROBOT.width) == OTHER
+    plan = replace(
+        full,
+        position=np.where(moves, full.position, full.position[0]),
+        velocity=full.velocity * moves,
+        acceleration=full.acceleration * moves,
+    )
+    rubs = ["coulomb_friction@arm6_joint2:coulomb=4"]
+    run, _ = Scenario(ROBOT, effects=rubs, plan=plan, rate=RATE, seed=1, resolution=1e-3).run()
+    signals = seen(run.recording)
+    assert (np.ptp(signals.position, axis=0) == 0.0).any()
+    assert creeping(signals, ROBOT) is None
 
 
 def test_friction_falls_only_where_it_is_there():

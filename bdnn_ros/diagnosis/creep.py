@@ -18,7 +18,7 @@ from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.leftover import basis, beyond
 from bdnn_ros.effects.bristles import bristles
 from bdnn_ros.errors import listed
-from bdnn_ros.recording import Recording
+from bdnn_ros.recording import Recording, further
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import along
 from bdnn_ros.signals import Signals
@@ -60,7 +60,7 @@ Creep = tuple[float, float, float]
 def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None) -> np.ndarray | None:
     """Velocities under which each joint's dry friction comes on little by little, ahead and back [rad/s], and how early [s].
 
-    They are (n, 3), zero where it does at once; None where no joint's does.
+    They are (n, 3), zero where it does at once or the joint does not move; None where no joint's does.
 
     Args:
         disturbed: samples that are left out, (N,) bool.
@@ -71,14 +71,16 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
         return None
     bodies = signals.smooth_at(_of_bodies(signals, robot), rows)
     load = np.abs(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
-    joints = [_Joint.of(signals, rows, bodies[:, j], load[:, j], j) for j in range(signals.width)]
-    found = np.array([joint.creep() for joint in joints])
+    moving = np.flatnonzero(further(signals.position, signals.position_noise)).tolist()
+    joints = {j: _Joint.of(signals, rows, bodies[:, j], load[:, j], j) for j in moving}
+    found = np.array([joints[j].creep() if j in joints else AT_ONCE for j in range(signals.width)])
     if not found.any():
         return None
     early = float(np.median(found[found.any(axis=1), 2]))
-    return np.array(
-        [one if one.any() else joint.likely(early) for one, joint in zip(found, joints, strict=True)]
-    )
+    for j in moving:
+        if not found[j].any():
+            found[j] = joints[j].likely(early)
+    return found
 
 
 def _of_bodies(signals: Signals, robot: Robot) -> np.ndarray:
@@ -244,7 +246,7 @@ class _Joint:
 
     def _falling(self, velocity: float) -> np.ndarray:
         v = self.signals.velocity[:, self.joint]
-        return np.asarray(self._way(AT_ONCE) * np.exp(-((v / velocity) ** 2)))
+        return np.asarray(self._way(AT_ONCE) * np.exp(-((v / max(velocity, TINY)) ** 2)))
 
 
 def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
