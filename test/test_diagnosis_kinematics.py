@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from bdnn_ros.cli.diagnose import verdict_lines
+from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.excitation import fourier
+from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.sensors import Noise
 from bdnn_ros.simulation.simulate import simulate
 
@@ -99,3 +103,26 @@ def test_the_interval_holds_whatever_rule_the_drivers_filter_was_made_by(rule, c
     (finding,) = reported_velocity([replace(plain, velocity=velocity)])
     quantity = finding.parameters["cutoff"]
     assert abs(quantity.value - cutoff) < 2.0 * quantity.std < 0.25 * cutoff
+
+
+@pytest.mark.parametrize("payload", [True, False])
+def test_a_filtered_velocity_explains_nothing_of_an_effort(payload):
+    """A load that one joint alone does not tell counted as explained once another cause was named."""
+    robot, time = Robot.bundled("arm2"), np.arange(0.0, 20.0, 0.005)
+    full, moves = fourier(robot, time, np.random.default_rng(3)), np.array([False, True])
+    plan = replace(
+        full,
+        position=np.where(moves, full.position, full.position[0]),
+        velocity=full.velocity * moves,
+        acceleration=full.acceleration * moves,
+    )
+    effects = [f"velocity_filter@{J2}:cutoff=4", *["payload@arm2_link2:mass=1"] * payload]
+    run, _ = Scenario(robot, effects=effects, plan=plan, rate=200.0, seed=1).run()
+    examination = examine([run.recording], robot)
+    without = examine([replace(run.recording, velocity=None)], robot).diagnosis
+    told = examination.diagnosis
+    assert [f.effect for f in told.findings] == ["velocity_filter"] and without.findings == ()
+    assert told.notes == without.notes and told.unexplained_sentence == without.unexplained_sentence
+    assert without.verdict == ("cannot_tell" if payload else "nothing_wrong")
+    assert told.verdict == ("cannot_tell" if payload else "explained")
+    assert ("of a reported velocity only" in verdict_lines(examination)[0]) == payload

@@ -45,6 +45,8 @@ CHANGES = {
     "cannot_tell": "The earlier model disagrees with the data, and no single change stands out.",
 }
 """The verdicts where the model is one identified earlier."""
+OF_A_SENSOR = "What is found is of a reported velocity only:"
+"""What follows a verdict that names no cause, where there is a finding all the same."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +124,8 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
     lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
+    if diagnosis.findings and diagnosis.verdict == "cannot_tell":
+        lines[0] += f" {OF_A_SENSOR}"
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
         said = group[0].sentence if len(group) == 1 else _together(group)
         lines.append(f" {number}. {said} ({_share(group)}, probability {_probability(group)})")

@@ -75,20 +75,24 @@ def told(
     always = {one for one in every if throughout(attempt.fitted, every, one)}
     names = named(robot, equations, attempt, found, unfit, at_ends | always)
     before = None if since is None else since.velocity_cutoff
-    findings = [*names.findings, *reported_velocity(recordings, cutoff, before)]
-    findings.sort(key=lambda finding: -finding.share)
+    # a filtered velocity is no cause of an effort's error, and says nothing of what else is one
+    causes, of_velocity = (
+        sorted(some, key=lambda finding: -finding.share)
+        for some in (names.findings, reported_velocity(recordings, cutoff, before))
+    )
+    findings = [*causes, *of_velocity]
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
     share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
     near = bool(near_floor.all())
     of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
     # what dry friction is named for may hold any effort at rest
-    at_rest = () if findings else remainder.resting
+    at_rest = () if causes else remainder.resting
     unclear = names.doubtful or bool(names.unknown) or far_off or of_weight or bool(at_rest) or bool(always)
-    verdict = _verdict(findings, unclear, near)
+    of_effort = _verdict(causes, unclear, near)
     return Diagnosis(
         source=_source(recordings, equations),
-        verdict=verdict,
+        verdict="explained" if of_effort == "nothing_wrong" and findings else of_effort,
         findings=tuple(findings),
         effort_rmse={"simulation": simulation, "extended": after, "noise_floor": floor},
         gain=gain,
@@ -96,7 +100,7 @@ def told(
         unexplained_share=share,
         unexplained_depends_on=remainder.depends_on[:6],
         unexplained_sentence=_unexplained_sentence(
-            share, remainder, _above(robot, near_floor), reference(bool(since)), bool(findings)
+            share, remainder, _above(robot, near_floor), reference(bool(since)), bool(causes)
         ),
         advice=tuple(
             advice(
@@ -116,10 +120,10 @@ def told(
             *unnamed([(found[one].term, name_of(robot, found[one].term)) for one in names.silent]),
             *unknown([(found[one], name_of(robot, found[one].term)) for one in names.unknown]),
             *[FAR_OFF] * far_off,
-            *(mostly_links(_by_links(equations, attempt.fitted, held), bool(since)) if findings else ()),
+            *(mostly_links(_by_links(equations, attempt.fitted, held), bool(since)) if causes else ()),
             *(
                 _mended(equations, attempt.fitted, held, interval[0], since)
-                if verdict == "nothing_wrong"
+                if of_effort == "nothing_wrong"
                 else ()
             ),
             *[AT_REST.format(joints=listed(at_rest), reference=reference(bool(since)))] * bool(at_rest),
@@ -168,13 +172,14 @@ def _unfit(
     return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | worse)
 
 
-def _verdict(findings: Sequence[Finding], doubtful: bool, near: bool) -> Verdict:
-    """Where something large is likely without being sure, nobody can say that nothing is wrong.
+def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool) -> Verdict:
+    """That on the effort. Where something large is likely without being sure, nobody can say that nothing is wrong.
 
     Args:
+        causes: findings that are of the effort.
         near: whether the extended model's error is no more than the noise.
     """
-    if findings:
+    if causes:
         return "explained" if near else "partly_explained"
     return "nothing_wrong" if near and not doubtful else "cannot_tell"
 
