@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_cases import check_contract
 from scipy.signal import lfilter
 
 from bdnn_ros.cli.diagnose import verdict_lines
@@ -126,3 +127,16 @@ def test_a_filtered_velocity_explains_nothing_of_an_effort(payload):
     assert without.verdict == ("cannot_tell" if payload else "nothing_wrong")
     assert told.verdict == ("cannot_tell" if payload else "explained")
     assert ("of a reported velocity only" in verdict_lines(examination)[0]) == payload
+
+
+def test_it_comes_last_as_it_removes_nothing_of_the_efforts_error():
+    specs = (f"viscous_friction@{J1}:viscous=2", f"velocity_filter@{J2}:cutoff=5")
+    examination = examine([recorded(*specs)], Robot.bundled("arm2"))
+    report = examination.diagnosis.as_json()
+    check_contract(report)
+    rubs, lags = report["findings"]
+    assert rubs["effect"] == "viscous_friction" and rubs["share"] > 0.5
+    assert lags["effect"] == "velocity_filter" and lags["share"] == 0.0
+    (said,) = [line for line in verdict_lines(examination) if "low-pass" in line]
+    much = 100.0 * examination.diagnosis.findings[1].share
+    assert much > 50.0 and f"{much:.1f} % of the velocity's squared error" in said

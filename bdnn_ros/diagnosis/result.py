@@ -49,7 +49,8 @@ class Finding:
     """One cause, as the contract has it.
 
     Attributes:
-        share: part of the simulation's held-out squared error that the finding removes.
+        share: part of the simulation's held-out squared error that the finding removes; of one that is in a reported velocity
+            only, part of that one's squared error, which diagnosis.json leaves out.
         probability: against its rivals and against nothing.
         variant: which of the effects of this name, where there are several: what drifts, what is pushed.
     """
@@ -121,13 +122,17 @@ class Diagnosis:
 
 
 def _finding_json(finding: Finding) -> dict[str, Any]:
+    known = EFFECTS.get(finding.effect)
+    of_effort = (
+        known is None or not known.kinematic
+    )  # or it would come before what removes a part of its error
     return {
         **_place_json(finding),
         "parameters": {
             name: {"value": _rounded(q.value), "std": _rounded(q.std), "unit": q.unit}
             for name, q in finding.parameters.items()
         },
-        "share": _rounded(finding.share),
+        "share": _rounded(finding.share if of_effort else 0.0),
         "probability": _rounded(finding.probability),
         "rivals": [{**_place_json(r), "probability": _rounded(r.probability)} for r in finding.rivals],
         "sentence": finding.sentence,
