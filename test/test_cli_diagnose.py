@@ -21,7 +21,7 @@ from report_page import Page
 from bdnn_ros import bags
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
-from bdnn_ros.cli.diagnose import _together, verdict_lines
+from bdnn_ros.cli.diagnose import _grouped, _together, verdict_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, CUTOFFS
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
@@ -205,14 +205,27 @@ def test_its_help_says_behind_which_low_pass_it_compares(capsys):
     assert f"behind {min(CUTOFFS):g} to {max(CUTOFFS):g}, the less the noisier" in told
 
 
-def test_a_kind_at_many_places_is_called_as_the_report_calls_it():
-    """A drift of viscous friction was called Coulomb friction, the first that may drift."""
+def test_a_kind_at_many_places_is_called_by_its_title():
+    """A drift of viscous friction was called Coulomb friction, the first that may drift, and later a drift of nothing."""
     ends = {"start_value": Quantity(0.1, 0.01, "N*m*s/rad"), "end_value": Quantity(0.4, 0.01, "N*m*s/rad")}
     drifts = [Finding("drift", joint, None, ends, 0.2, 0.99, (), "", "viscous") for joint in "abc"]
     less = {"viscous": Quantity(-0.3, 0.01, "N*m*s/rad")}
     rubs = [Finding("viscous_friction", joint, None, less, 0.1, 0.99, (), "") for joint in "abc"]
-    assert _together(drifts).startswith("Drift at 3 places, start_value [N·m·s/rad], ")
+    assert _together(drifts).startswith("Drifting viscous friction at 3 places, start_value [N·m·s/rad], ")
     assert _together(rubs).startswith("Less viscous friction than the model at 3 places, viscous ")
+
+
+def test_what_drifts_is_not_put_together_with_what_else_drifts():
+    """Coulomb friction and an offset have the same parameters in the same units."""
+    ends = {"start_value": Quantity(1.0, 0.1, "N*m"), "end_value": Quantity(4.0, 0.1, "N*m")}
+    drifts = [
+        Finding("drift", joint, None, ends, 0.1, 0.99, (), f"{what} of {joint} drifts.", what)
+        for what, joints in (("coulomb", "abc"), ("offset", "de"))
+        for joint in joints
+    ]
+    groups = _grouped(drifts)
+    assert [[finding.joint for finding in group] for group in groups] == [["a", "b", "c"], ["d"], ["e"]]
+    assert _together(groups[0]).startswith("Drifting Coulomb friction at 3 places, ")
 
 
 @pytest.mark.parametrize(("end", "left_out"), [(9.0, True), (11.0, False)])

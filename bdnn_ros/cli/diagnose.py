@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
+from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extend import extend
@@ -162,7 +163,7 @@ def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
     kinds: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:
         units = (quantity.unit for quantity in finding.parameters.values())
-        kinds.setdefault((finding.effect, *units), []).append(finding)
+        kinds.setdefault((finding.effect, finding.variant, *units), []).append(finding)
     groups = [
         part for kind in kinds.values() for part in ([kind] if len(kind) >= MANY else [[one] for one in kind])
     ]
@@ -192,7 +193,13 @@ def _together(group: Sequence[Finding]) -> str:
     ]
     names = ", ".join(f"{name} [{printed(quantity.unit)}]" for name, quantity in group[0].parameters.items())
     than = " than the model" if any(map(says_less, group)) else ""
-    return f"{cause(*group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
+    return f"{_kind(group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
+
+
+def _kind(group: Sequence[Finding]) -> str:
+    """What a list calls findings of one kind; of a drift, what drifts."""
+    effect = get(group[0].effect, group[0].variant)
+    return f"Drifting {effect.title}" if effect.name == Drift.name else cause(*group)
 
 
 def _close(finding: Finding) -> list[Rival]:
