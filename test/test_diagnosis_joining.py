@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.joining import concatenated, owners, stretches
-from bdnn_ros.diagnosis.notes import AT_AN_END
+from bdnn_ros.diagnosis.joining import concatenated, own_zeros, owners, prepared_alike, starts, stretches
+from bdnn_ros.diagnosis.notes import AT_AN_END, one_clock
+from bdnn_ros.diagnosis.pushes import EDGES
+from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -45,6 +47,28 @@ def test_a_push_in_one_of_several_is_told_with_when_each_begins():
             "Times are told on one clock, on which the recordings follow one another: "
             "bag1 begins at 0.0 s, bag2 begins at 21.0 s."
         ] * (len(recordings) - 1)
+
+
+@pytest.mark.parametrize("first", [0.0, 7.0, -3.0])
+def test_what_is_cut_away_moves_no_time_of_what_is_left(first):
+    """The note told when the first sample that was left came, and times were off by all that was cut away before it."""
+    one, other = (replace(recorded(seed), time=recorded(seed).time + first) for seed in (1, 2))
+    push = Finding(
+        "external_wrench", None, "arm2_link2", {e: Quantity(30.0, 0.1, "s") for e in EDGES}, 0.5, 0.99, (), ""
+    )
+    for before, after in ((one, other), (one.between(first + 4.0, 99.0), other.between(first + 9.0, 99.0))):
+        recordings = [before, after]
+        joined = concatenated(prepared_alike(recordings), [recording.time for recording in recordings])
+        (note,) = one_clock(recordings, [push])
+        told = [float(words.split(" s")[0]) for words in note.split("begins at ")[1:]]
+        assert told == pytest.approx([0.0, before.time[-1] + 1.0 - min(after.time[0], 0.0)], abs=0.051)
+        for recording, begin in zip(recordings, own_zeros([before.time, after.time]), strict=True):
+            at = begin + first + 15.0
+            own, theirs = (np.interp(first + 15.0, recording.time, q) for q in recording.position.T)
+            assert np.interp(at, joined.time, joined.position[:, 0]) == pytest.approx(own, abs=1e-3)
+            assert np.interp(at, joined.time, joined.position[:, 1]) == pytest.approx(theirs, abs=1e-3)
+        assert (np.diff(joined.time) > 0.0).all()
+        assert starts([before.time, after.time])[0] == before.time[0]
 
 
 def test_a_push_that_lasts_until_a_recording_ends_is_over_then():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
             )
     rows = np.cumsum([0, *map(len, parts[:-1])]).tolist()
     times = [part.time for part in parts] if recorded is None else recorded
-    moved = [start - time[0] for start, time in zip(starts(times), times, strict=True)]
+    moved = own_zeros(times)
 
     def joined(key: str) -> Any:
         values = [getattr(part, key) for part in parts]
@@ -78,12 +79,21 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
     )
 
 
-def starts(times: Sequence[np.ndarray]) -> list[float]:
-    """When each of some recordings begins on the clock of all, which is the first one's, from their stamps [s].
+def own_zeros(times: Sequence[np.ndarray]) -> list[float]:
+    """What the clock of all of some recordings shows at the zero of each one's own, from their stamps [s].
 
-    The others begin a second after the one before them.
+    It is that of the first; the zero of another, or its first stamp where that is before it, is a second after the last
+    stamp before. So what is left out of a recording moves none of its times.
     """
-    return np.cumsum([times[0][0], *(time[-1] - time[0] + 1.0 for time in times[:-1])]).tolist()
+    result = [0.0]
+    for before, time in pairwise(times):
+        result.append(float(result[-1] + before[-1] + 1.0 - min(time[0], 0.0)))
+    return result
+
+
+def starts(times: Sequence[np.ndarray]) -> list[float]:
+    """What the clock of all of some recordings shows at the first stamp of each [s]."""
+    return [zero + float(time[0]) for zero, time in zip(own_zeros(times), times, strict=True)]
 
 
 def owners(time: np.ndarray, begun: Sequence[float]) -> np.ndarray:

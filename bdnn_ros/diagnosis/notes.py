@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.joining import starts, stretches
+from bdnn_ros.diagnosis.joining import own_zeros, stretches
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
@@ -96,10 +96,10 @@ def of_recording(robot: Robot, equations: Equations) -> list[str]:
 
 
 def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> list[str]:
-    """A note on when each of several recordings begins, where a finding tells a time."""
+    """A note on when each of several recordings begins by its own clock, where a finding tells a time."""
     if len(recordings) < 2 or not any(set(EDGES) <= set(finding.parameters) for finding in findings):
         return []
-    begin = starts([recording.time for recording in recordings])
+    begin = own_zeros([recording.time for recording in recordings])
     told = [f"{one.name} begins at {start:.1f} s" for one, start in zip(recordings, begin, strict=True)]
     return [ONE_CLOCK.format(begin=listed(told, 20))]
 
