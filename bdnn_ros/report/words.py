@@ -57,7 +57,7 @@ def headline(diagnosis: Diagnosis, since: bool = False) -> str:
     findings = diagnosis.findings
     if diagnosis.verdict == "nothing_wrong":
         return "Nothing has changed" if since else "Nothing wrong found"
-    if not findings:
+    if not findings or diagnosis.verdict == "cannot_tell":
         return f"{'Something has changed' if since else 'The simulation is off'}, and no cause stands out"
     if len(findings) == 1:
         return f"One {'change' if since else 'root cause'}: {decapitalised(named(findings[0]))}"
