@@ -262,7 +262,7 @@ def test_a_payload_may_as_well_have_no_inertia_of_its_own(terms) -> None:
     known = pool.precision[index] * np.where(np.isin(np.arange(len(index)), own), 1e8, 1.0)
     slot = np.isin(index, pool.slots[last])
     each = [
-        one * np.where(slot, size**-2.0, 1.0)
+        one * np.where(slot & ~np.isin(np.arange(len(index)), own), size**-2.0, 1.0)
         for size in (1.0, HEAVY)
         for one in (pool.precision[index], known)
     ]

@@ -97,8 +97,18 @@ def test_what_is_large_and_not_known_well_enough_for_a_name_is_no_all_clear(
     monkeypatch, less, nothing, doubtful
 ):
     """However surely it is there: then the simulation is wrong, and nobody can say what is."""
-    estimate = SimpleNamespace(term=Term(get("coulomb_friction"), 0), shown=False)
+    estimate = SimpleNamespace(term=Term(get("coulomb_friction"), 0), shown=False, there=False)
     removal = Removal(np.array([less]), True, True, False)
+    told = findings_of(monkeypatch, estimate, removal, Judgement(1.0 - nothing, nothing, ()))
+    assert told == ([], doubtful)
+
+
+@pytest.mark.parametrize("nothing, doubtful", [(0.01, True), (0.2, False)])
+def test_what_is_surely_there_is_no_all_clear_though_it_is_small_and_its_size_is_not_known(
+    monkeypatch, nothing, doubtful
+):
+    estimate = SimpleNamespace(term=Term(get("payload"), 0, "arm2_link1"), shown=False, there=True)
+    removal = Removal(np.array([0.1]), True, True, False)
     told = findings_of(monkeypatch, estimate, removal, Judgement(1.0 - nothing, nothing, ()))
     assert told == ([], doubtful)
 
@@ -173,5 +183,5 @@ def findings_of(
     attempt = SimpleNamespace(test=test, judgements=[judgement], fitted=None, extended=None)
     arm, fit = Robot.bundled("arm2"), np.zeros(1, bool)
     told = naming.named(arm, equations, attempt, [estimate], fit, set())
-    assert told.silent == ([] if told.findings else [0])
-    return told.findings, told.doubtful
+    assert told.silent == ([] if told.findings or told.unknown else [0])
+    return told.findings, told.doubtful or bool(told.unknown)

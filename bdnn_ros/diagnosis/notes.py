@@ -107,7 +107,7 @@ def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> l
 def unnamed(terms: Sequence[tuple[Term, str]]) -> list[str]:
     """A note on terms, each with its place, that the fit holds and no finding tells of: all but pushes are in the model."""
     pushes = [place for term, place in terms if term.effect.timed]
-    others = [f"{term.title} at {place}" for term, place in terms if not term.effect.timed]
+    others = list(dict.fromkeys(f"{term.title} at {place}" for term, place in terms if not term.effect.timed))
     told = [IN_MODEL.format(what=listed(others, 20))] if others else []
     return told + ([NOT_IN_MODEL.format(where=listed(dict.fromkeys(pushes), 20))] if pushes else [])
 

@@ -123,9 +123,8 @@ class Diagnosis:
 
 def _finding_json(finding: Finding) -> dict[str, Any]:
     known = EFFECTS.get(finding.effect)
-    of_effort = (
-        known is None or not known.kinematic
-    )  # or it would come before what removes a part of its error
+    # a share of the velocity's error would come before what removes a part of the effort's
+    of_effort = known is None or not known.kinematic
     return {
         **_place_json(finding),
         "parameters": {

@@ -28,7 +28,7 @@ ANY, NONE_LESS = (-np.inf, np.inf), (0.0, np.inf)
 CARRIED, OFF_CENTRE = 0.1, 0.1
 """Most arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
 HEAVY = 3.0
-"""Light arms carry up to so many times that."""
+"""Light arms carry up to so many times that, which turns no harder: with little mass such an inertia is a rotor's."""
 GYRATION = 0.1
 """And what they carry has up to such a radius of gyration about its own centre [m]: that of a box of 25 cm."""
 REACH = 0.5
@@ -143,7 +143,7 @@ class Payload(OnBody):
     @property
     def kinds(self) -> np.ndarray:
         own = np.arange(PER_LINK) >= POINT
-        return np.array([size * np.where(own, body, 1.0) for size in (1.0, HEAVY) for body in (1.0, 0.0)])
+        return np.array([np.where(own, body, size) for size in (1.0, HEAVY) for body in (1.0, 0.0)])
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
         mass = abs(coefficients[0]) + (0.0 if std is None else CERTAIN * std[0])

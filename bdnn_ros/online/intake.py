@@ -207,9 +207,7 @@ class Intake:
             return False
         row = self.ring.slot().reshape(3, -1)
         row[:] = assembly.row
-        if (
-            self.needs_effort
-        ):  # where all joints of a part lack it, only the others' show that theirs never comes
+        if self.needs_effort:  # of a part whose joints all lack it, the others' show that theirs never comes
             self.silent.look(row[0], row[2], np.arange(len(self.joints)), assembly.stamp)
         if (np.isnan(row[2]) & ~self.silent.joints).any():
             row[2] = math.nan  # what one controller does not measure, the robot does not
