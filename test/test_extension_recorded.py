@@ -20,7 +20,7 @@ from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.recorded import Recorded, on_one_clock
-from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.online.models import load_model, load_to_serve, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model
@@ -147,3 +147,15 @@ def test_another_bag_is_evaluated_and_predicted_without_the_push(
         assert ("is none of the recordings" in capsys.readouterr().err) == says
         predicted, measured = np.genfromtxt(tmp_path / "effort.csv", delimiter=",", skip_header=1).T[3:5]
         assert np.std((predicted - measured)[50:-50]) < 0.1
+
+
+def test_in_a_stream_what_its_recordings_had_is_over(tmp_path: Path) -> None:
+    """The services say what drifted there as it was at the end, and nothing pushes at the stream's own times."""
+    recording = moved(PUSH, DRIFT)
+    save_model(tmp_path, model_of(PUSH, DRIFT, recordings=(recording,)))
+    served = load_to_serve(tmp_path)
+    assert isinstance(served, ExtendedModel)
+    assert [one.effect.name for one in served.effects] == ["effort_offset"]
+    still = np.zeros(2)
+    there = load_model(tmp_path).inverse_dynamics(still, still, still)
+    np.testing.assert_allclose(served.inverse_dynamics(still, still, still) - there, [-2.0, 0.0], atol=1e-12)

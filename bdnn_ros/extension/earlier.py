@@ -75,8 +75,12 @@ def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, st
     same = [one for one in model.recorded if one.holds(recording)]
     if same:
         return with_effects(model, (one for before in known for one in _moved(*before, same, recording))), ""
-    left = with_effects(model, (one for before in known for one in _lasting(*before)))
-    return left, OTHER.format(name=recording.name, ended=_ended(model, changing))
+    return afterwards(model), OTHER.format(name=recording.name, ended=_ended(model, changing))
+
+
+def afterwards(model: ExtendedModel) -> ExtendedModel:
+    """A model once its recordings are over: what pushed has ended, what drifted stays where it ended."""
+    return with_effects(model, (one for before in known_effects(model) for one in _lasting(*before)))
 
 
 def by_the_clock(effect: Installed) -> bool:

@@ -116,6 +116,10 @@ class ExtendedModel:
         """Itself as it acts along a recording, by that one's clock, and in words what is left out; nothing for nothing."""
         return earlier.along(self, recording)
 
+    def afterwards(self) -> ExtendedModel:
+        """Itself once its recordings are over: what pushed has ended, what drifted stays where it ended."""
+        return earlier.afterwards(self)
+
     def compared(self) -> Compared:
         """Itself as recordings of another time are compared with it."""
         return earlier.compared(self)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -60,6 +60,24 @@ def build_model(
     read = getattr(import_module(module), name).from_state
     model: Model = read(arrays, info, build_model) if kind in ON_A_PRIOR else read(arrays, info)
     return model
+
+
+@runtime_checkable
+class KnowsTimes(Protocol):
+    """A model of which something acts at times of its recordings only."""
+
+    def afterwards(self) -> Model:
+        """Itself once these are over."""
+
+
+def load_to_serve(path: Path) -> Model:
+    """As `load_model`, for a stream: what its recordings had at times is over.
+
+    Raises:
+        ModelFileError: see `load_model`.
+    """
+    model = load_model(path)
+    return model.afterwards() if isinstance(model, KnowsTimes) else model
 
 
 def save_model(path: str | Path, model: Model) -> Path:

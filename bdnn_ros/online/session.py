@@ -18,7 +18,7 @@ from bdnn_ros.online.estimate import Instant, Smoother
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.likeness import require_arm
-from bdnn_ros.online.models import Model, build_model, load_model, save_model
+from bdnn_ros.online.models import Model, build_model, load_to_serve, save_model
 from bdnn_ros.online.order import require_joints
 from bdnn_ros.online.requests import Requests
 from bdnn_ros.online.serving import COMMANDED, LEARNED_HERE, Counts, Served, Settings, nominal
@@ -236,7 +236,7 @@ class Session:
 
     def read(self, path: Path) -> Model:
         """A model of this robot and the joints in use, whatever their order; raises UsageError while these are not known."""
-        model, robot = load_model(path), self.known()
+        model, robot = load_to_serve(path), self.known()
         require_joints(model, robot.joints, with_mimics(Robot.from_urdf(robot.urdf)), path.name)
         require_arm(model, robot, path.name)
         return model
