@@ -15,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.diagnosis.lateness import Lateness, in_time
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.extend import extend
@@ -159,3 +160,14 @@ def test_in_a_stream_what_its_recordings_had_is_over(tmp_path: Path) -> None:
     still = np.zeros(2)
     there = load_model(tmp_path).inverse_dynamics(still, still, still)
     np.testing.assert_allclose(served.inverse_dynamics(still, still, still) - there, [-2.0, 0.0], atol=1e-12)
+
+
+def test_a_model_of_efforts_that_had_passed_a_low_pass_knows_its_recording_as_it_was_read() -> None:
+    """It was made of stamps that were evened."""
+    recording = moved(PUSH)
+    uneven = np.random.default_rng(0).uniform(-1.0, 1.0, len(recording)) * 2e-3
+    read = replace(recording, time=recording.time + uneven)
+    model = model_of(PUSH, recordings=tuple(in_time([read], Lateness(lag=0.03))))
+    there, left_out = model.along(read)
+    assert len(there.effects) == 1 and not left_out
+    assert model.along(moved(seed=3))[0].effects == ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -85,3 +86,15 @@ def test_no_service_is_offered_that_is_not_answered(player, tmp_path):
     """Those of the parameters: nothing is spun while a bag is played."""
     node = player(bag=bags.write(motion(ARM, 0.4, 250.0), tmp_path / "bag"))
     assert not [name for name in (service.srv_name for service in node.services) if "parameter" in name]
+
+
+def test_a_bag_whose_first_states_are_left_out_is_played_at_once(player, tmp_path, monkeypatch):
+    recording = motion(ARM, 0.4, 250.0)
+    node = player(bag=bags.write(recording, tmp_path / "bag"))
+    node.recording = replace(node.recording, time=node.recording.time + 3000.0)
+    waits = []
+    monkeypatch.setattr(
+        node, "_sleep_until", lambda due: waits.append(due - time.perf_counter()) or len(waits) < 20
+    )
+    node.play()
+    assert len(waits) == 20 and max(waits) < 1.0

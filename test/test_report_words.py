@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -174,3 +175,17 @@ def test_what_drifts_is_counted_by_what_it_is() -> None:
     assert words.kinds([drifting("coulomb"), drifting("offset"), drifting("coulomb")]) == (
         "Drifting Coulomb friction at 2 places, drifting effort offset at 1 place"
     )
+
+
+def test_a_filtered_velocity_is_no_cause_of_the_efforts_error() -> None:
+    """Beside a cause it is not counted; alone it is what was found, though the simulation's efforts agree."""
+    viscous, filtered = finding("viscous_friction", viscous=1.0), finding("velocity_filter", cutoff=9.0)
+
+    def told(*findings: Finding, verdict: str = "explained") -> tuple[str, str]:
+        diagnosis = SimpleNamespace(findings=findings, verdict=verdict)
+        return words.headline(diagnosis), words.claim(diagnosis)
+
+    assert told(viscous, filtered) == told(viscous)
+    headline, claim = told(filtered)
+    assert headline.startswith("One root cause: ") and claim.startswith("The simulation predicts")
+    assert told(filtered, verdict="cannot_tell")[0] == "The simulation is off, and no cause stands out"

@@ -15,7 +15,6 @@ from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
-from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extend import extend
@@ -23,7 +22,7 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import cause, certainty, of_velocity, says_less
+from bdnn_ros.report.words import certainty, kind, of_velocity, says_less
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
@@ -124,9 +123,11 @@ def run(args: argparse.Namespace) -> int:
 def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[str]:
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
-    lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
-    if diagnosis.findings and diagnosis.verdict == "cannot_tell":
-        lines[0] += f" {OF_A_SENSOR}"
+    said_of = VERDICTS if examination.model is None else CHANGES
+    lines = [said_of[diagnosis.verdict]]
+    if diagnosis.findings and all(map(of_velocity, diagnosis.findings)):
+        of_effort = "cannot_tell" if diagnosis.verdict == "cannot_tell" else "nothing_wrong"
+        lines[0] = f"{said_of[of_effort]} {OF_A_SENSOR}"
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
         said = group[0].sentence if len(group) == 1 else _together(group)
         lines.append(f" {number}. {said} ({_share(group)}, probability {_probability(group)})")
@@ -193,13 +194,7 @@ def _together(group: Sequence[Finding]) -> str:
     ]
     names = ", ".join(f"{name} [{printed(quantity.unit)}]" for name, quantity in group[0].parameters.items())
     than = " than the model" if any(map(says_less, group)) else ""
-    return f"{_kind(group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
-
-
-def _kind(group: Sequence[Finding]) -> str:
-    """What a list calls findings of one kind; of a drift, what drifts."""
-    effect = get(group[0].effect, group[0].variant)
-    return f"Drifting {effect.title}" if effect.name == Drift.name else cause(*group)
+    return f"{kind(*group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
 
 
 def _close(finding: Finding) -> list[Rival]:

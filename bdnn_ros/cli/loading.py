@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import TypeVar
 
 from bdnn_ros import bags
 from bdnn_ros.cli.describing import described_robot, unusable, with_joints, without_led
@@ -15,6 +15,7 @@ from bdnn_ros.cli.fitness import require_motion
 from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import BdnnError, RobotError, UsageError, listed
+from bdnn_ros.online.models import KnowsTimes
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import with_mimics
@@ -22,14 +23,6 @@ from bdnn_ros.signals import mended
 
 Read = TypeVar("Read")
 Known = TypeVar("Known")
-
-
-@runtime_checkable
-class KnowsTimes(Protocol):
-    """A model of which something acts at times only."""
-
-    def along(self, recording: Recording) -> tuple[Any, str]:
-        """Itself by a recording's clock, and in words what is left out."""
 
 
 def load(

@@ -38,7 +38,7 @@ class Named:
         doubtful: whether something large is likely without being sure.
         weighty: what is large enough, and borne out.
         silent: what is large enough and has none.
-        unknown: what is sure and large enough, though its parameters are not known; no push, which is told by its time.
+        unknown: bodies that are sure and large enough, though their masses are not known.
     """
 
     findings: list[Finding]
@@ -94,7 +94,7 @@ def named(
             # causes that work against each other may each remove more than there is
             findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
             silent.remove(one)
-        elif sure and not estimate.term.effect.timed and estimate.there:
+        elif sure and estimate.term.effect.on_body and estimate.there:
             unknown.append(one)
             silent.remove(one)
         elif judgement.nothing <= UNLIKELY:

@@ -13,6 +13,7 @@ from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import listed
 from bdnn_ros.extension.recorded import Recorded
 from bdnn_ros.recording import Recording
+from bdnn_ros.signals import mended
 
 if TYPE_CHECKING:
     from bdnn_ros.extension.extended import ExtendedModel
@@ -72,7 +73,9 @@ def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, st
     changing = [effect for effect, _ in known if by_the_clock(effect)]
     if not changing or not model.recorded:
         return model, ""
-    same = [one for one in model.recorded if one.holds(recording)]
+    # where efforts had passed a low-pass, the model was made of what was mended
+    read = (recording, mended(recording))
+    same = [one for one in model.recorded if any(map(one.holds, read))]
     if same:
         return with_effects(model, (one for before in known for one in _moved(*before, same, recording))), ""
     return afterwards(model), OTHER.format(name=recording.name, ended=_ended(model, changing))

@@ -15,7 +15,7 @@ MARKS = 64
 FEWEST_MARKS = 3
 """With fewer of them a piece is not known to be of the same recording."""
 SAME = 1e-5
-"""Positions of one moment that are as near are the same, read again [rad] ([m]): stamps are rounded."""
+"""Positions of one moment that are as near are the same, read again [rad] ([m]), and moments [s]: stamps are rounded."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,5 @@ class Recorded:
 
 def on_one_clock(recordings: Sequence[Recording]) -> tuple[Recorded, ...]:
     """What tells recordings that were diagnosed together, in their order, by the clock of that diagnosis."""
-    times = [recording.time for recording in recordings]
-    begin = starts(times) if len(times) > 1 else [float(times[0][0])]
+    begin = starts([recording.time for recording in recordings])
     return tuple(Recorded.of(one, at) for one, at in zip(recordings, begin, strict=True))

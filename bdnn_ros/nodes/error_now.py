@@ -96,7 +96,7 @@ class ErrorNow:
         apart = np.maximum(power + 2.0 * away * mean + away**2, 0.0)
         usual = _usual(apart, STANDS_OUT_OF_SPREAD, ALONE_IN_SPREAD)
         variance = _mean(apart, counts, usual) - _mean(away + mean, counts, usual) ** 2
-        told = changes(variance) | (counts.sum() == 1.0)  # one instant alone shows no change
+        told = changes(variance)
         nrmse = np.full(len(last.known), np.nan)
         scale = np.maximum(variance, LEAST_VARIANCE)
         nrmse[last.known] = np.where(told, np.sqrt(error / scale), np.nan)

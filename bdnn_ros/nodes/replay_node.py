@@ -99,7 +99,7 @@ class ReplayNode(Node):
         stamps = start + np.round(recording.time * 1e9).astype(np.int64)
         rows = _Rows(recording)
         commands = self._commands()
-        began = time.perf_counter()
+        began = time.perf_counter() - next(iter(recording.time.tolist()), 0.0) / rate  # it may begin late
         told = -np.inf
         for row, moment in enumerate(recording.time.tolist()):
             while commands and commands[-1][0] <= row:

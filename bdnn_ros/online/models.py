@@ -11,6 +11,7 @@ import numpy as np
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError, listed
+from bdnn_ros.recording import Recording
 from bdnn_ros.signals import Signals
 
 
@@ -65,6 +66,9 @@ def build_model(
 @runtime_checkable
 class KnowsTimes(Protocol):
     """A model of which something acts at times of its recordings only."""
+
+    def along(self, recording: Recording) -> tuple[Any, str]:
+        """Itself by a recording's clock, and in words what is left out of it."""
 
     def afterwards(self) -> Model:
         """Itself once these are over."""

@@ -52,9 +52,15 @@ def named(one: Finding | Rival) -> str:
     return f"{title(one.effect)} {at(one.joint, one.link, one.effect)}".rstrip()
 
 
+def _causes(diagnosis: Diagnosis) -> list[Finding]:
+    """The findings that are of the efforts."""
+    return [finding for finding in diagnosis.findings if not of_velocity(finding)]
+
+
 def headline(diagnosis: Diagnosis, since: bool = False) -> str:
     """The verdict in one line; `since` where an earlier model takes the simulation's place."""
-    findings = diagnosis.findings
+    # of a reported velocity is what explains no effort: it counts where nothing else is found
+    findings = _causes(diagnosis) or diagnosis.findings
     if diagnosis.verdict == "nothing_wrong":
         return "Nothing has changed" if since else "Nothing wrong found"
     if not findings or diagnosis.verdict == "cannot_tell":
@@ -66,25 +72,26 @@ def headline(diagnosis: Diagnosis, since: bool = False) -> str:
 
 def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     """What the verdict means for the model, one sentence; `since` as for `headline`."""
-    count = len(diagnosis.findings)
+    count = len(_causes(diagnosis))
+    of_effort = "nothing_wrong" if diagnosis.verdict == "explained" and not count else diagnosis.verdict
     these, explain = ("this cause", "explains") if count == 1 else (f"these {count} causes", "explain")
-    return CLAIMS[diagnosis.verdict].format(
+    return CLAIMS[of_effort].format(
         these=these, These=these.capitalize(), explain=explain, reference=reference(since)
     )
 
 
 def kinds(findings: Sequence[Finding]) -> str:
     """The kinds of many findings in one line: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
-    counts = Counter(map(_kind, findings))
+    counts = Counter(map(kind, findings))
     parts = [f"{decapitalised(name)} at {n} place{'s' if n > 1 else ''}" for name, n in counts.most_common()]
     text = ", ".join(parts)
     return text[:1].upper() + text[1:]
 
 
-def _kind(finding: Finding) -> str:
-    """What kind of cause a finding is: its `cause`; of a drift, what drifts."""
-    own = get(finding.effect, finding.variant)
-    return f"Drifting {own.title}" if isinstance(own, Drift) else cause(finding)
+def kind(*findings: Finding) -> str:
+    """What a list calls findings of one kind: their `cause`; of a drift, what drifts."""
+    own = get(findings[0].effect, findings[0].variant)
+    return f"Drifting {own.title}" if isinstance(own, Drift) else cause(*findings)
 
 
 def cause(*findings: Finding) -> str:
