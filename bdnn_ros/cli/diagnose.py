@@ -14,7 +14,7 @@ from bdnn_ros.cli.describing import of_the_unheld, unheld
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.identifiability import TIE
-from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, reference
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extend import extend
@@ -45,8 +45,9 @@ CHANGES = {
     "cannot_tell": "The earlier model disagrees with the data, and no single change stands out.",
 }
 """The verdicts where the model is one identified earlier."""
+AGREES = "The {reference} agrees with the measured efforts."
 OF_A_SENSOR = "What is found is of a reported velocity only:"
-"""What follows a verdict that names no cause, where there is a finding all the same."""
+"""What follows the verdict on the efforts, where no finding is of them."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -123,11 +124,10 @@ def run(args: argparse.Namespace) -> int:
 def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[str]:
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
-    said_of = VERDICTS if examination.model is None else CHANGES
-    lines = [said_of[diagnosis.verdict]]
+    lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
     if diagnosis.findings and all(map(of_velocity, diagnosis.findings)):
-        of_effort = "cannot_tell" if diagnosis.verdict == "cannot_tell" else "nothing_wrong"
-        lines[0] = f"{said_of[of_effort]} {OF_A_SENSOR}"
+        agrees = AGREES.format(reference=reference(examination.model is not None))
+        lines[0] = f"{lines[0] if diagnosis.verdict == 'cannot_tell' else agrees} {OF_A_SENSOR}"
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
         said = group[0].sentence if len(group) == 1 else _together(group)
         lines.append(f" {number}. {said} ({_share(group)}, probability {_probability(group)})")
