@@ -22,7 +22,7 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import certainty, kind, of_velocity, says_less
+from bdnn_ros.report.words import certainty, kind, says_less
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
@@ -125,7 +125,7 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
     lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
-    if diagnosis.findings and all(map(of_velocity, diagnosis.findings)):
+    if diagnosis.findings and all(finding.of_velocity for finding in diagnosis.findings):
         agrees = AGREES.format(reference=reference(examination.model is not None))
         lines[0] = f"{lines[0] if diagnosis.verdict == 'cannot_tell' else agrees} {OF_A_SENSOR}"
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
@@ -166,15 +166,15 @@ def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
         units = (quantity.unit for quantity in finding.parameters.values())
         kinds.setdefault((finding.effect, finding.variant, *units), []).append(finding)
     groups = [
-        part for kind in kinds.values() for part in ([kind] if len(kind) >= MANY else [[one] for one in kind])
+        part for same in kinds.values() for part in ([same] if len(same) >= MANY else [[one] for one in same])
     ]
-    return sorted(groups, key=lambda group: (of_velocity(group[0]), -sum(one.share for one in group)))
+    return sorted(groups, key=lambda group: (group[0].of_velocity, -sum(one.share for one in group)))
 
 
 def _share(group: Sequence[Finding]) -> str:
     """What the findings of a kind remove together; of a filtered velocity that is each joint's own error."""
     shares = [100.0 * finding.share for finding in group]
-    if of_velocity(group[0]):
+    if group[0].of_velocity:
         return f"{min(shares):.1f} % of the velocity's squared error"
     return f"{sum(shares):.1f} % of the squared error"
 

@@ -38,7 +38,7 @@ class Named:
         doubtful: whether something large is likely without being sure.
         weighty: what is large enough, and borne out.
         silent: what is large enough and has none.
-        unknown: bodies that are sure and large enough, though their masses are not known.
+        unknown: payloads that are sure and large enough, though their masses are not known.
     """
 
     findings: list[Finding]

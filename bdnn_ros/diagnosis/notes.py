@@ -15,11 +15,9 @@ from bdnn_ros.diagnosis.pushes import EDGES, ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import FORCE, ExternalWrench
-from bdnn_ros.effects.rigid import Payload
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.units import printed
 
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
 MOSTLY_LINKS = (
@@ -113,13 +111,11 @@ def unnamed(terms: Sequence[tuple[Term, str]]) -> list[str]:
 
 
 def unknown(found: Sequence[tuple[Estimate, str]]) -> list[str]:
-    """A note on effects, each with its place, that are surely there with parameters that are not known."""
+    """A note on payloads, each with its place, that are surely there with masses that are not known."""
 
     def told(estimate: Estimate, place: str) -> str:
-        name, quantity = next(iter(estimate.quantities.items()))
-        size = f"{name} {quantity.value:.2g} ± {quantity.std:.1g} {printed(quantity.unit)}".rstrip()
-        other = CENTRE_OF_MASS * (estimate.term.effect.name == Payload.name)
-        return f"{estimate.term.title} at {place}, {size}{other}"
+        mass = estimate.quantities["mass"]
+        return f"{estimate.term.title} at {place}, mass {mass.value:.2g} ± {mass.std:.1g} kg{CENTRE_OF_MASS}"
 
     return [UNKNOWN.format(what="; ".join(told(*one) for one in found))] if found else []
 

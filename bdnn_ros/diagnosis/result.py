@@ -70,6 +70,12 @@ class Finding:
         """Joint or link it acts on, "base", or "all joints"."""
         return place(self.joint, self.link, self.effect)
 
+    @property
+    def of_velocity(self) -> bool:
+        """Whether it is in the reported velocity: then its share is of that one's error, not of the effort's."""
+        known = EFFECTS.get(self.effect)
+        return known is not None and known.kinematic
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -122,16 +128,14 @@ class Diagnosis:
 
 
 def _finding_json(finding: Finding) -> dict[str, Any]:
-    known = EFFECTS.get(finding.effect)
-    # a share of the velocity's error would come before what removes a part of the effort's
-    of_effort = known is None or not known.kinematic
     return {
         **_place_json(finding),
         "parameters": {
             name: {"value": _rounded(q.value), "std": _rounded(q.std), "unit": q.unit}
             for name, q in finding.parameters.items()
         },
-        "share": _rounded(finding.share if of_effort else 0.0),
+        # a share of the velocity's error would come before what removes a part of the effort's
+        "share": _rounded(0.0 if finding.of_velocity else finding.share),
         "probability": _rounded(finding.probability),
         "rivals": [{**_place_json(r), "probability": _rounded(r.probability)} for r in finding.rivals],
         "sentence": finding.sentence,

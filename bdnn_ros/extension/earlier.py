@@ -74,11 +74,15 @@ def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, st
     if not changing or not model.recorded:
         return model, ""
     # where efforts had passed a low-pass, the model was made of what was mended
-    read = (recording, mended(recording))
-    same = [one for one in model.recorded if any(map(one.holds, read))]
+    same = _held_by(model, recording) or _held_by(model, mended(recording))
     if same:
         return with_effects(model, (one for before in known for one in _moved(*before, same, recording))), ""
     return afterwards(model), OTHER.format(name=recording.name, ended=_ended(model, changing))
+
+
+def _held_by(model: ExtendedModel, recording: Recording) -> list[Recorded]:
+    """Which of the recordings that a model was diagnosed from a recording is, or is a piece of, or holds."""
+    return [one for one in model.recorded if one.holds(recording)]
 
 
 def afterwards(model: ExtendedModel) -> ExtendedModel:

@@ -217,9 +217,7 @@ class ExtendedModel:
             for k in range(len(q)):
                 if v[k][joint]:
                     sign = math.copysign(1.0, v[k][joint])
-                    result[k, joint] += (
-                        abs(way[k][joint]) * sign * dry(0.0, abs(v[k][joint]), u[k][joint], sign)
-                    )
+                    result[k, joint] += way[k][joint] * dry(0.0, abs(v[k][joint]), u[k][joint], sign)
         return result.reshape(np.shape(position))
 
     # -- along a motion --------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.online.silent import LEAST_VARIANCE, changes
+from bdnn_ros.online.silent import relative
 
 MEMORY = 3.0
 """Time the error is of [s]."""
@@ -96,10 +96,8 @@ class ErrorNow:
         apart = np.maximum(power + 2.0 * away * mean + away**2, 0.0)
         usual = _usual(apart, STANDS_OUT_OF_SPREAD, ALONE_IN_SPREAD)
         variance = _mean(apart, counts, usual) - _mean(away + mean, counts, usual) ** 2
-        told = changes(variance)
         nrmse = np.full(len(last.known), np.nan)
-        scale = np.maximum(variance, LEAST_VARIANCE)
-        nrmse[last.known] = np.where(told, np.sqrt(error / scale), np.nan)
+        nrmse[last.known] = np.sqrt(relative(error, variance))
         return nrmse
 
 

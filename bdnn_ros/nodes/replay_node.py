@@ -99,9 +99,10 @@ class ReplayNode(Node):
         stamps = start + np.round(recording.time * 1e9).astype(np.int64)
         rows = _Rows(recording)
         commands = self._commands()
-        began = time.perf_counter() - next(iter(recording.time.tolist()), 0.0) / rate  # it may begin late
+        moments = recording.time.tolist()
+        began = time.perf_counter() - next(iter(moments), 0.0) / rate  # the first states may be left out
         told = -np.inf
-        for row, moment in enumerate(recording.time.tolist()):
+        for row, moment in enumerate(moments):
             while commands and commands[-1][0] <= row:
                 _, due, values = commands.pop()
                 if not self._sleep_until(began + due / rate):

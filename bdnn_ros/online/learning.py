@@ -14,7 +14,7 @@ from bdnn_ros.errors import DataError, UpdateRejected
 from bdnn_ros.online.changes import Change, Monitor
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.order import belief, predicted
-from bdnn_ros.online.silent import LEAST_VARIANCE, changes
+from bdnn_ros.online.silent import LEAST_VARIANCE, changes, relative
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -69,8 +69,7 @@ class Error:
     @property
     def nmse(self) -> np.ndarray:
         """Squared error over the effort's variance, (n,), NaN of a joint whose effort has not changed yet."""
-        scaled = self.squared / np.maximum(self.variance, LEAST_VARIANCE)
-        return np.where(changes(self.variance), scaled, np.nan)
+        return relative(self.squared, self.variance)
 
     @property
     def nmse_mean(self) -> float:

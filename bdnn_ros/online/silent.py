@@ -19,6 +19,11 @@ def changes(variance: np.ndarray) -> np.ndarray:
     return np.asarray(variance > LEAST_VARIANCE)
 
 
+def relative(squared: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Squared errors over the efforts' variance, (n,) each [N²·m²], NaN where an effort does not change at all."""
+    return np.where(changes(variance), squared / np.maximum(variance, LEAST_VARIANCE), np.nan)
+
+
 class Silent:
     """Tells a joint without a sensor for its effort from one whose effort is missing now and then.
 

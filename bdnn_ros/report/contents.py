@@ -104,7 +104,7 @@ class LinkRow:
 
 def roots(diagnosis: Diagnosis) -> list[Root]:
     """The list of root causes."""
-    return [_root(finding) for finding in sorted(diagnosis.findings, key=words.of_velocity)]
+    return [_root(finding) for finding in sorted(diagnosis.findings, key=lambda finding: finding.of_velocity)]
 
 
 def contests(diagnosis: Diagnosis) -> list[Contest]:
@@ -279,7 +279,7 @@ def _root(finding: Finding) -> Root:
         amounts=tuple(words.amounts(finding)),
         sentence=finding.sentence,
         share=finding.share,
-        share_of="of the velocity's error" if words.of_velocity(finding) else "of the error",
+        share_of="of the velocity's error" if finding.of_velocity else "of the error",
         probability=words.probability(sure),
         of_that=f"{words.probability(finding.probability)} {of_that}" if of_that else "",
         ties=tuple(

@@ -54,7 +54,7 @@ def named(one: Finding | Rival) -> str:
 
 def _causes(diagnosis: Diagnosis) -> list[Finding]:
     """The findings that are of the efforts."""
-    return [finding for finding in diagnosis.findings if not of_velocity(finding)]
+    return [finding for finding in diagnosis.findings if not finding.of_velocity]
 
 
 def headline(diagnosis: Diagnosis, since: bool = False) -> str:
@@ -193,11 +193,6 @@ def percent(share: float, digits: int = 0) -> str:
     if 0.0 < share < 0.005 and digits == 0:
         return "<\N{NO-BREAK SPACE}1\N{NO-BREAK SPACE}%"
     return f"{fixed(100.0 * share, digits)}\N{NO-BREAK SPACE}%"
-
-
-def of_velocity(finding: Finding) -> bool:
-    """Whether it is in the reported velocity: then its share is of that one's error, not of the effort's."""
-    return get(finding.effect).kinematic
 
 
 def certainty(finding: Finding) -> tuple[float, str]:
