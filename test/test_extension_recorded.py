@@ -167,7 +167,7 @@ def test_a_model_of_efforts_that_had_passed_a_low_pass_knows_its_recording_as_it
     recording = moved(PUSH)
     uneven = np.random.default_rng(0).uniform(-1.0, 1.0, len(recording)) * 2e-3
     read = replace(recording, time=recording.time + uneven)
-    model = model_of(PUSH, recordings=tuple(in_time([read], Lateness(lag=0.03))))
+    model = model_of(PUSH, recordings=tuple(in_time([read], Lateness(lag=0.03))[0]))
     there, left_out = model.along(read)
     assert len(there.effects) == 1 and not left_out
     assert model.along(moved(seed=3))[0].effects == ()

@@ -18,7 +18,7 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Fit, Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
-from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness, taken_back
+from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
 from bdnn_ros.diagnosis.odds import contains
 from bdnn_ros.diagnosis.posterior import CLEAR, Estimate, estimates, excesses
@@ -136,7 +136,7 @@ def examine(
     equations, candidates = looks.equations, looks.candidates
     attempt = best_attempt(looks)
     if not equations.usable[attempt.test].any():
-        raise _too_short(recordings, cutoff)
+        raise _too_short(recordings, cutoff, signals.cutoff)
     beyond = excesses(_in_rows_that_count(equations, attempt.fitted))
     pool = _exact(candidates, equations, attempt.fitted)
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
@@ -173,7 +173,7 @@ def _as_measured(
     """
     late = lateness(signals, robot) if model is None else Lateness()
     if late.total:
-        recordings, late = in_time(recordings, late), taken_back(recordings, late)
+        recordings, late = in_time(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     own = softness(signals, robot)
     if own is not None:  # how sharp friction is cannot be told any more
@@ -211,7 +211,7 @@ def _looks(
     equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
-        raise _too_short(recordings, cutoff)
+        raise _too_short(recordings, cutoff, signals.cutoff)
     errors = LINK_ERRORS if covariance is None else DOUBTS
     candidates = Candidates.shown_by(equations, None if model is None else known.held)
     return Looks(equations, candidates, errors, say)
@@ -226,8 +226,15 @@ def _load_ratios(effects: Sequence[Installed], width: int) -> np.ndarray:
     return ratios
 
 
-def _too_short(recordings: Sequence[Recording], cutoff: float | None) -> RecordingError:
-    """What to say where too little is left behind a low-pass, of which a low cut-off may have been asked for [Hz]."""
+def _too_short(
+    recordings: Sequence[Recording], asked: float | None, passed: float | None = None
+) -> RecordingError:
+    """What to say where too little is left behind a low-pass.
+
+    Args:
+        asked: its cut-off where one was asked for [Hz].
+        passed: what the motion has passed, lower than usual where it is quiet [Hz]; None where it is not known yet.
+    """
     name, together = recordings[0].name, sum(recording.recorded for recording in recordings)
     if together < ENOUGH:
         return RecordingError(
@@ -235,9 +242,10 @@ def _too_short(recordings: Sequence[Recording], cutoff: float | None) -> Recordi
             f"Record at least {ENOUGH:g} s of motion, better 30 s.",
         )
     usual = min(usual_cutoff(recording.rate) for recording in recordings)
-    low = cutoff is not None and cutoff < usual
+    low = asked is not None and asked < usual
+    cutoff = asked or passed or usual
     return RecordingError(
-        f"{name}: {together:.1f} s hold too little motion for a diagnosis behind a low-pass of {cutoff or usual:.3g} Hz.",
+        f"{name}: {together:.1f} s hold too little motion for a diagnosis behind a low-pass of {cutoff:.3g} Hz.",
         f"Give a higher --cutoff ({usual:.3g} Hz is usual), or record longer."
         if low
         else "Record longer motion of the joints without pauses, better 30 s.",

@@ -150,19 +150,18 @@ def _refined(
     return Lateness(lag=lag * NEAR[0] * (NEAR[1] / NEAR[0]) ** lowest(lagging) - LEFT)
 
 
-def in_time(recordings: Sequence[Recording], late: Lateness) -> list[Recording]:
-    """Recordings with efforts as they acted, with a note."""
+def in_time(recordings: Sequence[Recording], late: Lateness) -> tuple[list[Recording], Lateness]:
+    """Recordings with efforts as they acted, with a note, and how much of the lateness that took back.
+
+    A delay is taken back by whole samples only; of several recordings on average.
+    """
     if late.lag:
-        return [_quicker(mended(recording), late) for recording in recordings]
-    return [_earlier(recording, late) for recording in recordings] if late.delay else list(recordings)
-
-
-def taken_back(recordings: Sequence[Recording], late: Lateness) -> Lateness:
-    """What `in_time` takes back of such a lateness: a delay by whole samples only; of several recordings on average."""
+        return [_quicker(mended(recording), late) for recording in recordings], late
     if not late.delay:
-        return late
+        return list(recordings), late
     moved = [samples / one.rate if (samples := _samples(one, late)) else 0.0 for one in recordings]
-    return Lateness(delay=float(np.average(moved, weights=[len(one) for one in recordings])))
+    average = float(np.average(moved, weights=[len(one) for one in recordings]))
+    return [_earlier(recording, late) for recording in recordings], Lateness(delay=average)
 
 
 def note(recording: Recording, late: Lateness) -> str:
