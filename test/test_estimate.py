@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from live_support import motion, real_robot
 
+from bdnn_ros.online import estimate
 from bdnn_ros.online.estimate import Smoother, effort_std, parts
 from bdnn_ros.online.feed import Samples
 from bdnn_ros.online.serving import nominal
@@ -115,3 +116,18 @@ def test_missing_effort_is_told_as_missing():
     values, missing = np.zeros((len(time), 6)), np.full((len(time), 6), np.nan)
     instant = smoother.at(Samples(time, values, values, missing), (time * 1e9).astype(int))
     assert instant is not None and np.isnan(instant.effort).all() and np.isfinite(instant.velocity).all()
+
+
+def test_how_many_samples_are_needed_may_be_asked_while_a_rate_is_settled_on(monkeypatch):
+    """Another thread tells what a buffer is too short for."""
+    smoother, kernel, told = Smoother(), estimate.gaussian_kernel, []
+
+    def asked_meanwhile(*words):
+        told.append(smoother.count)
+        return kernel(*words)
+
+    monkeypatch.setattr(estimate, "gaussian_kernel", asked_meanwhile)
+    smoother.settle(0.01)
+    first = smoother.count
+    smoother.settle(0.001)
+    assert told == [0, first] and smoother.count > 0

@@ -114,8 +114,46 @@ def effort_std(
     return np.asarray(np.sqrt(np.maximum(variance, 0.0) + model.noise**2))
 
 
+@dataclass(frozen=True)
+class _Grid:
+    """Where a low-pass is applied to a stream of one period, and by which weights.
+
+    Attributes:
+        period: of the stream [s].
+        step: from point to point [s].
+        kernels: weights of the value and its derivatives, (3, points).
+        direct: the points are samples.
+    """
+
+    period: float
+    step: float
+    kernels: np.ndarray
+    direct: bool
+
+    @classmethod
+    def of(cls, period: float, cutoff: float | None) -> _Grid:
+        """For a stream of this period [s], with the usual cut-off for none [Hz]."""
+        rate = 1.0 / period
+        chosen = usual_cutoff(rate) if cutoff is None else cutoff
+        steps = max(int(np.ceil(SAMPLES_PER_CUTOFF * chosen / rate)), 1)
+        step = period / steps
+        return cls(period, step, np.array(gaussian_kernel(gaussian_std(chosen), 1.0 / step)), steps == 1)
+
+    @property
+    def half(self) -> int:
+        """Points before and behind the middle one."""
+        return self.kernels.shape[1] // 2
+
+    @property
+    def count(self) -> int:
+        """Samples that are needed at least."""
+        return int(np.ceil((2 * self.half + 1) * self.step / self.period)) + 3
+
+
 class Smoother:
     """The low-pass of `signals` at the newest stamp that allows it: half a kernel before the last sample.
+
+    One thread smooths, another may ask for `count`.
 
     Attributes:
         cutoff: -3 dB frequency [Hz]; None until the rate is known.
@@ -123,25 +161,18 @@ class Smoother:
 
     def __init__(self, cutoff: float | None = None) -> None:
         self.cutoff = cutoff
-        self._period = 0.0
+        self._grid: _Grid | None = None
 
     def settle(self, period: float) -> None:
         """Choose kernel and grid for a stream of this period [s]."""
-        if abs(period - self._period) <= 0.02 * self._period:
-            return
-        self._period = period
-        rate = 1.0 / period
-        chosen = usual_cutoff(rate) if self.cutoff is None else self.cutoff
-        steps = max(int(np.ceil(SAMPLES_PER_CUTOFF * chosen / rate)), 1)
-        self._step = period / steps
-        self._kernels = np.array(gaussian_kernel(gaussian_std(chosen), 1.0 / self._step))
-        self._half = self._kernels.shape[1] // 2
-        self._direct = steps == 1
+        if self._grid is None or abs(period - self._grid.period) > 0.02 * self._grid.period:
+            self._grid = _Grid.of(period, self.cutoff)
 
     @property
     def count(self) -> int:
         """Samples that `at` needs at least; 0 before `settle`."""
-        return int(np.ceil((2 * self._half + 1) * self._step / self._period)) + 3 if self._period else 0
+        grid = self._grid
+        return grid.count if grid is not None else 0
 
     def complaint(self, most: int) -> str:
         """Why there is no instant of a stream of which so many samples are kept, and what to do; empty if there is."""
@@ -165,26 +196,28 @@ class Smoother:
             samples: the latest of the stream, `count` or more.
             stamps: of those samples [ns].
         """
-        time, reach = samples.time, self._half * self._step
+        grid = self._grid
+        assert grid is not None, "settle first"
+        time, period, step, half = samples.time, grid.period, grid.step, grid.half
+        reach = half * step
         turns = np.cumsum(wraps(samples.position), axis=0)
         position = samples.position - 2.0 * np.pi * turns
-        if np.abs(np.diff(time) - self._period).max() > EVEN * self._period:
-            time = taken_at(time, position, 1.0 / self._period, [slice(0, len(time))])
+        if np.abs(np.diff(time) - period).max() > EVEN * period:
+            time = taken_at(time, position, 1.0 / period, [slice(0, len(time))])
         centre = int(np.searchsorted(time, time[-1] - reach, side="right")) - 1
-        if centre < 0 or time[centre] - time[0] < reach or np.diff(time).max() > 5.0 * self._period + 0.05:
+        if centre < 0 or time[centre] - time[0] < reach or np.diff(time).max() > 5.0 * period + 0.05:
             return None
         position += 2.0 * np.pi * turns[centre]  # told within the turn that the driver tells
         measured = np.isfinite(samples.effort).all(axis=0)
         values = np.concatenate([position, samples.effort[:, measured]], axis=1)
-        low, high = centre - self._half, centre + self._half + 1
-        even = self._direct and low >= 0 and high <= len(time)
-        if even and np.abs(np.diff(time[low:high]) - self._step).max() < EVEN * self._step:
+        low, high = centre - half, centre + half + 1
+        even = grid.direct and low >= 0 and high <= len(time)
+        if even and np.abs(np.diff(time[low:high]) - step).max() < EVEN * step:
             window = values[low:high]
         else:
-            grid = time[centre] + self._step * np.arange(-self._half, self._half + 1)
-            window = CubicSpline(time, values)(grid)
+            window = CubicSpline(time, values)(time[centre] + step * np.arange(-half, half + 1))
         # the kernel is even, its first derivative odd: convolution turns it round
-        smooth, first, second = self._kernels[:, ::-1] @ window
+        smooth, first, second = grid.kernels[:, ::-1] @ window
         n = position.shape[1]
         effort = np.full(n, np.nan)
         effort[measured] = smooth[n:]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ class Gaps:
     """Counts what is missing, without what came and was refused.
 
     A refused sample stands for the missing one of the gap that its stamp lies in; where its stamp says nothing,
-    for one between the samples that were accepted before and after it.
+    for one between the samples that were accepted before and after it. One thread counts, another may ask.
 
     Attributes:
         period: median step of the last full block [ns]; 0 before there is one.
@@ -45,6 +46,7 @@ class Gaps:
 
     def __init__(self) -> None:
         self.period = 0.0
+        self._turn = threading.Lock()
         self._steps = np.zeros(BLOCK, np.int64)
         self._refused = np.zeros(BLOCK, np.int64)
         self._filled = 0
@@ -56,44 +58,51 @@ class Gaps:
     @property
     def missing(self) -> int:
         """Samples missing so far; those of a gap once a sample after it shows that it was not just late."""
-        steps, refused = self._steps[: self._filled].copy(), self._refused[: self._filled].copy()
-        usual = self._usual()
+        with self._turn:
+            steps, refused = self._steps[: self._filled].copy(), self._refused[: self._filled].copy()
+            usual, counted, late = self._usual(), self._counted, self._late
         if usual == 0.0 or len(steps) == 0 or np.median(steps) > GAP * usual:
-            return self._counted  # whether these are gaps or another rate, the whole block will tell
-        return self._counted + _missing(steps, refused, usual, self._late)[0]
+            return counted  # whether these are gaps or another rate, the whole block will tell
+        return counted + _missing(steps, refused, usual, late)[0]
 
     def add(self, step: int) -> None:
         """A sample was accepted so long after the one before [ns]."""
-        self._steps[self._filled] = step
-        self._refused[self._filled] = self._since
-        self._since = 0
-        self._filled += 1
-        if self._filled == BLOCK:
-            self.period = float(np.median(self._steps))
-            found, self._late = _missing(self._steps, self._refused, self.period, self._late)
-            self._counted += found
-            self._filled = self._joined = 0
+        with self._turn:
+            self._steps[self._filled] = step
+            self._refused[self._filled] = self._since
+            self._since = 0
+            self._filled += 1
+            if self._filled == BLOCK:
+                self.period = float(np.median(self._steps))
+                found, self._late = _missing(self._steps, self._refused, self.period, self._late)
+                self._counted += found
+                self._filled = self._joined = 0
 
     def pause(self) -> None:
         """The next sample is not joined to those before."""
-        self._since = 0
-        self._joined = self._filled
+        with self._turn:
+            self._since = 0
+            self._joined = self._filled
 
     def refuse(self, back: int) -> None:
         """A sample was refused whose stamp lies so long before that of the last accepted one [ns]."""
-        if back > 0:
-            ends = np.cumsum(self._steps[self._joined : self._filled][::-1])
-            place = int(np.searchsorted(ends, back))
-            row = self._filled - 1 - place
-            if place == len(ends):
-                if self._late.owed:  # too late, for the gap at the end of the last block
-                    owed, ahead, waited = self._late
-                    self._late = Late(owed - 1, ahead - 1.0, waited)
-                    return
-            elif back != ends[place] and self._steps[row] > GAP * self._usual() > 0.0:
-                self._refused[row] += 1
-                return
-        self._since += 1
+        with self._turn:
+            if back <= 0 or not self._stands_for(back):
+                self._since += 1
+
+    def _stands_for(self, back: int) -> bool:
+        """Whether the refused sample is one of those that are missing in the gap that its stamp lies in."""
+        ends = np.cumsum(self._steps[self._joined : self._filled][::-1])
+        place = int(np.searchsorted(ends, back))
+        row = self._filled - 1 - place
+        if place == len(ends):
+            owed, ahead, waited = self._late
+            if owed:  # too late, for the gap at the end of the last block
+                self._late = Late(owed - 1, ahead - 1.0, waited)
+            return owed > 0
+        inside = back != ends[place] and self._steps[row] > GAP * self._usual() > 0.0
+        self._refused[row] += inside
+        return bool(inside)
 
     def _usual(self) -> float:
         """Usual step [ns]; 0 where nothing says yet."""
