@@ -12,6 +12,8 @@ from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
+RECORDED = Path(__file__).resolve().parent / "results" / "naming_recordings.json"
+"""What was diagnosed last."""
 PARTS = ("whole", "first half", "second half")
 LEAST = 24.0
 """A shorter recording has no halves that a diagnosis takes [s]."""

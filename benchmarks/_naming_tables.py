@@ -263,6 +263,12 @@ def shows(records: Sequence[Record]) -> Rows:
     ]
 
 
+def side_by_side(every: Rows, now: Rows) -> Rows:
+    """What was measured of all draws, with what of those that were made by the sources as they stand."""
+    head = ["as the sources stand", "draws"]
+    return [[*row, *(head if k == 0 else now[k][2:])] for k, row in enumerate(every)]
+
+
 def summary(records: Sequence[Record]) -> dict[str, Any]:
     """The same as numbers by name, for machines."""
     t = Totals(records)

@@ -18,79 +18,36 @@ import json
 import multiprocessing
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import _naming_document as document
 from _naming_draws import Choices, Draw, done
 from _naming_options import run_options
-from _naming_readings import section as readings
-from _naming_recordings import in_words, recorded, tables
-from _naming_records import latest
+from _naming_recordings import RECORDED, in_words, recorded, tables
 from _naming_robots import EXAMPLES
-from _naming_simulator import section
 from _naming_tables import by_condition, by_effect, confusion, counted, shows, summary
-from _naming_text import markdown, text
+from _naming_text import text
 from _results import keep
 
 from bdnn_ros.effects.registry import EFFECTS
-from bdnn_ros.written import whole
 
 HERE = Path(__file__).resolve().parent
 RECORDS = HERE / "results" / "naming.jsonl"
-DOCUMENT = HERE.parent / "docs" / "naming.md"
-RECORDED = HERE / "results" / "naming_recordings.json"
 SOURCES = (
     *("diagnosis", "effects", "simulation", "signals", "recording.py", "robot"),
     *("checks/alternatives.py", "checks/conventions.py", "checks/positions.py", "checks/sampling.py"),
 )
 FIRST_SEED, BUDGET = 10000, 120.0
-HEAD = """# Naming hidden effects: blind draws
-
-Made by `python benchmarks/naming.py --write-docs` from `benchmarks/results/naming.jsonl`; do not edit.
-
-A draw takes robot, effect, place, size (5 to 40 % of the spread of the effort), noise, errors of the links and
-motion from its seed, writes a bag without the truth, diagnoses the bag, and only then compares. All draws that are
-counted under [Promised and measured](#promised-and-measured) are rich motions of 30 s: nothing is said there of shorter
-or poorer ones, which `--duration` and `--excitation` draw as well.
-What contains a simpler effect (Stribeck and asymmetric friction, a drift) adds at least 5 % to what the simpler one
-says; a link is off by 20 % or more, beside others that are off by 5 or 10 %; a payload hangs from the second link on.
-The load of a loose joint changes its sign, so that its gap is crossed: one that never is, is a wrong zero.
-A push on a link acts at the origin of its frame, at its centre of mass or, a force alone, anywhere within a tenth of a
-metre of the origin along each axis.
-The share of a payload or a link is that of the joint that carries most of it: a gram is 5 % of what a last joint
-does, and less than any description knows.
-
-- *Named*: the effect and its joint or link are among the findings. What is physically the same (payload and
-  scaled link; asymmetric friction, and Coulomb friction with an offset, either way, also where friction falls besides;
-  the base's tilt, and the zero of a first joint that is not vertical; a force on the axis of a link's joint, and the
-  same on the link before; a gap, and a wrong zero of half of it, where the load hardly ever leaves one side) counts where
-  it is listed as a rival.
-- *Tellable*: with all else that is true of the robot given, the recording holds more evidence for the hidden effect
-  than outweighs 150 others, against the errors of all links and against a simpler effect that it contains or
-  settles into. This knows what to look for; a diagnosis does not. It sees what the diagnosis does, behind one low-pass
-  for all joints.
-  A wrong link among links that are all a little wrong often is not tellable.
-- *First*: no finding but wear stands before it. *Silent*: not named, and nothing false named either.
-- On worn robots Coulomb, viscous friction and rotor inertia are true on every joint. A link's inertia
-  is true where the link really is off by about as much.
-- Errors of parameters are shares of the true value: of the vector's length for centres of mass and forces, of
-  the larger end of a drift, of 1 rad for phases and rest positions; a torque of nothing is counted against what the
-  force does at a tenth of a metre.
-- The noise floor is what the sensors' noise leaves of a perfect model on the same held-out rows: the effort's own,
-  and the position's through bodies, friction and effects.
-- A link that is off by hardly more than all links are is not named, here or on a real robot: the extended model
-  mends it silently.
-"""
 
 
 def main() -> None:
     args = _arguments()
     if args.write_docs:
-        write_document(args.results)
+        document.write(args.results, fingerprint())
         return
     if args.recordings:
         tell_recordings(args.recordings)
@@ -171,48 +128,6 @@ def tell_recordings(data: Path) -> None:
     for title, rows in tables(results):
         print(f"\n{title}\n{text(rows)}")
     print("\n" + in_words(results))
-
-
-def real_recordings() -> list[str]:
-    """What real recordings name, for the document; nothing where they were not diagnosed."""
-    if not RECORDED.is_file():
-        return []
-    results = json.loads(RECORDED.read_text(encoding="utf-8"))
-    parts = [
-        "\n## Real recordings\n",
-        "Made by `python benchmarks/naming.py --recordings DIR`. The truth is not known; what can be asked is whether each\n"
-        "half of a recording names what the whole does, and what is left unexplained.\n",
-        in_words(results) + "\n",
-    ]
-    for title, rows in tables(results):
-        parts += [f"\n**{title}**\n", markdown(rows)]
-    return parts
-
-
-def write_document(results: Path) -> None:
-    """docs/naming.md from every draw's latest record."""
-    records = latest(results, lambda record: record["key"])
-    sources = fingerprint()
-    now = sum(r["code"] == sources for r in records)
-    commands = "\n".join(f"    {c}  # {k} draws" for c, k in Counter(r["command"] for r in records).items())
-    parts = [
-        HEAD,
-        f"{len(records)} draws, {now} of them by the sources as they stand:\n\n{commands}\n",
-        "## Promised and measured\n\nRich motion of at least 30 s.\n",
-        markdown(shows(records)),
-        "\n## What was named in place of what\n",
-        markdown(confusion(records)),
-        "\n## By effect\n",
-        markdown(by_effect(records)),
-        "\n## By condition\n",
-        markdown(by_condition(records)),
-        *readings(sources),
-        *section(sources),
-        *real_recordings(),
-    ]
-    with whole(DOCUMENT) as beside:
-        beside.write_text("\n".join(parts) + "\n", encoding="utf-8")
-    print(f"{DOCUMENT}: {len(records)} draws")
 
 
 def fingerprint() -> str:
