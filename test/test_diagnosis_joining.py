@@ -16,6 +16,7 @@ from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.simulate import simulate
 
 ARM = Robot.bundled("arm2")
@@ -33,6 +34,31 @@ def test_the_noise_of_the_efforts_is_the_largest_in_either_order():
     parts = [prepare(quiet), prepare(replace(quiet, effort=quiet.require_effort() + noise))]
     for order in (parts, parts[::-1]):
         np.testing.assert_array_equal(concatenated(order).effort_noise, parts[1].effort_noise)
+
+
+@pytest.mark.parametrize("rates", [(100.0, 1000.0), (1000.0, 100.0), (500.0, 1000.0), (125.0, 100.0)])
+@pytest.mark.parametrize("cutoff", [None, 7.0])
+def test_recordings_of_any_two_rates_go_together(rates, cutoff):
+    """Each joint as it moved, at one rate, whatever suits the recordings by themselves."""
+    time = [np.arange(round(6.0 * rate)) / rate for rate in rates]
+    made = [Recording(t, ("a",), np.sin(2.0 * t)[:, None], effort=np.cos(2.0 * t)[:, None]) for t in time]
+    parts = prepared_alike(made, cutoff)
+    joined = concatenated(parts)
+    for part, piece in zip(parts, joined.segments, strict=True):
+        np.testing.assert_allclose(np.diff(part.time), 1.0 / joined.rate, rtol=1e-9)
+        np.testing.assert_array_equal(joined.velocity[piece], part.velocity)
+        np.testing.assert_allclose(part.velocity[:, 0], 2.0 * np.cos(2.0 * part.time), atol=2e-3)
+    assert joined.raw_rate == pytest.approx(min(rates))
+
+
+@pytest.mark.parametrize("rates", [(100.0, 1000.0), (1000.0, 100.0)])
+def test_a_velocity_that_one_driver_differentiates_is_no_low_pass_of_anothers(rates):
+    """It is half a sample late, which is much for the other."""
+    made = [
+        Scenario(ARM, seed=k, duration=10.0, rate=rate, velocity="differentiated").run()[0].recording
+        for k, rate in enumerate(rates, start=1)
+    ]
+    assert diagnose(made, ARM).findings == ()
 
 
 def test_a_push_in_one_of_several_is_told_with_when_each_begins():

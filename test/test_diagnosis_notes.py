@@ -9,7 +9,7 @@ import pytest
 
 from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.advice import advice
-from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.diagnosis.diagnose import diagnose, examine
 from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.notes import loads, mostly_links, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
@@ -182,3 +182,26 @@ def test_links_that_are_wrong_beside_a_small_cause_are_told_of():
     assert [finding.effect for finding in examination.diagnosis.findings] == ["coulomb_friction"]
     (told,) = (line for line in verdict_lines(examination, []) if "masses and inertias make up" in line)
     assert "simulation's squared error" in told
+
+
+def test_the_base_and_the_zero_of_a_joint_that_turns_all_of_it_take_a_level():
+    tilt, first, second = Term(get("base_tilt"), -1), *(Term(get("position_offset"), k) for k in (0, 1))
+    arm = Robot.bundled("arm2")
+    for term, rival in ((tilt, first), (first, tilt)):
+        (said,) = advised(term, rival, robot=arm)
+        assert said.startswith("Whether the base is tilted or the zero of arm2_joint1 is off, no motion")
+    (said,) = advised(second, tilt, robot=arm)
+    assert said.startswith("To tell a position offset at arm2_joint2 from a tilted base, record")
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_joint_is_told_to_be_alone_where_it_moves_alone_or_is_measured_alone(measured):
+    made = simulate(Robot.bundled("arm2"), seed=1, duration=12.0, rate=100.0).recording
+    one = np.array([1.0, 0.0])
+    if measured:
+        made = replace(made, position=made.position * one, velocity=None)
+    else:
+        made = replace(made, effort=made.require_effort() * one)
+    told = " ".join(diagnose([made], Robot.bundled("arm2")).notes)
+    assert ("Only arm2_joint1 moves" in told and "Move several" in told) == measured
+    assert ("Record the efforts of arm2_joint2, too" in told) != measured

@@ -298,7 +298,7 @@ def test_parts_that_one_kernel_does_not_fit_are_refused() -> None:
     first = prepare(sine(1.0))
     others: list[Signals] = [prepare(sine(1.0, 30.0)), prepare(sine(1.0), 5.0), prepare(sine(1.0, 1000.0))]
     for other in others:
-        with pytest.raises(UsageError, match="do not go together"):
+        with pytest.raises(ValueError, match="not prepared alike"):
             concatenated([first, other])
     with pytest.raises(UsageError, match="different joints"):
         concatenated([first, replace(first, joints=("a", "c"))])

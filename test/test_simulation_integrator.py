@@ -181,6 +181,20 @@ def test_an_elastic_gear_bends_by_load_over_stiffness(pendulum):
     assert seen - integrator.state.position == pytest.approx(held / 500.0, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    "spec", ["joint_spring@axle:stiffness=40", "external_wrench@axle:torque=-4,start=0,end=9"]
+)
+def test_what_acts_on_the_link_bends_its_gear(spec):
+    plant = Plant(wheel(0.5), duration=9.0)
+    plant.robot = plant.robot.with_joint_parameters(viscous=np.array([5.0]))
+    parse_spec("joint_elasticity@axle:stiffness=500", plant.robot).install(plant)
+    parse_spec(spec, plant.robot).install(plant)
+    _, _, integrator = moved(plant, [0.1], 4.0, 3.0)  # 4 N·m hold it there
+    seen, speed = integrator.state.position.copy(), integrator.state.velocity.copy()
+    integrator.motors.seen(seen, speed)
+    assert seen - integrator.state.position == pytest.approx(4.0 / 500.0, rel=1e-3)
+
+
 def test_an_elastic_gear_rings_at_its_frequency():
     robot = wheel(0.5).with_joint_parameters(armature=np.array([0.25]))
     plant = Plant(robot)

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from bdnn_ros.diagnosis.candidates import ANGLES
 from bdnn_ros.diagnosis.identifiability import TIE, Judgement, same_physics
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.axes import distances_from_axes
+from bdnn_ros.robot.axes import distances_from_axes, turns_all
 
 ON_AXIS = 0.01
 """A weight nearer than this to a joint's axis is hardly moved by that joint [m]."""
@@ -41,7 +42,14 @@ def advice(
                 f"Whether {place} or {others} carries the payload, no motion shows, for its centre lies on the axes "
                 "of the joints between them: look where it hangs."
             )
-        close = [rival for rival in close if rival not in touched and rival not in hung]
+        turned = [rival for rival in close if _turned_alike(term, rival, robot)]
+        if turned:
+            joint = next(places(each) for each in (term, *turned) if each.target >= 0)
+            sentences.append(
+                f"Whether the base is tilted or the zero of {joint} is off, no motion of this robot shows, for {joint} turns "
+                "all of it: look with a level."
+            )
+        close = [rival for rival in close if rival not in (*touched, *hung, *turned)]
         if close:
             sentences.append(_to_tell(term, close, robot, places))
     return sentences
@@ -50,14 +58,25 @@ def advice(
 def _to_tell(term: Term, close: Sequence[Term], robot: Robot, places: Callable[[Term], str]) -> str:
     """What tells a term from its rivals: as a rule a motion."""
     place = places(term)
-    names = _in_words(r.title + f" at {places(r)}" * (places(r) != place) for r in close)
-    told = f"{term.title} at {place} from {names}"
+    names = _in_words(_with_place(r, places) if places(r) != place else r.title for r in close)
+    told = f"{_with_place(term, places)} from {names}"
     if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
         return f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
     return (
         f"To tell {told}, record {term.effect.shown_by}; "
         f"`bdnn excite --for diagnosis.json` makes such a motion."
     )
+
+
+def _with_place(term: Term, places: Callable[[Term], str]) -> str:
+    """A term's name and place; what is of the base, or of all joints, needs none."""
+    return term.title if term.target < 0 else f"{term.title} at {places(term)}"
+
+
+def _turned_alike(term: Term, rival: Term, robot: Robot) -> bool:
+    """Whether one is a tilt of the base and the other the zero of a joint that turns the whole robot."""
+    joint = max(term.target, rival.target)
+    return {term.effect.name, rival.effect.name} == ANGLES and turns_all(robot, joint)
 
 
 def _hangs_alike(found: Estimate, rival: Term, robot: Robot) -> bool:

@@ -97,9 +97,9 @@ class Equations:
 
     @property
     def alone(self) -> int | None:
-        """The only joint of several whose rows count; None where others' do, too."""
+        """The only joint whose rows count; None where others' do, too."""
         count = np.flatnonzero(self.usable.mean(axis=0) > HARDLY_USABLE)
-        return int(count[0]) if len(count) == 1 < self.width else None
+        return int(count[0]) if len(count) == 1 else None
 
     @property
     def moving(self) -> np.ndarray:

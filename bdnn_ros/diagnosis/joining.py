@@ -12,15 +12,14 @@ import numpy as np
 from bdnn_ros.errors import UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import Signals, prepare, usual_cutoff
+from bdnn_ros.signals.preparing import working_rate
 
 SAME_RATE = 0.02
-"""Signals whose working rates differ by more than this share are not joined."""
+"""No two recordings are of the same measured rate: those that differ by no more than this share are of one."""
 
 
 def prepared_alike(recordings: Sequence[Recording], cutoff: float | None = None) -> list[Signals]:
-    """Clean signals of several recordings, behind one low-pass where their rates hardly differ.
-
-    No two recordings have the same measured rate, on which the usual low-pass of slow ones depends.
+    """Clean signals of several recordings, behind one low-pass and, where their rates differ, at one rate: as suits the slowest.
 
     Args:
         cutoff: low-pass [Hz], None chooses.
@@ -30,9 +29,10 @@ def prepared_alike(recordings: Sequence[Recording], cutoff: float | None = None)
         UsageError: the cut-off does not fit a rate.
     """
     slowest = min(recording.rate for recording in recordings)
-    if cutoff is None and all(recording.rate <= (1.0 + SAME_RATE) * slowest for recording in recordings):
-        cutoff = usual_cutoff(slowest)
-    return [prepare(recording, cutoff) for recording in recordings]
+    cutoff = usual_cutoff(slowest) if cutoff is None else cutoff
+    alike = all(recording.rate <= (1.0 + SAME_RATE) * slowest for recording in recordings)
+    working = None if alike else working_rate(slowest, cutoff)
+    return [prepare(recording, cutoff, working) for recording in recordings]
 
 
 def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = None) -> Signals:
@@ -43,7 +43,8 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
             follows one another. None takes the parts' own.
 
     Raises:
-        UsageError: their joints, cut-offs or working rates differ, so that one kernel does not fit all.
+        UsageError: their joints differ.
+        ValueError: they were not prepared alike, so that one kernel does not fit all.
     """
     if len(parts) == 1:
         return parts[0]
@@ -53,9 +54,8 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
                 f"The recordings hold different joints: {part.joints}.", "Choose them with --joints."
             )
         if part.cutoff != parts[0].cutoff or abs(part.rate / parts[0].rate - 1.0) > SAME_RATE:
-            raise UsageError(
-                f"Recordings of {parts[0].raw_rate:.4g} Hz and {part.raw_rate:.4g} Hz do not go together.",
-                "Use bags of one rate, or give a --cutoff that suits the slowest.",
+            raise ValueError(
+                f"signals of {parts[0].rate:.4g} Hz and {part.rate:.4g} Hz were not prepared alike"
             )
     rows = np.cumsum([0, *map(len, parts[:-1])]).tolist()
     times = [part.time for part in parts] if recorded is None else recorded
@@ -72,6 +72,9 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
         segments=tuple(
             slice(s.start + k, s.stop + k) for p, k in zip(parts, rows, strict=True) for s in p.segments
         ),
+        raw_rate=min(
+            p.raw_rate for p in parts
+        ),  # by the slowest: what another's samples would tell besides is not counted on
         position_noise=np.max([p.position_noise for p in parts], axis=0),
         effort_noise=_largest([p.effort_noise for p in parts]),
         begun=tuple(float(part.time[0] + shift) for part, shift in zip(parts, moved, strict=True)),

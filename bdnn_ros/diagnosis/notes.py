@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.diagnosis.building import least_motion
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.equations import HARDLY_USABLE, Equations
 from bdnn_ros.diagnosis.joining import own_zeros, stretches
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, ENDS
@@ -39,8 +39,8 @@ SLIGHT = 0.1
 MOST = 0.5
 """Share of the squared error above which that is said."""
 ALONE = (
-    "Only {joint} moves: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
-    "of them is named. Move several joints at once."
+    "Only {joint} {does}: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
+    "of them is named.{remedy}"
 )
 BRIEFLY = (
     "No joint moves for more than {seconds:.1f} s, where a low-pass of {cutoff:.1f} Hz asks for {least:.1f} s: what changes with "
@@ -87,10 +87,24 @@ def of_recording(robot: Robot, equations: Equations) -> list[str]:
     signals, longest = equations.motion.signals, float(equations.moving.max())
     least, notes = least_motion(signals), []
     if equations.alone is not None:
-        notes.append(ALONE.format(joint=robot.joints[equations.alone]))
+        notes.append(_alone(robot, equations, equations.alone))
     if longest < least:
         notes.append(BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least))
     return notes
+
+
+def _alone(robot: Robot, equations: Equations, joint: int) -> str:
+    """The note on the only joint whose rows count, of a robot of one joint or of several."""
+    signals = equations.motion.signals
+    moving = (~signals.at_rest).mean(axis=0) > HARDLY_USABLE
+    unmeasured = [
+        robot.joints[k] for k in np.flatnonzero(moving & ~equations.usable.any(axis=0)) if k != joint
+    ]
+    does, remedy = "moves", " Move several joints at once." if robot.width > 1 else ""
+    if unmeasured:
+        does = "has a measured effort while it moves"
+        remedy = f" Record the efforts of {listed(unmeasured, 20)}, too."
+    return ALONE.format(joint=robot.joints[joint], does=does, remedy=remedy)
 
 
 def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> list[str]:

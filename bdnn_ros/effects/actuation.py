@@ -240,7 +240,7 @@ class JointSpring(Effect):
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         stiffness, rest = values["stiffness"], values["rest"]
-        plant.efforts.append((target, lambda time, position, velocity, load: stiffness * (position - rest)))
+        plant.across.append((target, lambda time, position, velocity, load: stiffness * (position - rest)))
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.joint_column(target, motion.position[:, target], np.ones(len(motion.time)))

@@ -58,7 +58,7 @@ class Backlash(Effect):
         plant.gap[target] += values["gap"]
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return -0.5 * motion.shifted(target, side(motion, target, shape["crossing"]))[..., None]
+        return -0.5 * motion.bent(target, side(motion, target, shape["crossing"]))[..., None]
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"crossing": crossing} for crossing in TRIED]

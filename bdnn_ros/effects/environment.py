@@ -148,7 +148,7 @@ class ExternalTorque(Push):
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         torque, start, end = values["torque"], values["start"], values["end"]
-        plant.efforts.append(
+        plant.across.append(
             (target, lambda time, position, velocity, load: -torque if start <= time < end else 0.0)
         )
 

@@ -36,6 +36,7 @@ class Motion:
         drive: the part of it that drives take before the gear (effects with `in_drive`), (N, n), if known.
         level: the robot whose bodies a tilt turns, where errors of `robot`'s bodies are counted as it stands already; else
             None, and a tilt turns all of them.
+        springs: stiffness of springs across the joints, behind their gears, (n,) [N·m/rad], if known.
     """
 
     signals: Signals
@@ -43,6 +44,7 @@ class Motion:
     load: np.ndarray
     drive: np.ndarray | None = None
     level: Robot | None = None
+    springs: np.ndarray | None = None
 
     @property
     def time(self) -> np.ndarray:
@@ -226,6 +228,15 @@ class Motion:
         changes = (change, rate, self.derivative(rate))
         return np.asarray(
             sum(by[:, :, target] * c[:, None] for by, c in zip(self._slopes, changes, strict=True))
+        )
+
+    def bent(self, target: int, change: np.ndarray) -> np.ndarray:
+        """As `shifted`, by a change of the link's position alone, which springs across the joint feel too, (N, n) [N·m]."""
+        bodies = self.shifted(target, change)
+        return (
+            bodies
+            if self.springs is None
+            else bodies + self.joint_column(target, self.springs[target] * change)[..., 0]
         )
 
     @cached_property

@@ -26,7 +26,8 @@ class Plant:
     Attributes:
         robot: rigid bodies, armature, and the friction of the URDF's tags.
         duration: how long the recording will be [s].
-        efforts: (joint, smooth resisting effort): springs, drag, cogging, bristles ...
+        efforts: (joint, smooth resisting effort) of its drive: drag, cogging, bristles ...
+        across: (joint, smooth resisting effort) that acts on its link, behind the gear: springs, pushes.
         dry: (joint, magnitude of dry friction); magnitudes on one joint add up.
         wrenches: (link, point in its frame (3,) [m], wrench of the environment on it).
         scale, offset, delay: effort that acts = scale · commanded(t - delay) + offset; (n,) each.
@@ -39,6 +40,7 @@ class Plant:
     robot: Robot
     duration: float = 0.0
     efforts: list[tuple[int, JointEffort]] = field(default_factory=list)
+    across: list[tuple[int, JointEffort]] = field(default_factory=list)
     dry: list[tuple[int, DryFriction]] = field(default_factory=list)
     wrenches: list[tuple[str, np.ndarray, Wrench]] = field(default_factory=list)
     scale: np.ndarray = field(init=False)

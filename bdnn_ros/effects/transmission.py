@@ -56,7 +56,7 @@ class JointElasticity(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         load = motion.signals.passed(motion.carried(target), self._cutoff(motion, target, shape))
-        return -motion.shifted(target, load)[..., None]
+        return -motion.bent(target, load)[..., None]
 
     def _cutoff(self, motion: Motion, target: int, shape: Values) -> float:
         """Where the load is low-passed [Hz]: no sooner than what the motion does, nor later than signals are."""

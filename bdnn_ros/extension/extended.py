@@ -12,6 +12,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.building import nominal_effort
 from bdnn_ros.diagnosis.compared import Compared
+from bdnn_ros.effects.actuation import JointSpring
 from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
@@ -210,7 +211,7 @@ class ExtendedModel:
         ways = self._way(velocity)
         q, v, u, way = (np.reshape(each, (-1, width)).tolist() for each in (position, velocity, load, ways))
         result = np.zeros((len(q), width))
-        for joint, effort in self.plant.efforts:
+        for joint, effort in (*self.plant.efforts, *self.plant.across):
             for k in range(len(q)):
                 result[k, joint] += effort(0.0, q[k][joint], v[k][joint], u[k][joint])
         for joint, dry in self.plant.dry:
@@ -250,7 +251,7 @@ class ExtendedModel:
             plain = nominal_effort(known, signals) + self.beyond.offset
             drive = drive + self.beyond.predict(signals) - plain
         own = replace(signals, effort=None)
-        motion = Motion(own, robot, rigid + drive)
+        motion = Motion(own, robot, rigid + drive, springs=self._springs())
         if any(self.sticking):
             drive = drive + np.array(self.sticking) * motion.derivative(signals.sign)
         others = [e for e in self.effects if e.effect.name not in IN_PLANT]
@@ -269,6 +270,14 @@ class ExtendedModel:
             if _settled(acting, previous):
                 break
         return motion, np.asarray(acting)
+
+    def _springs(self) -> np.ndarray:
+        """Stiffness of the springs across the joints, (n,) [N·m/rad]."""
+        stiffness = np.zeros(self.robot.width)
+        for one in self.effects:
+            if one.effect.name == JointSpring.name:
+                stiffness[one.target] += one.values["stiffness"]
+        return stiffness
 
     # -- files -----------------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Where a point of a link lies beside the joints' axes."""
+"""Where the joints' axes are, and where a point of a link lies beside them."""
 
 from __future__ import annotations
 
@@ -24,3 +24,8 @@ def distances_from_axes(robot: Robot, link: str, point: np.ndarray) -> np.ndarra
     at = data.oMi[int(order[body]) + 1].act(rotation @ point + translation)
     speed = np.linalg.norm(jacobian[:3] + np.cross(jacobian[3:], at, axis=0), axis=0)
     return np.where(robot.slides, np.inf, speed[order])
+
+
+def turns_all(robot: Robot, joint: int) -> bool:
+    """Whether a joint turns all that other joints move: a base that is tilted about its axis does the same."""
+    return bool(robot.carries[joint].all()) and not robot.slides[joint]

@@ -102,3 +102,9 @@ def even_grid(rate: float, least: float) -> tuple[float, int]:
     if ratio >= 1.0:
         return 1.0 / rate, int(ratio + ROUNDING)
     return 1.0 / (rate * np.ceil(1.0 / ratio - ROUNDING)), 1
+
+
+def grid_of(rate: float, working: float) -> tuple[float, int]:
+    """The same for samples at a rate [Hz] of which so many working samples a second are to be made [Hz]."""
+    every = max(int(np.ceil(rate / working - ROUNDING)), 1)
+    return 1.0 / (working * every), every

@@ -16,7 +16,7 @@ from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.signals.glitches import without_glitches
 from bdnn_ros.signals.jitter import without_jitter
-from bdnn_ros.signals.kernels import even_grid, gaussian_kernel, gaussian_std
+from bdnn_ros.signals.kernels import even_grid, gaussian_kernel, gaussian_std, grid_of
 from bdnn_ros.signals.rattling import rattling
 from bdnn_ros.signals.repeats import without_repeats
 from bdnn_ros.signals.signals import Signals
@@ -37,11 +37,12 @@ def mended(recording: Recording) -> Recording:
     return without_jitter(without_glitches(without_repeats(without_wraps(recording))))
 
 
-def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
+def prepare(recording: Recording, cutoff: float | None = None, working: float | None = None) -> Signals:
     """Clean signals of a recording.
 
     Args:
         cutoff: -3 dB frequency [Hz]; None takes `DEFAULT_CUTOFF` or less for slow recordings.
+        working: rate of the signals [Hz]; None takes what suits the recording, see `working_rate`.
 
     Raises:
         RecordingError: no segment is long enough.
@@ -54,7 +55,10 @@ def prepare(recording: Recording, cutoff: float | None = None) -> Signals:
         )
     recording = mended(recording)
     chosen = suitable_cutoff(recording.rate, cutoff)
-    step, every = even_grid(recording.rate, SAMPLES_PER_CUTOFF * chosen)
+    if working is None:
+        step, every = even_grid(recording.rate, SAMPLES_PER_CUTOFF * chosen)
+    else:
+        step, every = grid_of(recording.rate, working)
     pieces = [_segment(recording, rows, chosen, step, every) for rows in recording.segments()]
     pieces = [piece for piece in pieces if len(piece["time"]) >= MINIMUM_SAMPLES]
     if not pieces:
@@ -135,6 +139,12 @@ def suitable_cutoff(rate: float, cutoff: float | None = None) -> float:
             f"Choose up to {rate * CUTOFF_PER_RATE:g} Hz.",
         )
     return chosen
+
+
+def working_rate(rate: float, cutoff: float) -> float:
+    """The rate of the signals [Hz] that `prepare` makes of a recording of a rate behind a cut-off [Hz]."""
+    step, every = even_grid(rate, SAMPLES_PER_CUTOFF * cutoff)
+    return 1.0 / (step * every)
 
 
 def _segment(

@@ -56,7 +56,7 @@ class Integrator:
         armature = robot.armature * rigid + implicit * self.step * self.viscous
         self.model.armature[:] = armature[self.back]
         elastic = set(self.motors.joints)
-        self.efforts = [pair for pair in plant.efforts if pair[0] not in elastic]
+        self.efforts = [*(pair for pair in plant.efforts if pair[0] not in elastic), *plant.across]
         self.reported = plant.position_offset
         self.dry = [pair for pair in plant.dry if pair[0] not in elastic]
         self.has_dry = bool(self.dry) or bool(self.coulomb.any())
