@@ -71,3 +71,17 @@ def test_what_is_no_rattling(calm):
 def test_what_happens_most_of_the_time_is_usual(calm):
     assert not rattling(going_to_and_fro(calm, 1.0, 40.0, 1.0, 19.0)).any()
     assert not list(rattled(calm))
+
+
+@pytest.mark.parametrize("rest", [0.0, 20.0, 60.0])
+def test_what_a_joint_does_whenever_it_moves_is_usual_however_long_it_rests(calm, rest):
+    """Of a gantry that stands still most of the time every brisk motion was left out."""
+    shaken = going_to_and_fro(calm, 0.4, 25.0, 1.0, 19.0)
+    still = round(rest * 250.0)
+    rng = np.random.default_rng(0)
+    position = np.concatenate([calm.position, np.repeat(calm.position[-1:], still, axis=0)])
+    effort = np.concatenate([shaken.effort, np.repeat(shaken.effort[-1:], still, axis=0)])
+    effort += 1e-3 * effort.std(axis=0) * rng.standard_normal(effort.shape)
+    paused = Recording(np.arange(len(position)) / 250.0, calm.joints, position, effort=effort)
+    assert not rattling(paused).any()
+    assert rattling(going_to_and_fro(paused, 3.0, 25.0, 8.0, 9.5)).any()

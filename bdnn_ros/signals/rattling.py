@@ -17,13 +17,15 @@ FASTER = 10.0
 STRONG = 0.25
 """It swings by this share of the spread of the slow effort at least..."""
 UNUSUAL = 5.0
-"""... by so many times what most fast efforts of the recording do..."""
+"""... by so many times what most fast efforts do while the joint moves..."""
 MOST = 0.3
 """... which are all but this share: what happens more often is usual here..."""
 STEPS = 3.0
 """... and by so many steps of a sensor that counts in steps."""
 OFTEN = 8
 """It turns round so many times at least, `FASTER` on the whole..."""
+MOVES, FASTEST = 0.05, 0.99
+"""A joint moves where it is faster than this share of what it is hardly ever faster than, this quantile of its speeds."""
 PAUSE = 0.25
 """... and each time no later than this after the time before [s]."""
 
@@ -31,11 +33,12 @@ PAUSE = 0.25
 def rattling(recording: Recording) -> np.ndarray:
     """Samples at which a joint's drive rattles, (N, n) bool."""
     effort = recording.require_effort()
-    parts = [_rattling(recording.time[rows], effort[rows]) for rows in recording.segments()]
+    segments = recording.segments()
+    parts = [_rattling(recording.time[rows], recording.position[rows], effort[rows]) for rows in segments]
     return np.concatenate(parts) if parts else np.zeros(effort.shape, bool)
 
 
-def _rattling(time: np.ndarray, effort: np.ndarray) -> np.ndarray:
+def _rattling(time: np.ndarray, position: np.ndarray, effort: np.ndarray) -> np.ndarray:
     result = np.zeros(effort.shape, bool)
     if len(time) < OFTEN:
         return result
@@ -45,7 +48,10 @@ def _rattling(time: np.ndarray, effort: np.ndarray) -> np.ndarray:
         return result
     slow = convolved(effort, kernel)
     fast = effort - slow
-    least = np.maximum(STRONG * slow.std(axis=0), UNUSUAL * np.quantile(np.abs(fast), 1.0 - MOST, axis=0))
+    speed = np.abs(np.gradient(convolved(position, kernel), axis=0))
+    still = speed < MOVES * np.quantile(speed, FASTEST, axis=0)
+    usual = np.nanquantile(np.where(still, np.nan, np.abs(fast)), 1.0 - MOST, axis=0)
+    least = np.maximum(STRONG * slow.std(axis=0), UNUSUAL * usual)
     for joint, column in enumerate(effort.T):
         steps = np.abs(np.diff(column))
         finest = STEPS * float(steps[steps > 0.0].min(initial=np.inf))
