@@ -251,7 +251,7 @@ class Equations:
         return np.maximum(term.effect.spread(typical, self.motion, term.target), term.gone)
 
     def echo(self, term: Term, width: int) -> np.ndarray:
-        """Correlation of a term's whitened columns with the effort's noise, by block, (B, k): what noise alone explains.
+        """What noise of the effort alone seems to gain by a term's columns, by block, (B, k) [nats per coefficient].
 
         Such columns are made from the measured effort. With the noise's own likelihood (a change of variables from noise to
         equation error) they gain nothing from it; without this they would.
@@ -259,8 +259,8 @@ class Equations:
         result = np.zeros((self.blocks, width))
         heard = term.effect.echo(self.motion, term.target, dict(term.shape))
         if heard is not None:
-            share, cutoff = heard
-            weight = np.where(self.full()[:, term.target], self._echo.curvature(cutoff) * share, 0.0)
+            inertia, compliance, cutoff = heard
+            weight = inertia * self._echo.heard(cutoff, inertia * compliance) * self.full()[:, term.target]
             result[:, 0] = np.bincount(self.block, weight, self.blocks)
         return result
 

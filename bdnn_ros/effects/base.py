@@ -240,8 +240,9 @@ class Effect(ABC):
         """Whether a motion behind its low-pass shows the effect with this shape at all."""
         return True
 
-    def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float] | None:
-        """How much of the effort sensor's noise, differentiated twice, is in the target's column [s²·...], and up to where [Hz].
+    def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float, float] | None:
+        """How much of the effort sensor's noise, differentiated twice, a unit of the coefficient takes from the target's effort
+        [s²·...], the coefficient that the column is exact at, and up to where the noise is heard [Hz].
 
         The same noise is in what the column is to explain. None where the column is free of it.
         """

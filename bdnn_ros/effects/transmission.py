@@ -45,8 +45,8 @@ class JointElasticity(Effect):
     idealised = 0.05
     coefficient_bounds = ((0.0, 1e6),)
 
-    def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float]:
-        return -float(motion.usual_inertia[target]), self._cutoff(motion, target, shape)
+    def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float, float]:
+        return float(motion.usual_inertia[target]), shape["compliance"], self._cutoff(motion, target, shape)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
