@@ -158,12 +158,6 @@ class Effect(ABC):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         """What one unit of each linear coefficient adds to the measured effort, (N, n, k) [N·m]."""
 
-    def velocity_columns(
-        self, motion: Motion, target: int, shape: Values, link: str | None = None
-    ) -> np.ndarray:
-        """What one unit of each linear coefficient adds to the reported velocity, (N, n, k) [rad/s]."""
-        return np.zeros((*motion.position.shape, len(self.coefficient_bounds)))
-
     def places(self, robot: Robot) -> list[tuple[int, str | None]]:
         """Where it can sit on a robot: (target, link) pairs."""
         found: list[tuple[int, str | None]] = []

@@ -89,14 +89,6 @@ class VelocityFilter(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return np.zeros((*motion.position.shape, 1))
 
-    def velocity_columns(
-        self, motion: Motion, target: int, shape: Values, link: str | None = None
-    ) -> np.ndarray:
-        reported = motion.signals.reported_velocity
-        if reported is None:
-            return np.zeros((*motion.position.shape, 1))
-        return motion.joint_column(target, -motion.derivative(reported[:, [target]])[:, 0])
-
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         return {"cutoff": 1.0 / (2.0 * math.pi * max(float(coefficients[0]), 1e-6))}
 
