@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
+import numpy as np
 import pytest
 
 from bdnn_ros.errors import RobotError
@@ -66,6 +67,16 @@ def test_what_no_robot_can_have_is_named(text: str, wrong: str, sentence: str) -
 def test_what_cannot_matter_passes(text: str, odd: str) -> None:
     assert ARM.count(text) == 1
     assert Robot.from_urdf(ARM.replace(text, odd)).joints == ("lift",)
+
+
+@pytest.mark.parametrize("text", ['value="2"', 'ixx="0.1"', 'lower="-3"', 'effort="9"', 'damping="0.1"'])
+def test_a_number_behind_spaces_is_read_as_the_parsers_do(text: str) -> None:
+    assert ARM.count(text) == 1
+    plain, spaced = Robot.from_urdf(ARM), Robot.from_urdf(ARM.replace(text, text.replace('="', '="  ')))
+    assert np.array_equal(spaced.inertials, plain.inertials)
+    assert np.array_equal(spaced.viscous, plain.viscous)
+    for limit in ("lower", "effort"):
+        assert np.array_equal(getattr(spaced.limits, limit), getattr(plain.limits, limit))
 
 
 def test_a_range_that_a_continuous_joint_does_not_have_is_not_read() -> None:

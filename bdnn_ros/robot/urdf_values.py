@@ -118,9 +118,9 @@ def _needed(inertial: ElementTree.Element, tag: str, keys: tuple[str, ...], owne
 def _numbers(
     element: ElementTree.Element, key: str, owner: str, count: int = 1, most: float = MOST
 ) -> list[float]:
-    """The numbers of an attribute: one as it stands, or some with spaces between."""
+    """The numbers of an attribute: one, which parsers read behind spaces but not before them, or some with spaces between."""
     text = element.get(key, "")
-    parts = [text] if count == 1 else text.split()
+    parts = [text.lstrip()] if count == 1 else text.split()
     if len(parts) == count and all(NUMBER.fullmatch(part) for part in parts):
         values = [float(part) for part in parts]
         if all(map(math.isfinite, values)):
