@@ -33,6 +33,16 @@ def test_position_noise_has_its_standard_deviation_and_rounding_its_step():
     assert rounded / 0.01 == pytest.approx(np.round(rounded / 0.01), abs=1e-6)
 
 
+def test_coloured_noise_is_as_loud_and_as_coloured_from_the_first_sample_on():
+    """Of many joints at once."""
+    true, coloured = np.zeros((11, 20_000)), Noise(effort=1.0, correlation=0.05)
+    true[5] = 1.0
+    noise = measured_effort(true, 1 / RATE, coloured, np.random.default_rng(0)) - true
+    keep = np.exp(-1 / RATE / 0.05)
+    assert np.std(noise, axis=1) == pytest.approx(1.0, rel=0.03)
+    assert np.mean(noise[1:] * noise[:-1], axis=1) == pytest.approx(keep, rel=0.03)
+
+
 @pytest.mark.parametrize("coloured", [False, True])
 def test_effort_noise_is_a_share_of_the_range(coloured):
     true, rng = sweep(), np.random.default_rng(1)

@@ -95,8 +95,9 @@ def measured_effort(effort: np.ndarray, period: float, noise: Noise, rng: np.ran
     white = rng.standard_normal(effort.shape)
     if noise.correlation > 0.0:
         keep = float(np.exp(-period / noise.correlation))
-        start = white[:1] * keep
-        white = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0, zi=start)[0]
+        fresh = float(np.sqrt(1.0 - keep**2))
+        white[0] /= fresh  # as loud at the first sample as ever after
+        white = lfilter([fresh], [1.0, -keep], white, axis=0)
     reported = effort + noise.effort * span * white
     return np.stack(
         [_rounded(reported[:, j], noise.effort_resolution * span[j]) for j in range(len(span))], axis=1
