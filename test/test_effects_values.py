@@ -194,7 +194,7 @@ def test_what_a_motion_does_not_show_of_a_push_is_not_told_as_nothing():
     assert not force.seen(0.0, 2000.0) and not force.seen(230.0, 1100.0)
 
 
-@pytest.mark.parametrize("middle", [0.0, 3.0, -6.0])
+@pytest.mark.parametrize("middle", [0.0, 3.0, -6.0, 125.0])
 def test_what_a_spring_may_do_does_not_hang_on_where_a_joint_has_its_zero(middle, path):
     """Far from it stiffness and rest had to be small for what they do together to be usual: masses took a spring's place."""
     position = path.position.copy()

@@ -26,10 +26,8 @@ LEAST_HALVES, LEAST_PERIODS = 4, 4
 """Fewest half periods along the stroke of a joint that slides, and how many periods are tried at least."""
 BLURRED = 4.0
 """At a joint's usual speed the ripple may come so many times as often as the low-pass lets through: slow moments show it."""
-LEAST_MOVED = 0.05
-"""A joint is taken to move by this share of its usual position at least: of one that stands a spring is an offset."""
 SHORTEST = 1e-3
-"""No stroke counts as shorter [m], and no speed as slower [m/s]."""
+"""No stroke counts as shorter [rad, m], and no speed as slower [rad/s, m/s]: of a joint that stands a spring is an offset."""
 
 
 class EffortOffset(Effect):
@@ -249,7 +247,7 @@ class JointSpring(Effect):
         """What it does as the joint moves is typical, and so is its mean: both, however far from its zero the joint moves."""
         position = motion.position[:, target]
         size, middle = float(np.sqrt(np.mean(position**2))), float(np.mean(position))
-        stiffness = typical[0] * size / max(float(np.std(position)), LEAST_MOVED * size, 1e-12)
+        stiffness = typical[0] * size / max(float(np.std(position)), SHORTEST)
         return np.array([stiffness, np.hypot(typical[1], middle * stiffness)])
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
