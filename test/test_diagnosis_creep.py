@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.creep import creeping, undisturbed
+from bdnn_ros.diagnosis import diagnose as diagnosing
+from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
@@ -203,10 +205,53 @@ def test_what_changed_since_comes_on_as_it_did(examined):
     before = extend(examined)
     same = examine([recorded(soft(0.15, 0.15, 8.0), seed=5)], before.robot, model=before)
     assert same.diagnosis.verdict == "nothing_wrong"
+    assert [note for note in same.diagnosis.notes if "little by little" in note]
     grown = examine([recorded(soft(0.15, 0.15, 14.0), seed=5)], before.robot, model=before)
     (finding,) = grown.diagnosis.findings
     assert (finding.effect, finding.joint) == ("coulomb_friction", ROBOT.joints[JOINT])
     assert finding.parameters["coulomb"].value == pytest.approx(6.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("effects", "told"),
+    [
+        ((), False),
+        (("viscous_friction", "backlash", "hysteresis"), False),
+        (("coulomb_friction",), True),
+        (("viscous_friction", "asymmetric_friction"), True),
+        (("load_dependent_friction",), True),
+        (("drift",), True),
+    ],
+)
+def test_dry_friction_is_told_to_creep_where_there_is_some(effects, told):
+    """What seems to may be a gap."""
+    recording = recorded(soft(0.15, 0.15, 8.0), duration=2.0)
+    creep = np.zeros((ROBOT.width, 3))
+    creep[[JOINT, OTHER], :2] = 0.2
+    signals = replace(seen(recording), creep=creep)
+    (noted,) = remarked([recording], signals, ROBOT, [Term(get(effect), JOINT) for effect in effects])
+    assert [[joint for joint in ROBOT.joints if joint in note] for note in noted.notes] == [
+        [ROBOT.joints[JOINT]]
+    ] * told
+
+
+def test_dry_friction_that_a_robot_is_described_with_is_told_to_creep():
+    recording = recorded(soft(0.15, 0.15, 8.0), duration=2.0)
+    signals = replace(seen(recording), creep=np.full((ROBOT.width, 3), 0.2))
+    described = ROBOT.with_joint_parameters(coulomb=np.eye(ROBOT.width)[JOINT])
+    (noted,) = remarked([recording], signals, described, ())
+    (note,) = noted.notes
+    assert [joint for joint in ROBOT.joints if joint in note] == [ROBOT.joints[JOINT]]
+
+
+def test_what_seems_to_creep_is_not_told_where_no_dry_friction_is_found(monkeypatch):
+    robot = Robot.bundled("arm2")
+    simulated, _ = Scenario(robot, duration=12.0, rate=125.0, seed=1).run()
+    seemed = np.full((robot.width, 3), [0.5, 0.5, 0.0])
+    monkeypatch.setattr(diagnosing, "creeping", lambda signals, robot: seemed)
+    examined = examine([simulated.recording], robot)
+    assert (examined.equations.motion.signals.creep == seemed).all()
+    assert not [note for note in examined.diagnosis.notes if "little by little" in note]
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ beside the joint's inertia.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +16,11 @@ import numpy as np
 
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.leftover import basis, beyond
+from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.bristles import bristles
+from bdnn_ros.effects.drift import DriftingCoulomb
+from bdnn_ros.effects.friction import DryFriction, LoadDependentFriction
+from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording, further
 from bdnn_ros.robot import Robot
@@ -51,6 +55,8 @@ LEADS = tuple(0.002 * k for k in range(11))
 """By so much it may come on early [s]."""
 ROUNDS = 2
 """In which velocities and lead are found in turn."""
+TURNING = (DryFriction, LoadDependentFriction, DriftingCoulomb)
+"""Laws that turn round with the velocity; a bristle does with the way that a joint goes."""
 AT_ONCE = (0.0, 0.0, 0.0)
 TINY = 1e-30
 Creep = tuple[float, float, float]
@@ -256,12 +262,21 @@ def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale)
 
 
-def remarked(recordings: Sequence[Recording], signals: Signals, robot: Robot) -> list[Recording]:
-    """The recordings with a note on friction that comes on little by little, where there is any to speak of."""
+def remarked(
+    recordings: Sequence[Recording], signals: Signals, robot: Robot, effects: Iterable[Term | Installed]
+) -> list[Recording]:
+    """The recordings with a note on dry friction that comes on little by little, where there is any to speak of.
+
+    Args:
+        robot: may have some.
+        effects: what else is known to act.
+    """
     if signals.creep is None:
         return list(recordings)
     all_at = signals.creep[:, :2].max(axis=1)
-    seen = np.flatnonzero(all_at > SEEN * np.sqrt(np.mean(signals.velocity**2, axis=0)))
+    dry = robot.coulomb > 0.0
+    dry[[one.target for one in effects if isinstance(one.effect, TURNING)]] = True
+    seen = np.flatnonzero(dry & (all_at > SEEN * np.sqrt(np.mean(signals.velocity**2, axis=0))))
     if not len(seen):
         return list(recordings)
     units = [along("rad/s", slides) for slides in robot.slides]

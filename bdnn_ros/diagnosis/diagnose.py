@@ -132,7 +132,6 @@ def examine(
     if tilt is not None:
         say("as the bodies hang on a base that is tilted")
         looks = _looks(recordings, signals, known, predicted, say, cutoff, tilt)
-    recordings = remarked(recordings, signals, robot)
     equations, candidates = looks.equations, looks.candidates
     attempt = best_attempt(looks)
     if not equations.usable[attempt.test].any():
@@ -142,6 +141,7 @@ def examine(
     attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
     equations.count(pool.sure)
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
+    recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
     since = None if model is None else known
     diagnosis = told(recordings, robot, equations, attempt, found, remainder, since, cutoff)
     return Examination(
