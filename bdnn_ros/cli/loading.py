@@ -19,7 +19,7 @@ from bdnn_ros.online.models import KnowsTimes
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import with_mimics
-from bdnn_ros.signals import mended
+from bdnn_ros.signals import mended, without_copies
 
 Read = TypeVar("Read")
 Known = TypeVar("Known")
@@ -185,7 +185,8 @@ def _convention(
 
 
 def _with_notes(recording: Recording) -> Recording:
-    """The recording as it was read, with notes on what every use of it will mend."""
+    """The recording as it was read but for copies, at its driver's rate, with notes on what every use of it will mend."""
+    recording = without_copies(recording)
     return replace(recording, notes=mended(recording).notes)
 
 

@@ -25,6 +25,7 @@ from bdnn_ros.signals import (
     SAMPLES_PER_CUTOFF,
     prepare,
     suitable_cutoff,
+    without_copies,
 )
 from bdnn_ros.signals.kernels import KERNEL_WIDTHS, gaussian_std
 
@@ -89,7 +90,7 @@ def effort_along(
     """
     if len(recording) < 2:
         return _unaccelerated(model, recording)
-    cutoff = suitable_cutoff(recording.rate, cutoff)
+    cutoff = suitable_cutoff(without_copies(recording).rate, cutoff)
     result = np.empty_like(recording.position)
     for rows in recording.segments():
         result[rows] = _piece(model, recording.part(rows), cutoff)
@@ -100,7 +101,7 @@ def effort_along(
 
 def _piece(model: Model, piece: Recording, cutoff: float) -> np.ndarray:
     try:
-        signals = prepare(_continued(piece, cutoff), cutoff)
+        signals = prepare(_continued(without_copies(piece), cutoff), cutoff)
     except BdnnError:
         return _unaccelerated(model, piece)
     return np.asarray(PchipInterpolator(signals.time, model.predict(signals))(piece.time))

@@ -34,7 +34,7 @@ from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals, flattened, usual_cutoff
+from bdnn_ros.signals import Signals, flattened, usual_cutoff, without_copies
 
 ENOUGH = 10.0
 """So many seconds of motion are mostly enough, behind a usual low-pass."""
@@ -110,7 +110,7 @@ def examine(
         recording.require_effort()
     known = Compared.of(model, robot)
     given, model = model, known.model
-    robot, recordings = known.robot, known.acting(recordings)
+    robot, recordings = known.robot, known.acting([without_copies(recording) for recording in recordings])
     require_mass(robot)
     if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
         raise _too_short(recordings, cutoff)

@@ -8,7 +8,7 @@ import numpy as np
 
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
-from bdnn_ros.signals import Signals, prepare, suitable_cutoff
+from bdnn_ros.signals import Signals, prepare, suitable_cutoff, without_copies
 from bdnn_ros.signals.kernels import KERNEL_WIDTHS, gaussian_std
 from bdnn_ros.signals.repeats import without_repeats
 
@@ -75,11 +75,12 @@ class Chunks:
 
     def _settled(self, final: bool) -> bool:
         """Fix the length of chunks by the first second of samples; False while there are too few."""
-        time = np.concatenate([part[0] for part in self._pending])
+        recording = self._known()
+        time = recording.time
         if len(time) < 2 or (not final and (len(time) < CHUNK_SAMPLES or time[-1] - time[0] < CHUNK_SECONDS)):
             return False
         early = max(int(np.searchsorted(time, time[0] + CHUNK_SECONDS)), CHUNK_SAMPLES)
-        rate = 1.0 / float(np.median(np.diff(time[:early])))
+        rate = without_copies(recording.part(slice(early))).rate
         # chosen anew after a pause: what is summed so far holds under any low-pass that efforts and motion share, and
         # rows are as many as their cut-off lets be independent; only how loud they are may differ
         self.cutoff = suitable_cutoff(rate, self.asked)
@@ -89,16 +90,22 @@ class Chunks:
         self._due = self._start + self._length + self._margin
         return True
 
+    def _known(self) -> Recording:
+        """The samples that are kept."""
+        time, position, effort = (np.concatenate(parts) for parts in zip(*self._pending, strict=True))
+        return Recording(time, self.joints, position, None, effort)
+
     def _next(self) -> tuple[Signals, np.ndarray] | None:
         """The chunk that starts at `_start`."""
         assert self._length is not None
         start, end = self._start, self._start + self._length
-        time, position, effort = (np.concatenate(parts) for parts in zip(*self._pending, strict=True))
+        recording = self._known()
+        time = recording.time
         known = slice(0, int(np.searchsorted(time, end + self._margin)))
         keep = int(np.searchsorted(time, end - self._margin - CONTEXT_SECONDS))
-        self._pending = [(time[keep:], position[keep:], effort[keep:])]
+        self._pending = [(time[keep:], recording.position[keep:], recording.require_effort()[keep:])]
         self._start, self._due = end, end + self._length + self._margin
-        recording = without_repeats(Recording(time[known], self.joints, position[known], None, effort[known]))
+        recording = without_repeats(without_copies(recording.part(known)))
         chunk = self._signals(recording.between(start - self._margin, end + self._margin), start, end)
         if chunk is None:
             self.left_out += int(np.count_nonzero((time >= start) & (time < end)))

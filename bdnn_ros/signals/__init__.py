@@ -1,5 +1,6 @@
 """From a recording to clean signals: what drivers spoil mended, low-passed, with derivatives."""
 
+from bdnn_ros.signals.copies import without_copies
 from bdnn_ros.signals.preparing import (
     CUTOFF_PER_RATE,
     DEFAULT_CUTOFF,
@@ -24,4 +25,5 @@ __all__ = [
     "prepare",
     "suitable_cutoff",
     "usual_cutoff",
+    "without_copies",
 ]

@@ -66,7 +66,7 @@ def _bridged(
     apart = np.abs(values - usual)
     low, high = np.percentile(values, [0.5, 99.5], axis=0)
     least = np.maximum(RARE * np.percentile(apart, 99.0, axis=0), share * (high - low))
-    least = np.maximum(least, RESOLUTIONS * np.array([_resolution(column) for column in values.T]))
+    least = np.maximum(least, RESOLUTIONS * np.array([resolution(column) for column in values.T]))
     least[~moves] = np.inf
     clean, counts = values, np.zeros(values.shape[1], int)
     for row, joint in np.argwhere(apart > least):
@@ -78,7 +78,7 @@ def _bridged(
     return clean, counts
 
 
-def _resolution(readings: np.ndarray) -> float:
+def resolution(readings: np.ndarray) -> float:
     """The least by which readings (N,) differ, if they do by that again and again; else nothing."""
     steps = np.abs(np.diff(readings))
     steps = steps[steps > 0.0]

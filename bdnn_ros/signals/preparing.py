@@ -14,6 +14,7 @@ from scipy.ndimage import convolve1d
 
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording, position_noise, white_noise
+from bdnn_ros.signals.copies import without_copies
 from bdnn_ros.signals.glitches import without_glitches
 from bdnn_ros.signals.jitter import without_jitter
 from bdnn_ros.signals.kernels import even_grid, gaussian_kernel, gaussian_std, grid_of
@@ -34,7 +35,7 @@ MINIMUM_SAMPLES = 20
 
 def mended(recording: Recording) -> Recording:
     """The recording as `prepare` takes it: without what its driver said twice, read wrong or stamped late, each with a note."""
-    return without_jitter(without_glitches(without_repeats(without_wraps(recording))))
+    return without_jitter(without_glitches(without_repeats(without_copies(without_wraps(recording)))))
 
 
 def prepare(recording: Recording, cutoff: float | None = None, working: float | None = None) -> Signals:
