@@ -208,6 +208,14 @@ def test_what_a_spring_may_do_does_not_hang_on_where_a_joint_has_its_zero(middle
     )
 
 
+def test_a_spring_across_a_joint_that_stays_at_zero_may_be_as_usual(path):
+    """A gripper's finger: nothing of it is shown, and the spread that nothing is divided by was none."""
+    position = path.position.copy()
+    position[:, 1] = 0.0
+    held = replace(path, signals=replace(path.signals, position=position))
+    np.testing.assert_array_equal(get("joint_spring").spread(np.array([5.0, 6.0]), held, 1), [5.0, 6.0])
+
+
 @pytest.mark.parametrize("std, shown", [(0.2, True), (0.7, False)])
 def test_a_payload_is_shown_by_a_mass_that_is_surely_there(std, shown):
     """What turns a link's inertia alone is a rotor as well."""

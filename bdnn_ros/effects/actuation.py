@@ -247,6 +247,8 @@ class JointSpring(Effect):
         """What it does as the joint moves is typical, and so is its mean: both, however far from its zero the joint moves."""
         position = motion.position[:, target]
         size, middle = float(np.sqrt(np.mean(position**2))), float(np.mean(position))
+        if not size:  # a joint that stays at zero, a gripper's say
+            return typical
         stiffness = typical[0] * size / max(float(np.std(position)), SHORTEST)
         return np.array([stiffness, np.hypot(typical[1], middle * stiffness)])
 
