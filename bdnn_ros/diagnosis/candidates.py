@@ -10,7 +10,8 @@ from scipy.optimize import minimize
 
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.pushes import best_push, piece_of, refined_push
 from bdnn_ros.diagnosis.term import COMMON, Term
 from bdnn_ros.effects.base import Values
@@ -129,7 +130,7 @@ class Candidates:
         term = pool.terms[chosen]
         if not term.shape:
             return term
-        rest = pool.fit([c for c in fit.terms if c != chosen and not piece_of(pool.terms[c], term)])
+        rest = pool.without(fit, [c for c in fit.terms if c == chosen or piece_of(pool.terms[c], term)])
         term = _relinearised(equations, pool, rest, term)
         if term.effect.timed:
             return refined_push(pool, rest, term, self.robot)

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from bdnn_ros.diagnosis.bounded import gains_of
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import POINT, ExternalWrench
 

@@ -15,8 +15,9 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.compared import Compared, Predicts
 from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping

@@ -6,9 +6,9 @@ description is not named friction, payload or armature.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bdnn_ros.diagnosis.bounded import (
+    EXACT,
     by_block,
     factored,
     gains_of,
@@ -25,34 +26,9 @@ from bdnn_ros.diagnosis.bounded import (
     outside,
 )
 from bdnn_ros.diagnosis.equations import BLURS, Equations
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.term import Term
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Posterior of one set of terms.
-
-    Attributes:
-        terms: indices into the pool.
-        coefficients: links' relative errors, nuisances, then the terms' coefficients, (P,).
-        precision: prior precisions of these, (P,): those of the likeliest kind of each effect.
-        factor: lower Cholesky factor of their posterior precision, (P, P).
-        evidence: log evidence up to a constant of the data and noise model.
-        loss: half the sum of squared whitened residuals plus the prior's share.
-    """
-
-    terms: tuple[int, ...]
-    coefficients: np.ndarray
-    precision: np.ndarray
-    factor: np.ndarray
-    evidence: float
-    loss: float
-
-    @cached_property
-    def covariance(self) -> np.ndarray:
-        """Posterior covariance of the coefficients, bounds left out, (P, P)."""
-        return np.asarray(cho_solve((self.factor, True), np.eye(len(self.coefficients))))
 
 
 class Pool:
@@ -152,17 +128,38 @@ class Pool:
         if key not in self._fits:
             index = self.columns_of(key)
             kinds = np.unique(self.kinds[:, index], axis=0)
-            each = [self._fit(key, index, self.precision[index] * kind) for kind in kinds]
+            ends = self.lower[index], self.upper[index]
+            each = [self._fit(key, index, self.precision[index] * kind, *ends) for kind in kinds]
             evidence = float(mean_evidence(np.array([fit.evidence for fit in each])))
             self._fits[key] = replace(max(each, key=lambda fit: fit.evidence), evidence=evidence)
         return self._fits[key]
 
-    def _fit(self, chosen: tuple[int, ...], index: np.ndarray, precision: np.ndarray) -> Fit:
+    def without(self, fit: Fit, left_out: Collection[int]) -> Fit:
+        """Posterior of a fit's terms but some, at no bounds but those that they are at with these.
+
+        What a term takes the place of leaves its own bounds without it: friction a rotor's, say. A shape that is sought beside
+        others that are held there is another's.
+        """
+        kept = tuple(c for c in fit.terms if c not in left_out)
+        index = self.columns_of(kept)
+        rows = np.isin(self.columns_of(fit.terms), index)
+        best, low, high = fit.coefficients[rows], self.lower[index], self.upper[index]
+        free = (best > low + EXACT) & (best < high - EXACT)
+        low, high = np.where(free, -np.inf, low), np.where(free, np.inf, high)
+        return self._fit(kept, index, fit.precision[rows], low, high)
+
+    def _fit(
+        self,
+        chosen: tuple[int, ...],
+        index: np.ndarray,
+        precision: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+    ) -> Fit:
         gram, moment, power = self.total
         a = gram[np.ix_(index, index)] + np.diag(precision)
         factor = factored(a)
         best = cho_solve((factor, True), moment[index])
-        low, high = self.lower[index], self.upper[index]
         if outside(best, low, high):
             best = held(factor, moment[index], low, high)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, acting
 from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.odds import contains, doubt, near

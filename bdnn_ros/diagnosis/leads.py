@@ -14,7 +14,8 @@ import numpy as np
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import white_noise_of
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.term import Term
 
 DELAY = "effort_delay"

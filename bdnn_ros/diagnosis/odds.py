@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.term import COMMON, Term
 
 COST = 8.0

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.leads import hold_spread, parted
 from bdnn_ros.diagnosis.pushes import EDGES, distance, edges, unseen
 from bdnn_ros.diagnosis.result import Quantity

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from bdnn_ros.diagnosis.contact import contact, point_of
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.joining import stretches
 from bdnn_ros.diagnosis.term import Term

@@ -53,7 +53,7 @@ def anew(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
     every = range(len(pool.terms))
     for one, term in enumerate(pool.terms):
         if not term.effect.timed:
-            rest = pool.fit([c for c in every if c != one])
+            rest = pool.without(pool.fit(every), [one])
             other = candidates.anew(equations, pool, rest, one)
             if other is not pool and other.fit(every).evidence > pool.fit(every).evidence:
                 pool = other

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from bdnn_ros.diagnosis.bounded import solved
-from bdnn_ros.diagnosis.evidence import Fit, Pool
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.joining import owners, without_pauses
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import SHORTEST
