@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from diagnosis_cases import equations_of, term, white
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
+from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.rigid import HEAVY
@@ -275,3 +276,20 @@ def test_a_payload_may_as_well_have_no_inertia_of_its_own(terms) -> None:
         np.testing.assert_allclose(least.coefficients[own], 0.0, atol=1e-6)
     gain = pool.gains(pool.fit([VISCOUS]), [last])[0]
     assert gain == pytest.approx(both.evidence - pool.fit([VISCOUS]).evidence, abs=2.0)
+
+
+def test_a_shape_is_sought_beside_others_as_they_are_with_it():
+    """Without the bristle a rotor would be negative; held at its bound it had the bristle break away later."""
+    specs = (f"hysteresis@{J1}:force=3,breakaway=0.04", f"armature@{J1}:armature=0.05")
+    equations = equations_of(specs)
+    bristle, rotor = (term(spec, equations.motion.robot)[0] for spec in specs)
+    terms = [bristle.shaped({"breakaway": 0.07}), rotor]
+    pool = Pool(equations, white(equations, STD, 0)[1], terms, LINK_ERROR)
+    assert pool.coefficients(pool.fit([1]), 1) == 0.0 < pool.coefficients(pool.whole, 1)
+
+    def lost(breakaway: float) -> float:
+        return -pool.replacing(0, pool.terms[0].shaped({"breakaway": breakaway})).whole.evidence
+
+    best = minimize_scalar(lost, bounds=(0.01, 0.2), method="bounded").x
+    found = Candidates.of(equations.motion.robot).refined(equations, pool, pool.whole, 0)
+    assert dict(found.shape)["breakaway"] == pytest.approx(best, rel=2e-3)
