@@ -179,6 +179,7 @@ def test_wrong_usage(words: list[str], says: str, capsys) -> None:
         (("coulomb_friction", "gremlins"), "gremlins"),
         (("arm2_joint1", "elbow"), "elbow"),
         (("{", "["), "cannot be read"),
+        (("{", "[" * 100_000), "cannot be read"),
     ],
 )
 def test_damaged_diagnoses(diagnosis: Path, change: tuple[str, str], says: str, capsys) -> None:

@@ -209,6 +209,10 @@ def test_parameters_of_another_model_beside_stay(bag, tmp_path):
         assert parameters.read_text() == told
     assert main([*words, "none", "--out", str(tmp_path / "a.bdnn")]) == 0
     assert not parameters.exists() and beside.exists()
+    somebodys = "[" * 100_000
+    parameters.write_text(somebodys)
+    assert main([*words, "none", "--out", str(tmp_path / "a.bdnn")]) == 0
+    assert parameters.read_text() == somebodys
 
 
 def test_a_directory_may_have_dots_in_its_name(bag, tmp_path, monkeypatch):

@@ -194,6 +194,14 @@ def test_a_damaged_file_is_refused(robot: Robot, tmp_path) -> None:
         load_model(tmp_path)
 
 
+@pytest.mark.parametrize("known", [1, 3])
+def test_uncertainties_without_their_effects_are_refused(robot: Robot, known: int) -> None:
+    arrays, info = with_effects(robot, *TIMELESS[:2]).to_state()
+    info["stds"] = known * [{}]
+    with pytest.raises(ModelFileError, match="damaged at or near its entry stds"):
+        ExtendedModel.from_state(arrays, info)
+
+
 def test_a_link_is_possible_without_what_hangs_from_it() -> None:
     """A payload is written as a body of its own."""
     arm = Robot.bundled("arm2")

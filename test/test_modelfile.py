@@ -73,6 +73,9 @@ def test_missing_damaged_and_foreign_files_are_refused(tmp_path):
     save_file({"x": np.zeros(1)}, tmp_path / "foreign")
     with pytest.raises(ModelFileError, match="not a model of bdnn_ros"):
         modelfile.load(tmp_path / "foreign")
+    save_file({"x": np.zeros(1)}, tmp_path / "deep", {"bdnn_ros": "[" * 100_000})
+    with pytest.raises(ModelFileError, match="damaged"):
+        modelfile.load(tmp_path / "deep")
 
 
 @pytest.mark.parametrize(("name", "value"), [("covariance", np.nan), ("noise", np.inf)])

@@ -106,7 +106,7 @@ def load(path: str | Path, *, finite: bool = True) -> tuple[str, dict[str, np.nd
         with safe_open(target, framework="numpy") as file:
             header = json.loads((file.metadata() or {}).get("bdnn_ros", "null"))
             arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError, TypeError):
+    except (SafetensorError, OSError, ValueError, TypeError, RecursionError):
         raise ModelFileError(
             f"{target} is damaged or not a model file.", "Identify the model again."
         ) from None

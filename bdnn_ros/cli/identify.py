@@ -250,7 +250,7 @@ def _are_parameters_of(model: Path, path: Path) -> bool:
 
     try:
         content, known = json.loads(path.read_text(encoding="utf-8")), load_model(model)
-    except (OSError, ValueError, BdnnError):
+    except (OSError, ValueError, RecursionError, BdnnError):
         return False
     if not (isinstance(content, dict) and isinstance(known, PhysicalModel)):
         return False

@@ -109,7 +109,7 @@ def joints_of(path: Path) -> tuple[tuple[str, ...], str]:
 def _content(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise UsageError(
             f"{path} cannot be read ({error}).", "Give the diagnosis.json of a diagnosis."
         ) from None

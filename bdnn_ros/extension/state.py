@@ -71,11 +71,14 @@ def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, A
         creep = tuple(tuple(map(float, ways)) for ways in info.get("creep", ()))
         if np.shape(creep) not in ((0,), (width, 3)):
             raise ValueError("creep")
+        stds = tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"])
+        if len(stds) not in (0, len(effects)):
+            raise ValueError("stds")
         return {
             "bare": robot,
             "effects": effects,
             "noise": np.asarray(arrays["noise"], float),
-            "stds": tuple({str(k): float(v) for k, v in std.items()} for std in info["stds"]),
+            "stds": stds,
             "lead": float(info["lead"]),
             "lag": float(info.get("lag", 0.0)),
             "sticking": sticking,

@@ -35,7 +35,7 @@ def read_trajectory(path: Path, robot: Robot, rate: float) -> Trajectory:
         with path.open(encoding="utf-8-sig", newline="") as file:  # spreadsheets begin with a byte order mark
             header, *lines = [line for line in csv.reader(file) if any(map(str.strip, line))]
         table = np.array([[float(x) for x in line] for line in lines], dtype=float)
-    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise UsageError(
             f"The trajectory {path} cannot be read ({error}).", "Give a CSV of bdnn excite."
         ) from None
