@@ -137,7 +137,7 @@ def test_pieces_too_short_are_left_out() -> None:
         prepare(recording(time[:2], time[:2]))
 
 
-@pytest.mark.parametrize("cutoff", [0.0, -1.0, 251.0, float("nan")])
+@pytest.mark.parametrize("cutoff", [0.0, -1.0, 251.0, float("nan"), 1e-300, 1e-9])
 def test_impossible_cut_offs_are_refused(cutoff: float) -> None:
     with pytest.raises(UsageError, match="does not fit a recording of 500 Hz"):
         prepare(sine(1.0), cutoff)

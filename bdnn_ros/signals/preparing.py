@@ -27,6 +27,8 @@ from bdnn_ros.signals.wraps import without_wraps
 DEFAULT_CUTOFF = 10.0
 """-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""
 CUTOFF_PER_RATE = 1.0 / 6.0
+LEAST_CUTOFF = 0.01
+"""A low-pass any lower spans minutes [Hz]: no memory holds the kernel of one that is ever so low."""
 SAMPLES_PER_CUTOFF = 20.0
 """Working rate per cut-off frequency: 200 Hz for 10 Hz."""
 MINIMUM_SAMPLES = 20
@@ -131,13 +133,14 @@ def suitable_cutoff(rate: float, cutoff: float | None = None) -> float:
     """The cut-off [Hz] asked for, else the usual one, for a recording's rate [Hz].
 
     Raises:
-        UsageError: the rate does not allow it.
+        UsageError: the rate does not allow it, or it is below `LEAST_CUTOFF`.
     """
-    chosen = usual_cutoff(rate) if cutoff is None else cutoff
-    if not 0.0 < chosen <= rate / 2.0:
+    usual = usual_cutoff(rate)
+    least, chosen = min(LEAST_CUTOFF, usual), usual if cutoff is None else cutoff
+    if not 0.0 < least <= chosen <= rate / 2.0:
         raise UsageError(
             f"A cut-off of {chosen:g} Hz does not fit a recording of {rate:g} Hz.",
-            f"Choose up to {rate * CUTOFF_PER_RATE:g} Hz.",
+            f"Choose up to {rate * CUTOFF_PER_RATE:g} Hz, and {least:g} Hz at least.",
         )
     return chosen
 
