@@ -256,6 +256,20 @@ def test_a_spring_is_less_by_its_stiffness_wherever_it_rests(stiffness, less):
     )
 
 
+@pytest.mark.parametrize(
+    ("positive", "negative", "said"),
+    [
+        (-0.1, 0.7, "differs from the model in asymmetric Coulomb friction"),
+        (-0.1, -0.7, "has less asymmetric Coulomb friction than the model"),
+        (-0.1, 0.0, "has less asymmetric Coulomb friction than the model"),
+        (0.1, 0.7, "has asymmetric Coulomb friction that the model leaves out"),
+    ],
+)
+def test_friction_that_grew_one_way_and_fell_the_other_is_not_called_less(positive, negative, said):
+    sentence = get("asymmetric_friction").sentence("elbow", {"positive": positive, "negative": negative})
+    assert sentence.startswith(f"elbow {said} (positive {positive:.3f}".rstrip("0"))
+
+
 def test_what_a_motion_does_not_show_of_a_tilt_or_a_centre_is_not_told_as_a_number():
     tilt, payload = get("base_tilt"), get("payload")
     assert "roll ?, pitch -3.10°" in tilt.sentence("The base", {"roll_deg": math.nan, "pitch_deg": -3.1})

@@ -22,7 +22,7 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import certainty, kind, says_less
+from bdnn_ros.report.words import certainty, change, kind
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
@@ -193,7 +193,7 @@ def _together(group: Sequence[Finding]) -> str:
         for finding in group
     ]
     names = ", ".join(f"{name} [{printed(quantity.unit)}]" for name, quantity in group[0].parameters.items())
-    than = " than the model" if any(map(says_less, group)) else ""
+    than = " than the model" if {*map(change, group)} != {"more"} else ""
     return f"{kind(*group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
 
 

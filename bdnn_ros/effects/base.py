@@ -18,6 +18,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import along, printed, shown_as
 
 Where = Literal["joint", "link", "base", "all"]
+Change = Literal["more", "less", "both"]
 Values = Mapping[str, float]
 """Parameter values by name, in the units of the contract."""
 Held = Mapping[str, Sequence[Values]]
@@ -172,11 +173,8 @@ class Effect(ABC):
 
     def shape_allowed(self, shape: Values) -> bool:
         """Whether a shape's parameters are inside their bounds."""
-        return all(
-            self.shape_bounds[name][0] <= value <= self.shape_bounds[name][1]
-            for name, value in shape.items()
-            if name in self.shape_bounds
-        )
+        ends = self.shape_bounds
+        return all(ends[k][0] <= value <= ends[k][1] for k, value in shape.items() if k in ends)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         """Shapes to try first; one empty shape where every parameter is linear."""
@@ -199,11 +197,8 @@ class Effect(ABC):
             std: of the coefficients, where they need not be taken at their word, (k,).
         """
         pairs = zip(coefficients, self.coefficient_bounds, strict=True)
-        return not any(
-            end and math.isclose(value, end, rel_tol=1e-3)
-            for value, ends in pairs
-            for end in ends[self.may_be_gone :]
-        )
+        ends = ((value, end) for value, both in pairs for end in both[self.may_be_gone :])
+        return not any(end and math.isclose(value, end, rel_tol=1e-3) for value, end in ends)
 
     def shown(self, values: Values, stds: Values) -> bool:
         """Whether a finding with these values and their standard deviations may be named."""
@@ -300,16 +295,19 @@ class Effect(ABC):
         changed.coefficient_bounds, changed.may_be_gone = tuple(bounds), True  # type: ignore[misc]
         return changed
 
-    def says_less(self, values: Values) -> bool:
-        """Whether values say that there is less of it than a model has: less than nothing of its first parameter's kind."""
+    def change(self, values: Values) -> Change:
+        """Whether there is more of it than a model has, or less: values of its first parameter's kind below nothing."""
         alike = [p for p in self.parameters if p.unit == self.parameters[0].unit and p.lower >= 0.0]
-        return any(values.get(p.name, p.lower) < p.lower for p in alike)
+        beyond = [values.get(p.name, p.lower) - p.lower for p in alike]
+        if not any(one < 0.0 for one in beyond):
+            return "more"
+        return "both" if any(one > 0.0 for one in beyond) else "less"
 
     def sentence(self, where: str, values: Values) -> str:
         """The finding in words, one sentence with its numbers."""
         known = ((p, shown_as(values[p.name])) for p in self.parameters if p.name in values)
         numbers = ", ".join(f"{p.name} {one} {printed(p.unit_at(self.slides))}".rstrip() for p, one in known)
-        if self.says_less(values):
-            of = "of " * self.title.startswith(("a ", "an "))
-            return f"{where} has less {of}{self.title} than the model ({numbers})."
-        return f"{where} has {self.title} that the model leaves out ({numbers})."
+        of = "of " * self.title.startswith(("a ", "an "))
+        less, both = f"has less {of}{self.title} than the model", f"differs from the model in {self.title}"
+        told = {"more": f"has {self.title} that the model leaves out", "less": less, "both": both}
+        return f"{where} {told[self.change(values)]} ({numbers})."

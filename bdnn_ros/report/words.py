@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, place, reference
-from bdnn_ros.effects.base import Parameter
+from bdnn_ros.effects.base import Change, Parameter
 from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.registry import ALL, get
 from bdnn_ros.robot.units import printed
@@ -96,16 +96,16 @@ def kind(*findings: Finding) -> str:
 
 def cause(*findings: Finding) -> str:
     """What a list calls findings of one kind: their effect's title, after "Less" where there is less of it than the model has."""
-    plain, less = title(findings[0].effect), [says_less(finding) for finding in findings]
-    if not any(less):
+    plain, changes = title(findings[0].effect), set(map(change, findings))
+    if changes == {"more"}:
         return plain
-    return f"{'Less' if all(less) else 'More or (negative) less'} {decapitalised(plain)}"
+    return f"{'Less' if changes == {'less'} else 'More or (negative) less'} {decapitalised(plain)}"
 
 
-def says_less(finding: Finding) -> bool:
-    """Whether there is less of a cause than the model has."""
+def change(finding: Finding) -> Change:
+    """Whether there is more or less of a cause than the model has."""
     values = {name: quantity.value for name, quantity in finding.parameters.items()}
-    return get(finding.effect, finding.variant).says_less(values)
+    return get(finding.effect, finding.variant).change(values)
 
 
 def decapitalised(text: str) -> str:
