@@ -10,6 +10,8 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from bdnn_ros.bdnn.modelfile import model_place
 from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
@@ -194,6 +196,7 @@ def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) ->
 
     assert signals.effort is not None
     inside = signals.interior
+    before = np.concatenate([[0], np.cumsum(inside)])  # so many rows are drawn of those before each
     nominal = None
     if robot is not None:
         nominal = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
@@ -206,6 +209,7 @@ def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) ->
         signals.smooth(model.predict(signals))[inside],
         nominal,
         None if robot is None else robot.slides,
+        [slice(before[rows.start], before[rows.stop]) for rows in signals.segments],
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,8 @@ def effort_figure(examination: Examination, path: Path) -> None:
         Series("extended model", "model", shown.extended[rows]),
     ]
     units = [unit for unit, _ in shown.units]
-    _write(path, shown.joints, units, shown.time[rows], series, headline(examination.diagnosis, shown.since))
+    title = headline(examination.diagnosis, shown.since)
+    _write(path, shown.joints, units, shown.time[rows], series, title, shown.runs)
 
 
 def identification_png(
@@ -68,6 +69,7 @@ def identification_png(
     identified: np.ndarray,
     nominal: np.ndarray | None = None,
     slides: np.ndarray | None = None,
+    runs: Iterable[slice] = (slice(None),),
 ) -> None:
     """Write a PNG of measured, nominal and identified effort of every joint.
 
@@ -76,6 +78,7 @@ def identification_png(
         time: [s], (N,).
         measured, identified, nominal: effort, low-passed alike, (N, n) [N·m]; None where there is no URDF.
         slides: whether a joint is prismatic, (n,) bool; None for none.
+        runs: rows of each gap-free piece.
     """
     sliding = np.zeros(len(joints), bool) if slides is None else slides
     units = [printed(along("N*m", slide)) for slide in sliding.tolist()]
@@ -84,7 +87,7 @@ def identification_png(
     if nominal is not None:
         series.append(Series("nominal", "nominal", nominal[rows]))
     series.append(Series("identified", "model", identified[rows]))
-    _write(path, joints, units, time[rows], series, "")
+    _write(path, joints, units, time[rows], series, "", runs)
 
 
 def _write(
@@ -94,9 +97,14 @@ def _write(
     time: np.ndarray,
     series: Sequence[Series],
     title: str,
+    runs: Iterable[slice],
 ) -> None:
-    """One row a joint, the same time below all."""
-    height = HEAD + ROW * len(joints)
+    """One row a joint, the same time below all; no line is drawn from one run to the next."""
+    height, pieces = HEAD + ROW * len(joints), list(runs)
+
+    def broken(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.append(values[run], np.nan) for run in pieces])
+
     with rc_context(SETTINGS):
         figure = Figure((WIDTH, height), dpi=120, facecolor="white")
         FigureCanvasAgg(figure)
@@ -104,7 +112,7 @@ def _write(
         figure.subplots_adjust(0.075, 0.45 / height, 0.985, 1.0 - 0.62 / height, hspace=0.32)
         for j, axes in enumerate(rows):
             for one in series:
-                axes.plot(time, one.values[:, j], label=one.label, **STYLES[one.style])
+                axes.plot(broken(time), broken(one.values[:, j]), label=one.label, **STYLES[one.style])
             _dress(axes, f"{joints[j]} [{units[j]}]")
         rows[0].set_xlim(time[0], time[-1])
         rows[-1].set_xlabel("time [s]", color=SOFT)

@@ -120,10 +120,13 @@ class View:
         return [slice(a - first, b - first) for a, b in pieces if b > a]
 
     def held_spans(self) -> list[tuple[float, float]]:
-        """Stretches of time that were kept out of the fit."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], self.held.astype(int), [0]])))
-        last = len(self.time) - 1
-        return [(float(self.time[a]), float(self.time[min(b, last)])) for a, b in edges.reshape(-1, 2)]
+        """Stretches of time that were kept out of the fit; none reaches over a pause."""
+        spans = []
+        for run in self.examination.equations.runs:
+            time = self.time[run]
+            edges = np.flatnonzero(np.diff(self.held[run].astype(int), prepend=0, append=0)).reshape(-1, 2)
+            spans += [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in edges]
+        return spans
 
 
 def view(examination: Examination) -> View:
