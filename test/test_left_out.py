@@ -103,3 +103,16 @@ def test_several_that_move_are_told_as_several(recording, tmp_path, capsys):
     told = capsys.readouterr()
     assert CHOSEN[0] in told.out and CHOSEN[1] not in told.out
     assert f"{ARM.joints[3]}, {ARM.joints[4]} move and are left out" in told.err
+
+
+def test_efforts_that_joints_left_out_make_are_in_no_other_unit(tmp_path, capsys):
+    """They were told to be many times what the simulation says: the wrist's, while the arm swings."""
+    swung, few = motion(ARM, 14.0, 250.0, seed=1), ["--joints", f"{ARM.joints[0]},{ARM.joints[5]}"]
+    true, small = str(tmp_path / "true"), str(tmp_path / "small")
+    bags.write(swung, tmp_path / "true")
+    bags.write(replace(swung, effort=0.01 * swung.effort), tmp_path / "small")
+    for asked, said in (([true], False), ([true, *few], False), ([small], True)):
+        assert main(["info", *asked]) == 0
+        assert ("in another unit" in capsys.readouterr().out) == said
+    assert main(["identify", true, *few, "--out", str(tmp_path / "out")]) == 0
+    assert "in another unit" not in capsys.readouterr().err

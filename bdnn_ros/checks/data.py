@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -61,6 +62,7 @@ def check(
     model: PhysicalModel,
     cutoff: float | None = None,
     spread: Spread | None = None,
+    disturbed: bool = False,
 ) -> list[Remark]:
     """What these recordings of a robot leave open, or do oddly.
 
@@ -69,6 +71,7 @@ def check(
         model: identified from the recordings.
         cutoff: of the low-pass [Hz].
         spread: that the model was identified with.
+        disturbed: joints that are left out move so that these feel it: their efforts break no convention by that.
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
     value = condition(robot, signals)
@@ -81,7 +84,7 @@ def check(
     ]
     if value < HOPELESS:
         found += delayed(model, recordings)
-    return found + _oddities(recordings, robot, signals)
+    return found + _oddities(recordings, robot, signals, disturbed)
 
 
 def check_data(recordings: Sequence[Recording], robot: Robot, cutoff: float | None = None) -> list[Remark]:
@@ -95,14 +98,16 @@ def check_data(recordings: Sequence[Recording], robot: Robot, cutoff: float | No
     return [*doubts(robot), *conditioned(condition(robot, signals)), *_oddities(recordings, robot, signals)]
 
 
-def _oddities(recordings: Sequence[Recording], robot: Robot, signals: Sequence[Signals]) -> list[Remark]:
+def _oddities(
+    recordings: Sequence[Recording], robot: Robot, signals: Sequence[Signals], disturbed: bool = False
+) -> list[Remark]:
     found: list[Remark] = []
     for recording, one in zip(recordings, signals, strict=True):
-        broken = list(breaches(one, robot))
+        broken = list(breaches(replace(one, effort=None) if disturbed else one, robot))
         told = ", ".join(breach.about for breach in broken).split(", ")
         found += [
             *broken,
-            *handled(recording, one, robot),
+            *([] if disturbed else handled(recording, one, robot)),
             *(remark for remark in beyond(recording, robot) if remark.about not in told),
             *unread(recording),
             *rattled(recording),

@@ -138,7 +138,8 @@ def run(args: argparse.Namespace) -> int:
         save_model(place / path.name, model)
         _write(place / "metrics.json", {key: value.as_json() for key, value in metrics.items()})
         if args.prior == "urdf" and robot is not None:
-            content, told = _parameters(robot, model, training, args.cutoff, spread)
+            disturbed = loading.disturbed(args, robot)
+            content, told = _parameters(robot, model, training, args.cutoff, spread, disturbed)
             _write(place / PARAMETERS, content)
         _picture(place / "effort.png", model, robot, tested[0])
     if outdated:
@@ -219,6 +220,7 @@ def _parameters(
     training: Sequence[Recording],
     cutoff: float | None,
     spread: Spread | None,
+    disturbed: bool,
 ) -> tuple[dict[str, Any], Told]:
     """What was identified and how sure it is, for parameters.json; and what the data leaves open."""
     from bdnn_ros.checks import data
@@ -227,7 +229,7 @@ def _parameters(
     from bdnn_ros.physical.model import PhysicalModel
 
     assert isinstance(model, PhysicalModel)
-    remarks = data.check(training, robot, model, cutoff, spread)
+    remarks = data.check(training, robot, model, cutoff, spread, disturbed)
     agreements = []
     if len(training) > 1:
         each = [Identifier(robot, cutoff, spread).fit([recording]) for recording in training]

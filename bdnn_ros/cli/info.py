@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -94,11 +94,12 @@ def run(args: argparse.Namespace) -> int:
         joints = excitation(mended(recording), signals, limits)
         report["excitation"] = [joint.as_json() for joint in joints]
         fitness.require_length([recording])
+        told = replace(signals, effort=None) if loading.disturbed(args, robot) else signals
         report["concerns"] = [
             *of_the_unheld(absent),
             *concerns(recording, joints),
-            *_of_the_description(recording, signals, robot),
-            *_of_the_efforts(recording, signals, robot),
+            *_of_the_description(recording, told, robot),
+            *_of_the_efforts(recording, told, robot),
         ]
         fitness.require_motion(recording)
         fitness.require_measured(recording)

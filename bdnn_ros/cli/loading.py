@@ -15,6 +15,7 @@ from bdnn_ros.cli.fitness import require_motion
 from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import BdnnError, RobotError, UsageError, listed
+from bdnn_ros.left_out import disturbing
 from bdnn_ros.online.models import KnowsTimes
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -78,6 +79,17 @@ def load(
     convention = _convention(args, recordings, robot)
     commanded = args.effort == "command"
     return [convention.applied(one, commanded) if convention else one for one in recordings], robot
+
+
+def disturbed(args: argparse.Namespace, robot: Robot | None) -> bool:
+    """Whether joints that a robot leaves out move in the bags so that its own feel it: no convention shows in efforts then."""
+    if robot is None:
+        return False
+    complete = Robot.from_urdf(robot.urdf)
+    complete = Robot.from_urdf(robot.urdf, with_mimics(complete))
+    if set(robot.joints) == set(complete.joints):
+        return False
+    return any(disturbing(whole, complete, robot) for whole in _of_all_joints(args, complete))
 
 
 def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EveryState:
