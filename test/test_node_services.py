@@ -203,7 +203,7 @@ def test_a_payload_gripped_on_the_way_is_named(tmp_path):
 
 
 def test_no_request_ends_the_node(tmp_path):
-    """Numbers that an effect's formula cannot hold, and names that say nothing."""
+    """Numbers that no robot can have, nor an effect's formula hold, and names that say nothing."""
     slip = parse_spec(f"stribeck_friction@{ARM.joints[0]}:coulomb=1,static=2,velocity=0.1", ARM)
     wave = parse_spec(f"cogging@{ARM.joints[1]}:amplitude=1,periods_per_rev=9,phase=0", ARM)
     found = ExtendedModel(
@@ -217,13 +217,14 @@ def test_no_request_ends_the_node(tmp_path):
         answer = ros.call(LoadModel, f"{NODE}/load_model", name="found")
         assert answer.success and answer.message.startswith("An extended model serves"), answer.message
         for field, joint in (("velocity", 0), ("position", 1)):
+            refusal = f"{field} of {ARM.joints[joint]} is 1e+308, as no robot's can be."
             asked = {**still, field: [1e308 * (k == joint) for k in range(2)]}
             answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **asked)
-            assert not answer.success and answer.message.startswith("The answer is not finite.")
+            assert not answer.success and answer.message.startswith(refusal)
             assert not answer.joint_names and not answer.effort
             asked["effort"] = asked.pop("acceleration")
             answer = ros.call(ForwardDynamics, f"{NODE}/forward_dynamics", **asked)
-            assert not answer.success and answer.message.startswith("The answer is not finite.")
+            assert not answer.success and answer.message.startswith(refusal)
         named = {"joint_names": ["", ARM.joints[0]]}
         answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **named, **still)
         assert answer.message.startswith("Unknown joint ''; the model has")

@@ -14,6 +14,7 @@ from bdnn_interfaces.msg import DynamicsEstimate, Finding, Findings
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.online.estimate import Instant, Parts
+from bdnn_ros.readings import credible
 
 
 def stamp(nanoseconds: int) -> Time:
@@ -40,10 +41,10 @@ def requested(
         Index of each of the request's joints in the model's order, and the fields in the model's order.
 
     Raises:
-        UsageError: a joint is unknown, missing or named twice; a field has the wrong size or is not finite.
+        UsageError: a joint is unknown, missing or named twice; a field has the wrong size or numbers that no robot can have.
     """
     order = list(names) or list(joints)
-    unknown = [name for name in order if name not in joints]
+    unknown = dict.fromkeys(name for name in order if name not in joints)
     if unknown:
         raise UsageError(f"Unknown joint {listed(map(_shown, unknown))}; the model has {listed(joints, 20)}.")
     twice = sorted({name for name in order if order.count(name) > 1})
@@ -61,9 +62,11 @@ def requested(
         if len(values) != len(order):
             raise UsageError(f"{field} has {len(values)} values, the {len(order)} joints need {len(order)}.")
         given = np.asarray(values, float)
-        if not np.isfinite(given).all():
-            culprit = order[int(np.argmin(np.isfinite(given)))]
-            raise UsageError(f"{field} of {culprit} is not finite.")
+        wrong = ~credible(given)
+        if wrong.any():
+            one = int(np.argmax(wrong))
+            said = f"{given[one]:.2g}, as no robot's can be" if np.isfinite(given[one]) else "not finite"
+            raise UsageError(f"{field} of {order[one]} is {said}.")
         arranged[field] = np.empty(len(joints))
         arranged[field][index] = given
     return index, arranged
