@@ -58,6 +58,19 @@ def test_a_model_is_kept_where_it_was(tmp_path, session):
     assert [path.name for path in tmp_path.iterdir()] == ["model.bdnn"]
 
 
+def test_a_file_whose_reading_fails_in_any_way_does_not_end_the_node(tmp_path, session, monkeypatch):
+    """Nobody has thought of every way in which a file can be damaged."""
+    path, log = save_model(tmp_path, nominal(ARM)), Log()
+    monkeypatch.setattr("bdnn_ros.online.models.modelfile.load", lambda *_, **__: {}["arrays"])
+    kept = Kept(str(tmp_path), session, log)
+    kept.resume()
+    assert log == [
+        f"not going on from {path}, which is left as it is: 'arrays'",
+        f"what is learned will be saved to {tmp_path / 'model_2.bdnn'}",
+    ]
+    assert kept.place() == tmp_path / "model_2.bdnn"
+
+
 @pytest.mark.parametrize("first", ["other joints", "longer", "damaged"])
 def test_a_file_that_was_refused_is_kept(tmp_path, session, first):
     """What is learned goes to the next free name, is gone on from there, and the log says both."""

@@ -89,7 +89,7 @@ class Kept:
         for path in existing:
             try:
                 model = self._session.load_now(path)
-            except BdnnError as error:
+            except Exception as error:  # whatever a file holds, it does not end the node
                 refused.append(f"not going on from {path}, which is left as it is: {error}")
             else:
                 self._warn(refused)
@@ -128,11 +128,12 @@ class Kept:
     def save(self) -> None:
         """Keep what was learned at the end, or what was loaded where nothing is kept yet."""
         served = self._session.served
+        assert served is not None  # only of a session that served something else than its robot
         if not self._keeps(served):
             return
         try:
             place = self.place()
-            if served is None or served.learned or served.origin == str(place) or not place.exists():
+            if served.learned or served.origin == str(place) or not place.exists():
                 self._logger().info(f"model saved to {self._session.save_now(place)}")
         except BdnnError as error:
             self._logger().error(str(error))
@@ -149,9 +150,9 @@ class Kept:
         usable = (path for path in self._existing() if self._usable(path, model.kind))
         return next(usable, None) or self._free()
 
-    def _keeps(self, served: Served | None) -> bool:
+    def _keeps(self, served: Served) -> bool:
         """Whether what serves is to be kept: a model that learning cannot go on from is in the file it came from."""
-        return bool(self._directory) and (served is None or isinstance(served.model, PhysicalModel))
+        return bool(self._directory) and isinstance(served.model, PhysicalModel)
 
     def _existing(self) -> list[Path]:
         """The files there are, in order; one that was deleted hides none after it."""
@@ -175,7 +176,7 @@ class Kept:
         """Whether a model of this kind may take a file's place."""
         try:
             return self._session.read(path).kind == kind
-        except BdnnError:
+        except Exception:
             return False
 
 
