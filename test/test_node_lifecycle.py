@@ -31,7 +31,7 @@ def node(tmp_path) -> Iterator[Any]:
     """An identification node in this process, which nobody spins."""
     import rclpy
 
-    from bdnn_ros.nodes.identification_node import IdentificationNode
+    from bdnn_ros.nodes.identification import IdentificationNode
 
     urdf = urdf_file(tmp_path, ARM)
     rclpy.init(args=["--ros-args", "-p", f"urdf_file:={urdf}"], domain_id=DOMAIN)
@@ -55,12 +55,12 @@ def fails(*arguments, **named):
 def test_after_an_error_nothing_goes_on_and_the_node_can_be_configured(node, monkeypatch, capfd, transition):
     from rclpy.lifecycle import TransitionCallbackReturn
 
-    from bdnn_ros.nodes import identification_node
+    from bdnn_ros.nodes import identification
 
     before = len(list(node.services)), len(list(node.publishers)), len(list(node.timers))
     with monkeypatch.context() as patch:
         if transition == "configure":
-            patch.setattr(identification_node, "Services", fails)
+            patch.setattr(identification, "Services", fails)
         else:
             assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
             if transition == "deactivate":
@@ -117,7 +117,7 @@ def test_configuring_that_is_refused_leaves_nothing_open(node, monkeypatch):
     from rclpy.lifecycle import TransitionCallbackReturn
     from rclpy.parameter import Parameter
 
-    from bdnn_ros.nodes import identification_node
+    from bdnn_ros.nodes import identification
 
     def refuse(session, robot):
         session.set_robot(robot)
@@ -127,7 +127,7 @@ def test_configuring_that_is_refused_leaves_nothing_open(node, monkeypatch):
     monkeypatch.setattr(node, "_meet", refuse)
     sessions = []
     monkeypatch.setattr(
-        identification_node, "Session", lambda *a, **k: sessions.append(Session(*a, **k)) or sessions[-1]
+        identification, "Session", lambda *a, **k: sessions.append(Session(*a, **k)) or sessions[-1]
     )
     before = descriptors()
     for _ in range(3):
@@ -227,6 +227,24 @@ def test_a_description_that_is_refused_does_not_hide_that_the_one_before_serves(
     node._on_description(String(data=ARM.urdf))
     node._keep_house()
     assert told[-1][1] == told[-1][4] == ""
+
+
+def test_an_error_in_what_is_told_every_second_does_not_end_the_node(node, monkeypatch, capfd):
+    """It is logged once with where it came from; at the end of ROS any call fails, which is nobody's error."""
+    import rclpy
+
+    def broken(*arguments: Any) -> None:
+        raise ValueError("of a race")
+
+    assert node.start()
+    monkeypatch.setattr(node._publishing, "tell", broken)
+    node._keep_house()
+    node._keep_house()
+    logged = capfd.readouterr().err
+    assert logged.count("ValueError: of a race") == 1 and "Traceback" in logged and "_tell" in logged
+    rclpy.shutdown()
+    with pytest.raises(ValueError, match="of a race"):  # `main` ends in silence
+        node._keep_house()
 
 
 def test_a_complaint_about_names_goes_once_the_joints_are_known(node):

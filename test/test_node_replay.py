@@ -23,7 +23,7 @@ def player(tmp_path, monkeypatch):
     """Makes a replay node of this process, with these parameters."""
     import rclpy
 
-    from bdnn_ros.nodes.replay_node import ReplayNode
+    from bdnn_ros.nodes.replay import ReplayNode
 
     made = []
 
@@ -67,14 +67,14 @@ def test_commands_come_as_recorded_before_their_joint_states(player, tmp_path, m
 )
 def test_what_is_wrong_is_told_with_parameters(tmp_path, capfd, parameters, remedy):
     """It named options of the command line."""
-    from bdnn_ros.nodes import replay_node
+    from bdnn_ros.nodes import replay
 
     recording = motion(ARM, 0.4, 250.0)
     bag = bags.write(recording, tmp_path / "bag", commands=(recording.time, recording.effort))
     arguments = [text for name, value in parameters.items() for text in ("-p", f"{name}:={value}")]
     ending = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in ending]
-    assert replay_node.main(["--ros-args", "-p", f"bag:={bag}", *arguments]) in (1, 2)
+    assert replay.main(["--ros-args", "-p", f"bag:={bag}", *arguments]) in (1, 2)
     assert {signal.getsignal(number) for number in ending} == {signal.SIG_IGN}  # its end is not broken off
     for number, handler in zip(ending, before, strict=True):
         signal.signal(number, handler)

@@ -88,7 +88,7 @@ def test_a_description_that_is_not_latched_is_told_of():
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
-    from bdnn_ros.nodes.identification_node import IdentificationNode
+    from bdnn_ros.nodes.identification import IdentificationNode
 
     rclpy.init(args=[], domain_id=193)
     node, told = IdentificationNode(), []

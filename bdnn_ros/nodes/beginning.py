@@ -6,15 +6,19 @@ import signal
 import traceback
 from collections.abc import Callable
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 import rclpy
 from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.node import Node
 
 from bdnn_ros.errors import UsageError
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
+Self = TypeVar("Self", bound=Node)
+ERROR_PERIOD = 60.0
+"""An error that comes again and again is logged once in so long [s]."""
 
 
 def begin(arguments: list[str] | None) -> None:
@@ -55,3 +59,20 @@ def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]
             raise
 
     return telling
+
+
+def outlived(
+    method: Callable[Concatenate[Self, Arguments], None],
+) -> Callable[Concatenate[Self, Arguments], None]:
+    """The method of a node, but that an error of the program in it is logged and does not end the node, while ROS runs."""
+
+    @wraps(method)
+    def outliving(node: Self, *arguments: Arguments.args, **named: Arguments.kwargs) -> None:
+        try:
+            method(node, *arguments, **named)
+        except Exception:
+            if not node.context.ok():
+                raise  # at the end of ROS any call to it fails
+            node.get_logger().error(traceback.format_exc(), throttle_duration_sec=ERROR_PERIOD)
+
+    return outliving
