@@ -72,6 +72,19 @@ def test_what_was_not_measured_is_not_scored(
     assert (told["rollout"]["windows"], told["rollout"]["position"]) == (0, [None, None])
 
 
+def test_the_nmse_of_a_good_model_is_printed_as_what_it_is(
+    recording: Recording, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three decimals made 0.000 of it."""
+    words = ["evaluate", model, str(bag_of(tmp_path / "bag", recording))]
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["held_out"]["nmse"]
+    assert main(words) == 0
+    head, *rows = [line.split() for line in capsys.readouterr().out.splitlines()[:3]]
+    assert head[4] == "nMSE" and max(told) < 5e-4
+    assert [float(row[3]) for row in rows] == pytest.approx(told, rel=0.01)
+
+
 def test_identify_has_no_score_of_it_either(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -104,12 +104,12 @@ def _print(
     width = max(len("joint"), len(mean), *map(len, joints))
     last = "" if simulation is None else "   URDF's NRMSE"
     error, ahead = headed(robot, "RMSE", "N*m"), headed(robot, f"after {rollout.horizon:.3g} s", "rad")
-    print(f"{'joint':{width}}   {error:>10}   NRMSE    nMSE   {ahead}{last}")
+    print(f"{'joint':{width}}   {error:>10}   NRMSE   {'nMSE':>8}   {ahead}{last}")
     for k, joint in enumerate(joints):
         row = f"{joint:{width}}   {cell(held_out.rmse[k], 10, '.4g')}   {cell(held_out.nrmse[k], 5, '.3f')}"
-        row += f"   {cell(held_out.nmse[k], 5, '.3f')}   {cell(rollout.position[k], len(ahead), '.4g')}"
+        row += f"   {cell(held_out.nmse[k], 8, '.3g')}   {cell(rollout.position[k], len(ahead), '.4g')}"
         print(row + ("" if simulation is None else f"   {cell(simulation.nrmse[k], 12, '.3f')}"))
     row = f"{mean:{width}}   {'':10}   {cell(held_out.nrmse_mean, 5, '.3f')}"
-    row += f"   {cell(held_out.nmse_mean, 5, '.3f')}   {'':{len(ahead)}}"
+    row += f"   {cell(held_out.nmse_mean, 8, '.3g')}   {'':{len(ahead)}}"
     print(row + ("" if simulation is None else f"   {cell(simulation.nrmse_mean, 12, '.3f')}"))
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")
