@@ -756,7 +756,7 @@ def test_where_one_is_nothing_is_guessed(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_topics_that_hold_no_joint_state(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "other", states(motion(), topic="/arm/joint_states"))
-    with pytest.raises(BagError, match="no JointState on /joint_states, but on /arm/joint_states"):
+    with pytest.raises(UsageError, match="no JointState on /joint_states, but on /arm/joint_states"):
         bags.read(path)
     path = write_bag(tmp_path / "none", [("/chatter", STRING, EPOCH, text("hello"))])
     with pytest.raises(BagError, match=r"holds no sensor_msgs/JointState; its topics are /chatter"):

@@ -185,7 +185,7 @@ CASES: list[tuple[Case, int, str]] = [
     (other_file, 2, "not a bag"),
     (folder_without_a_bag, 2, "a directory without a bag"),
     (no_joint_state, 1, "holds no sensor_msgs/JointState; its topics are /chatter"),
-    (other_topic, 1, "on /arm/joint_states. Choose it with --joint-states /arm/joint_states"),
+    (other_topic, 2, "on /arm/joint_states. Choose it with --joint-states /arm/joint_states"),
     (no_effort, 1, "carry no effort"),
     (nan_samples, 1, "position of pivot is not finite at 0.500 s"),
     (

@@ -166,7 +166,7 @@ def _require_joint_states(name: str, topic: str, available: Sequence[Topic]) -> 
     if topic in suitable:
         return
     if suitable:
-        raise BagError(
+        raise UsageError(
             f"{name}: no JointState on {topic}, but on {listed(suitable)}.",
             f"Choose it with --joint-states {suitable[0]}.",
         )
