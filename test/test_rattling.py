@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bdnn_ros import bags
 from bdnn_ros.checks.rattled import rattled
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -15,6 +17,7 @@ from bdnn_ros.signals.rattling import rattling
 from bdnn_ros.simulation.simulate import simulate
 
 JOINT = 1
+TX40 = Path(__file__).resolve().parents[2] / "shared" / "data" / "tx40_figaroh" / "tx40.mcap"
 
 
 @pytest.fixture(scope="module")
@@ -85,3 +88,10 @@ def test_what_a_joint_does_whenever_it_moves_is_usual_however_long_it_rests(calm
     paused = Recording(np.arange(len(position)) / 250.0, calm.joints, position, effort=effort)
     assert not rattling(paused).any()
     assert rattling(going_to_and_fro(paused, 3.0, 25.0, 8.0, 9.5)).any()
+
+
+@pytest.mark.skipif(not TX40.is_file(), reason="the real recordings are not here")
+@pytest.mark.parametrize("held_out", [0.0, 0.2, 0.4, 0.6])
+def test_a_real_arm_that_moves_briskly_and_then_rests_does_not_rattle(held_out):
+    recording = bags.read(TX40)
+    assert not rattling(recording.split(held_out)[1] if held_out else recording).any()
