@@ -7,7 +7,7 @@ import pytest
 
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import prepare
-from bdnn_ros.signals.jitter import without_jitter
+from bdnn_ros.signals.jitter import taken_at, without_jitter
 
 PERIOD, SCATTER, NOISE = 0.004, 3e-4, 1e-6
 JOINTS = ("a", "b")
@@ -107,6 +107,40 @@ def test_stamps_that_scatter_by_a_third_of_a_period_are_put_right(even):
     scattered += 1e-9 * np.arange(len(even))
     mended = without_jitter(recorded(even, scattered))
     assert np.std(mended.time - even) < 0.05 * PERIOD
+
+
+@pytest.mark.parametrize("lost", [0.002, 0.01, 0.05, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_lost_messages_are_counted_though_single_steps_do_not_tell(even, lost, seed):
+    """Of single steps one in thirteen is nearer to two ticks or none than to the one that it is."""
+    generator = np.random.default_rng(seed)
+    scatter = 0.2 * PERIOD * generator.standard_normal(len(even)).clip(-2.3, 2.3)
+    kept = generator.random(len(even)) > lost
+    mended = without_jitter(recorded(even[kept], (even + scatter)[kept]))
+    assert np.std(mended.time - even[kept]) < 0.2 * np.std(scatter)
+
+
+def test_lost_messages_are_counted_by_a_clock_that_gains_and_loses_whole_ticks(even):
+    generator = np.random.default_rng(0)
+    taken = even + 0.006 * np.sin(even / 3.0)
+    stamps = taken + 0.2 * PERIOD * generator.uniform(-1.0, 1.0, len(even))
+    kept = generator.random(len(even)) > 0.01
+    mended = without_jitter(recorded(taken[kept], stamps[kept]))
+    assert np.std(mended.time - taken[kept]) < 0.3 * np.std(stamps - taken)
+
+
+@pytest.mark.parametrize("count", [25, 60, 200, 5000])
+@pytest.mark.parametrize("scatter", [0.3, 0.45, 1.0])
+def test_stamps_are_never_made_worse(even, count, scatter):
+    """As few as of a stream, and scattered evenly over up to two periods."""
+    for seed in range(5):
+        generator = np.random.default_rng(seed)
+        stamps = even[:count] + scatter * PERIOD * generator.uniform(-1.0, 1.0, count)
+        kept = np.diff(np.maximum.accumulate(stamps), prepend=-1.0) > 0.0
+        kept &= generator.random(count) > 0.02
+        taken, stamps = even[:count][kept], stamps[kept]
+        time = taken_at(stamps, recorded(taken, taken).position, 1.0 / PERIOD, [slice(0, len(taken))])
+        assert np.std(time - taken) <= np.std(stamps - taken)
 
 
 def test_what_comes_just_before_the_next_of_no_clock_is_left_out():

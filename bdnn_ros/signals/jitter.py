@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import uniform_filter1d
 
 from bdnn_ros.recording import Recording
@@ -18,8 +17,12 @@ MOST_LATE = 0.2
 """Share of such stamps above which they are of something else."""
 CROWDED = 0.05
 """A sample that comes less than this share of a period before the next says nothing but its noise of how a joint moves."""
+CLEAR = 2.5
+"""So many times as much as chance would, stamps agree how far they are past the ticks, where a clock ticks at all."""
 QUEUE = 15
-"""So many messages in a row are never all late."""
+"""Messages are never late by so many on the whole."""
+MOST_LOST = 2
+"""More for each that came are never lost."""
 ROUNDS = 3
 """In which the clock is found by the stamps that are not late, and those that are not by the clock."""
 AROUND = 2.0
@@ -95,25 +98,75 @@ def _evened(stamps: np.ndarray) -> np.ndarray:
     """Times of a clock that ticks evenly but for a slow drift, (N,) [s]; the stamps where they are of no such clock."""
     if len(stamps) < FEWEST:
         return stamps
-    period = float(np.median(np.diff(stamps)))
+    period = _period(stamps)
     around = min(round(AROUND / period), len(stamps) - 1) // 2 * 2 + 1
-    clocks = []
-    for ticks in _ticks(np.diff(stamps) / period):
-        nominal = stamps[0] + period * np.concatenate([[0.0], np.cumsum(ticks)])
-        clocks.append(nominal + _drift(stamps - nominal, around, UNEVEN * period))
-    even = min(clocks, key=lambda clock: float(np.abs(stamps - clock).mean()))
+    turned = _turned(_hand(stamps, period), min(2 * around, len(stamps)))
+    lost = None if turned is None else _lost((stamps - stamps[0]) / period - turned - np.arange(len(stamps)))
+    if lost is None:
+        return stamps
+    nominal = stamps[0] + period * (np.arange(len(stamps)) + lost)
+    even = nominal + _drift(stamps - nominal, around, UNEVEN * period)
     late = np.abs(stamps - even) > UNEVEN * period
     return stamps if late.mean() > MOST_LATE or (np.diff(even) <= 0.0).any() else even
 
 
-def _ticks(steps: np.ndarray) -> list[np.ndarray]:
-    """How often the clock may have ticked in each step, (N - 1,) periods: were no message late, none lost, or some of both."""
-    # a message that is late makes up for it, as those that are lost do not: no later one is as little behind as before
-    behind = np.pad(np.concatenate([[0.0], np.cumsum(steps - 1.0)]), (0, QUEUE - 1), mode="edge")
-    lost = np.diff(sliding_window_view(behind, QUEUE).min(axis=1))
-    both = np.where(steps > 1.0 + UNEVEN, 1.0 + np.maximum(np.rint(lost), 0.0), 1.0)
-    ticks = [np.maximum(np.rint(steps), 1.0)]
-    return ticks + [other for other in (np.ones(len(steps)), both) if (other != ticks[0]).any()]
+def _period(stamps: np.ndarray) -> float:
+    """Of the clock that stamps (N,) are of [s], whatever few of them are late or lost: by what was lost, or as if nothing was.
+
+    The latter holds where stamps are of whole steps of another clock, of which the most frequent is none of this one.
+    """
+    periods = _followed(stamps), float(np.mean(np.diff(stamps)))
+    return max(
+        periods, key=lambda period: float(np.abs(uniform_filter1d(_hand(stamps, period), FEWEST)).mean())
+    )
+
+
+def _followed(stamps: np.ndarray) -> float:
+    """The period [s] that is next to the median step, which is off by as many ticks in a thousand as may be lost.
+
+    How far the hand gets over ever longer spans tells it ever better, and lost messages change nothing of that.
+    """
+    period, lag = float(np.median(np.diff(stamps))), 1
+    while lag <= len(stamps) // 2 and lag * period <= AROUND:
+        hand = _hand(stamps, period)
+        ahead = float(np.angle(np.vdot(hand[:-lag], hand[lag:]))) / (2.0 * np.pi)
+        period *= 1.0 + ahead * period / float(np.mean(stamps[lag:] - stamps[:-lag]))
+        lag *= 2
+    return period
+
+
+def _hand(stamps: np.ndarray, period: float) -> np.ndarray:
+    """Where a hand that goes round once in a period points, (N,) of absolute value 1."""
+    return np.asarray(np.exp(2j * np.pi * (stamps - stamps[0]) / period))
+
+
+def _turned(hand: np.ndarray, most: int) -> np.ndarray | None:
+    """How far stamps are past the ticks (N,) [periods], by as few hands around each as tell; None where not so many do."""
+    around = FEWEST
+    while around < 2 * most:
+        turned = uniform_filter1d(hand, min(around, most))
+        if np.abs(turned).min() > CLEAR / np.sqrt(min(around, most)):
+            return np.asarray(np.unwrap(np.angle(turned)) / (2.0 * np.pi))
+        around *= 2
+    return None
+
+
+def _lost(behind: np.ndarray) -> np.ndarray | None:
+    """How many messages were lost before each of those that are so far behind an even clock (N,) [periods], but for a constant.
+
+    A message that is late makes up for it, as those that are lost do not: of all whole numbers that never fall these are the
+    nearest. One more is lost where those before are below a level and those after above it, of which no single one says much.
+    None where so many are late or lost that this is no clock.
+    """
+    highest, lowest = np.maximum.accumulate(behind), np.minimum.accumulate(behind[::-1])[::-1]
+    if np.mean(highest - lowest) > QUEUE or np.ptp(behind) > MOST_LOST * len(behind):
+        return None
+    first = np.zeros(len(behind) + 1)
+    for level in np.arange(np.floor(behind.min()), behind.max()) + 0.5:
+        start, stop = np.searchsorted(highest, level, side="right"), np.searchsorted(lowest, level)
+        above = np.clip(behind[start:stop] - level, -UNEVEN, UNEVEN)
+        first[start + np.argmin(np.concatenate([[0.0], np.cumsum(above)]))] += 1.0
+    return np.asarray(np.cumsum(first[:-1]))
 
 
 def _drift(behind: np.ndarray, around: int, late: float) -> np.ndarray:
