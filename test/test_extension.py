@@ -170,11 +170,12 @@ def test_one_state_or_none(robot: Robot) -> None:
 
 def test_files_keep_everything(robot: Robot, tmp_path) -> None:
     signals = motion(robot)
+    model = with_effects(robot, *TIMELESS, *TIMED)
     model = replace(
-        with_effects(robot, *TIMELESS, *TIMED),
+        model,
         bare=robot.with_inertials(1.05 * robot.inertials),
         noise=np.arange(7.0),
-        stds=({"coulomb": 0.1},),
+        stds=({"coulomb": 0.1}, *({} for _ in model.effects[1:])),
         lead=0.003,
         lag=0.02,
     )
