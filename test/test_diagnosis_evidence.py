@@ -267,7 +267,8 @@ def test_a_payload_may_as_well_have_no_inertia_of_its_own(terms) -> None:
         for size in (1.0, HEAVY)
         for one in (pool.precision[index], known)
     ]
-    fits = [pool._fit((VISCOUS, last), index, one) for one in each]
+    ends = pool.lower[index], pool.upper[index]
+    fits = [pool._fit((VISCOUS, last), index, one, *ends) for one in each]
     both = pool.fit([VISCOUS, last])
     evidence = [fit.evidence for fit in fits]
     assert both.evidence == pytest.approx(np.logaddexp.reduce(evidence) - np.log(4.0))
