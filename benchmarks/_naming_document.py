@@ -84,12 +84,14 @@ def write(results: Path, sources: str) -> None:
         sources: fingerprint of those that stand.
     """
     records = latest(results, lambda record: record["key"])
-    now = [r for r in records if r["code"] == sources]
+    last = [r for r in records if r["code"] == records[-1]["code"]]
+    now = len(last) if records[-1]["code"] == sources else 0
     parts = [
         HEAD,
-        f"{len(records)} [blind draws](#what-is-drawn-and-what-is-counted), {len(now)} of them by the sources as they stand.\n",
+        f"{len(records)} [blind draws](#what-is-drawn-and-what-is-counted), {now} of them by the sources as they stand, "
+        f"{len(last)} by those that were measured last.\n",
         "## Promised and measured\n\nRich motion of at least 30 s.\n",
-        markdown(side_by_side(shows(records), shows(now)) if now else shows(records)),
+        markdown(side_by_side(shows(records), shows(last))),
         TERMS,
         "## What was named in place of what\n",
         markdown(confusion(records)),

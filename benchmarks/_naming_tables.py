@@ -263,10 +263,10 @@ def shows(records: Sequence[Record]) -> Rows:
     ]
 
 
-def side_by_side(every: Rows, now: Rows) -> Rows:
-    """What was measured of all draws, with what of those that were made by the sources as they stand."""
-    head = ["as the sources stand", "draws"]
-    return [[*row, *(head if k == 0 else now[k][2:])] for k, row in enumerate(every)]
+def side_by_side(every: Rows, last: Rows) -> Rows:
+    """What was measured of all draws, with what of those that were made by the sources that were measured last."""
+    head = ["measured last", "draws"]
+    return [[*row, *(head if k == 0 else last[k][2:])] for k, row in enumerate(every)]
 
 
 def summary(records: Sequence[Record]) -> dict[str, Any]:

@@ -231,7 +231,7 @@ class Effect(ABC):
 
     def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float, float] | None:
         """How much of the effort sensor's noise, differentiated twice, a unit of the coefficient takes from the target's effort
-        [s²·...], the coefficient that the column is exact at, and up to where the noise is heard [Hz].
+        [s²·...], the coefficient that the column is exact at, 0 where that is not known, and up to where the noise is heard [Hz].
 
         The same noise is in what the column is to explain. None where the column is free of it.
         """

@@ -46,7 +46,9 @@ class JointElasticity(Effect):
     coefficient_bounds = ((0.0, 1e6),)
 
     def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float, float]:
-        return float(motion.usual_inertia[target]), shape["compliance"], self._cutoff(motion, target, shape)
+        inertia, cutoff = float(motion.usual_inertia[target]), self._cutoff(motion, target, shape)
+        # how much a change is, the shape that it keeps does not tell
+        return inertia, 0.0 if self.kept is not None else shape["compliance"], cutoff
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
