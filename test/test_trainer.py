@@ -125,7 +125,7 @@ def test_a_diagnosis_that_is_broken_off_leaves_no_process(session, ending):
         os.kill(trainer, signal.SIGKILL)
     else:
         session.stop()
-    wait_until(lambda: not Path(f"/proc/{diagnosis}").exists(), 5.0)
+    wait_until(lambda: not Path(f"/proc/{diagnosis}").exists())
 
 
 def test_a_signal_that_every_process_gets_does_not_end_what_the_node_ends(session):
