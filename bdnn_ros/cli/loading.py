@@ -85,10 +85,10 @@ def disturbed(args: argparse.Namespace, robot: Robot | None) -> bool:
     """Whether joints that a robot leaves out move in the bags so that its own feel it: no convention shows in efforts then."""
     if robot is None:
         return False
-    complete = Robot.from_urdf(robot.urdf)
-    complete = Robot.from_urdf(robot.urdf, with_mimics(complete))
-    if set(robot.joints) == set(complete.joints):
+    every = with_mimics(Robot.from_urdf(robot.urdf))
+    if set(robot.joints) == set(every):
         return False
+    complete = Robot.from_urdf(robot.urdf, every)
     return any(disturbing(whole, complete, robot) for whole in _of_all_joints(args, complete))
 
 
