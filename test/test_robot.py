@@ -91,6 +91,16 @@ def test_the_two_link_arm_is_the_textbooks() -> None:
     )
 
 
+def test_a_link_may_have_the_name_of_a_joint_where_others_are_left_out() -> None:
+    """As legs and grippers of known robots have it."""
+    text = Robot.bundled("arm7").urdf
+    kept = [f"arm7_joint{k}" for k in (6, 2, 4)]
+    plain, named = Robot.from_urdf(text, kept), Robot.from_urdf(text.replace("arm7_link", "arm7_joint"), kept)
+    q, v, a = states(plain)
+    np.testing.assert_allclose(named.rigid_effort(q, v, a), plain.rigid_effort(q, v, a), atol=1e-12)
+    assert named.links == tuple(link.replace("link", "joint") for link in plain.links)
+
+
 @pytest.mark.parametrize("text", [two_link(order="21"), two_link()])
 def test_joints_come_in_any_order(text: str) -> None:
     straight = Robot.from_urdf(text, ["one", "two"])

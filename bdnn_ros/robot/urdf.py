@@ -119,8 +119,24 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
         rest = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
         for name in set(held) & set(movable):
             rest[full.idx_qs[full.getJointId(name)]] = held[name]
-        full = pin.buildReducedModel(full, lock, rest)
+        full = _without(full, lock, rest)
     return full, tuple(names)
+
+
+def _without(model: pin.Model, lock: list[int], rest: np.ndarray) -> pin.Model:
+    """The model with some joints locked where they rest.
+
+    Pinocchio asks for the frame of a joint by its name alone, and refuses where a link has the same one: such links
+    have another name meanwhile.
+    """
+    tail = "_" * max(len(frame.name) for frame in model.frames)
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and frame.name in model.names:
+            frame.name += tail
+    reduced = pin.buildReducedModel(model, lock, rest)
+    for frame in reduced.frames:
+        frame.name = frame.name.removesuffix(tail)
+    return reduced
 
 
 @contextmanager
