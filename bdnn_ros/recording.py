@@ -190,21 +190,27 @@ class Recording:
 def renamed(names: Sequence[str], rules: Iterable[str]) -> tuple[str, ...]:
     """Joint names after `old=new` and `s/pattern/replacement/` rules, applied in order.
 
+    Of `old=new` in a row each speaks of the names before all of them, so that two may be exchanged; where none of these is
+    its, of what one before it made.
+
     Raises:
         UsageError: a rule is malformed, renames nothing, or makes two names equal.
     """
     result = list(names)
+    waiting = list(names)  # names that `old=new` in a row have not mapped yet
     for rule in rules:
         before = list(result)
         if rule.startswith("s/") and rule.count("/") == 3 and rule.endswith("/"):
             _, pattern, replacement, _ = rule.split("/")
             try:
-                result = [re.sub(pattern, replacement, name) for name in result]
+                waiting = result = [re.sub(pattern, replacement, name) for name in result]
             except re.error as error:
                 raise UsageError(f"--rename {rule}: {error}.", "Use s/pattern/replacement/.") from None
         elif rule.count("=") == 1 and all(rule.split("=")):
             old, new = rule.split("=")
-            result = [new if name == old else name for name in result]
+            meant = [name == old for name in (waiting if old in waiting else result)]
+            result = [new if one else name for one, name in zip(meant, result, strict=True)]
+            waiting = ["" if one else name for one, name in zip(meant, waiting, strict=True)]
         else:
             raise UsageError(f"--rename {rule} is not a rule.", "Use old=new or s/pattern/replacement/.")
         if result == before:

@@ -80,6 +80,28 @@ def test_select_names_what_is_missing() -> None:
         recording().select(["a", "a"])
 
 
+@pytest.mark.parametrize(
+    "rules, names",
+    [
+        (["a=b", "b=a"], ("b", "a", "c")),
+        (["a=b", "b=c", "c=a"], ("b", "c", "a")),
+        (["c=a", "a=c"], ("c", "b", "a")),
+        (["a=b", "b=x"], ("b", "x", "c")),
+        (["a=x", "x=b", "b=a"], ("b", "a", "c")),
+        (["a=b", "b=a", "s/a/z/", "z=b", "b=z"], ("z", "b", "c")),
+    ],
+)
+def test_rules_of_names_map_at_once(rules: list[str], names: tuple[str, ...]) -> None:
+    """So that joints that are exchanged are told as anyone would write it."""
+    assert renamed(JOINTS, rules) == names
+
+
+@pytest.mark.parametrize("rules", [["a=b"], ["a=b", "b=c"], ["a=x", "b=x"], ["a=x", "a=y"]])
+def test_rules_that_lose_a_joint_are_refused(rules: list[str]) -> None:
+    with pytest.raises(UsageError, match=r"equal|matches none"):
+        renamed(JOINTS, rules)
+
+
 def test_rename_by_name_and_by_pattern() -> None:
     names = ("fer_joint1", "fer_joint2", "grip")
     assert renamed(names, ["s/fer_/panda_/", "grip=hand"]) == ("panda_joint1", "panda_joint2", "hand")

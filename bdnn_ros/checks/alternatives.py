@@ -194,7 +194,7 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
                 "",
                 f"The robot description explains {100 * before:.0f} % of the efforts as they are recorded, and "
                 f"{100 * share:.0f} % with {words}.",
-                "Correct the description's axes, zeros and base, or the driver; --rename maps joints that are exchanged.",
+                "Correct the description's axes, zeros and base, or the driver; --rename a=b --rename b=a exchanges two.",
             )
         )
     elif loaded < HARDLY:

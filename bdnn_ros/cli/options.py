@@ -84,7 +84,7 @@ def add_recording_arguments(
         metavar="RULE",
         action="append",
         default=[],
-        help="map joint names of the bag: old=new or s/pattern/replacement/; repeatable",
+        help="map joint names of the bag: old=new or s/pattern/replacement/; repeatable: a=b and b=a exchange two",
     )
     parser.add_argument(
         "--cutoff",
