@@ -11,7 +11,7 @@ from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.kinematics import reported_velocity
-from bdnn_ros.diagnosis.unexplained import _cross_predicted
+from bdnn_ros.diagnosis.predicting import Predictor
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -80,5 +80,5 @@ def test_an_input_that_never_varies_predicts_nothing(size):
         [1.0 + size * rng.standard_normal(400), np.zeros(400), rng.standard_normal(400)], axis=1
     )
     values = 2.0 * inputs[:, 2] + 0.1 * rng.standard_normal(400)
-    predicted = _cross_predicted(inputs, values, np.ones(400, bool), np.arange(400) // 40)
+    predicted, _ = Predictor({"inputs": inputs}, values, np.ones(400, bool), np.arange(400) // 40).predicted()
     assert np.std(values - predicted) == pytest.approx(0.1, rel=0.15)

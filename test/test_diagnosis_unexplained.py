@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_cases import equations_of, white
+from diagnosis_cases import coloured, equations_of, white
 
 from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.predicting import Predictor
 from bdnn_ros.diagnosis.unexplained import describe
 
 J1, J2 = "arm2_joint1", "arm2_joint2"
@@ -60,6 +61,51 @@ def test_what_it_depends_on_is_named_first(equations, key, of):
     good = equations.usable[:, 0]
     assert np.corrcoef(remainder.predicted[good, 0], signal[good])[0, 1] > 0.95
     assert not remainder.predicted[:, 1].any()
+
+
+def test_joints_that_are_far_apart_in_the_list_are_tried():
+    """So that neither their order, nor a branch, nor a second gripper changes what is noise."""
+    arm = equations_of(robot="arm6", duration=40.0)
+    noise, _ = white(arm, STD, 8)
+    other = np.roll(np.arange(arm.width), 3)
+    signal = 10.0 * STD * rows(arm, np.sin(3.0 * arm.motion.position[:, other]))
+    remainder = describe(arm, noise + signal)
+    names = arm.motion.signals.joints
+    assert set(remainder.depends_on) == {f"{name}.position" for name in names}
+    assert (remainder.floor**2 - STD**2 < 0.06 * np.mean(signal**2, axis=0)).all()
+
+
+def test_slow_noise_is_not_predicted_by_chance():
+    """Few of its values are independent, so that the best of many inputs looks like it, on held-out blocks, too."""
+    arm = equations_of(robot="arm6", duration=40.0)
+    for seed in range(2):
+        remainder = describe(arm, coloured(arm, np.array([0.8]), STD, seed))
+        assert remainder.depends_on == remainder.joints == ()
+
+
+def test_no_order_of_inputs_changes_what_predicts():
+    groups, value, block = chance(20)
+    value = value + 2.0 * np.sin(groups["7"][:, 0])
+    there, back = (
+        Predictor(some, value, np.ones(len(value), bool), block).predicted()
+        for some in (groups, dict(reversed(groups.items())))
+    )
+    assert list(there[1]) == list(back[1]) == ["7"]
+    np.testing.assert_allclose(there[0], back[0], atol=1e-9)
+
+
+def test_of_many_inputs_none_predicts_noise_by_chance():
+    """The best of them suits the blocks that it is chosen by, but not those that are held out."""
+    groups, value, block = chance(60)
+    predicted, _ = Predictor(groups, value, np.ones(len(value), bool), block).predicted()
+    assert np.mean((value - predicted) ** 2) > 0.95 * np.mean(value**2)
+
+
+def chance(count: int) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """Inputs that say nothing of a value, by name, the value, and blocks of its rows."""
+    rng = np.random.default_rng(3)
+    groups = {str(k): rng.standard_normal((200, 6)) for k in range(count)}
+    return groups, rng.standard_normal(200), np.arange(200) // 10
 
 
 def test_the_floor_is_never_above_what_is_left(equations):

@@ -9,14 +9,12 @@ from scipy.ndimage import binary_opening
 
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.noise import rms
+from bdnn_ros.diagnosis.predicting import Predictor, by_chance
 
 ACCELERATION = ".acceleration"
 HARMONICS = 6
-RIDGE = 1e-3
-VARIES = 1e-6
-"""An input that varies by less than this share of itself is one value: of a joint that stands still."""
 WORTH = 0.1
-"""A group of inputs is named when it predicts at least this share of what is left, on blocks it was not fitted to."""
+"""Inputs are named when they predict at least this share of what is left, on blocks that had no say in them."""
 GAUSSIAN = 1.4826
 """Standard deviation of normal noise per median of its size."""
 LARGE_ERROR = 0.4
@@ -55,8 +53,7 @@ def describe(
     stepping: np.ndarray | float = 0.0,
     dry: np.ndarray | float = 0.0,
 ) -> Remainder:
-    """Regress a residual, rows (R, n) [N·m], on its own and the next joints' position, velocity and load, on every joint's
-    acceleration, which inertia hands on to all, and on time.
+    """Regress a residual, rows (R, n) [N·m], on every joint's position, velocity, acceleration and load, and on time.
 
     Args:
         stepping: what the steps in which the position is read may make of each joint, (n,) [N·m].
@@ -65,37 +62,25 @@ def describe(
     names = equations.motion.signals.joints
     groups = _inputs(equations)
     predicted = np.zeros_like(residual)
-    scores: list[tuple[float, str]] = []
+    helps = dict.fromkeys(groups, 0.0)
     dependent: list[str] = []
-    for j in range(equations.width):
-        rows = equations.usable[:, j]
-        own = [key for key in groups if key.rpartition(".")[0] in (names[j], "")]
-        close = names[max(j - 1, 0) : j + 2]
-        near = [
-            key
-            for key in groups
-            if key not in own and (key.rpartition(".")[0] in close or key.endswith(ACCELERATION))
-        ]
-        whole = np.concatenate([groups[key] for key in own + near], axis=1)
-        predicted[:, j] = _cross_predicted(whole, residual[:, j], rows, equations.block)
-        before = float(np.mean(residual[rows, j] ** 2)) if rows.any() else 0.0
-        after = float(np.mean((residual[rows, j] - predicted[rows, j]) ** 2)) if rows.any() else 0.0
-        if before <= 0.0 or after > (1.0 - WORTH) * before:
-            predicted[:, j] = 0.0
+    for j, rows in enumerate(equations.usable.T):
+        guess, shares = Predictor(groups, residual[:, j], rows, equations.block).predicted()
+        left = residual[:, j] - guess
+        before, after = float(np.sum(residual[rows, j] ** 2)), float(np.sum(left[rows] ** 2))
+        if before - after <= WORTH * before + by_chance(left, rows, len(groups)) * after:
             continue
+        predicted[:, j] = guess
         dependent.append(names[j])
-        for key in own + near:
-            alone = _cross_predicted(groups[key], residual[:, j], rows, equations.block)
-            gain = 1.0 - float(np.mean((residual[rows, j] - alone[rows]) ** 2)) / before
-            if gain > WORTH:
-                scores.append((gain * before / equations.effort_scale[j] ** 2, key))
+        for key, share in shares.items():
+            helps[key] = max(helps[key], share * before / rows.sum() / equations.effort_scale[j] ** 2)
     rest = [(residual - predicted)[equations.usable[:, j], j] for j in range(equations.width)]
     floor, calm = np.array([rms(left) for left in rest]), np.array([_between_bursts(left) for left in rest])
     uneven = floor > np.maximum(UNEVEN * calm, stepping)
-    order = [key for _, key in sorted(scores, key=lambda pair: -pair[0])]
+    order = sorted((key for key in helps if helps[key] > 0.0), key=lambda key: -helps[key])
     return Remainder(
         np.where(uneven, calm, floor),
-        tuple(dict.fromkeys(order)),
+        tuple(order),
         tuple(dependent),
         predicted,
         tuple(name for name, one in zip(names, uneven, strict=True) if one),
@@ -136,23 +121,6 @@ def _inputs(equations: Equations) -> dict[str, np.ndarray]:
     t = (motion.time - motion.time[0]) / max(float(np.ptp(motion.time)), 1e-9)
     groups["time"] = np.stack([t, t**2, t**3], axis=1)
     return {key: motion.signals.smooth(values)[equations.rows] for key, values in groups.items()}
-
-
-def _cross_predicted(x: np.ndarray, y: np.ndarray, rows: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """Ridge prediction of y (R,) from x (R, k), each of five folds of blocks from the others."""
-    among = x[rows] if rows.any() else np.zeros((1, x.shape[1]))
-    middle, spread = among.mean(axis=0), among.std(axis=0)
-    varies = spread > VARIES * np.abs(among).max(axis=0)
-    z = np.concatenate([(x - middle)[:, varies] / spread[varies], np.ones((len(x), 1))], axis=1)
-    predicted = np.zeros_like(y)
-    for fold in range(5):
-        out = block % 5 == fold
-        fit = rows & ~out
-        if fit.sum() < 2 * z.shape[1]:
-            continue
-        a = z[fit].T @ z[fit] + RIDGE * fit.sum() * np.eye(z.shape[1])
-        predicted[out] = z[out] @ np.linalg.solve(a, z[fit].T @ y[fit])
-    return predicted
 
 
 def _between_bursts(values: np.ndarray) -> float:
