@@ -23,6 +23,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model
 from bdnn_ros.signals import prepare
 from bdnn_ros.signals.kernels import lagging
+from bdnn_ros.simulation.excitation import fourier
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.simulate import simulate
 
@@ -53,6 +54,21 @@ def test_lateness_is_found_to_some_milliseconds(name, seed, seconds):
     recording = Scenario(robot, seed=seed, duration=15.0, worn=True, wrong=0.05).run()[0].recording
     found = lateness(prepare(late(recording, seconds)), robot)
     assert max(seconds - 0.005, 0.0) <= found.delay <= seconds and not found.lag
+
+
+def test_joints_that_stand_still_have_no_say():
+    """Nor has their sensors' noise: half of the joints move, and all of these are late."""
+    robot = Robot.bundled("arm6")
+    still = np.arange(robot.width) >= 3
+    plan = fourier(robot, np.arange(15 * 250) / 250.0, np.random.default_rng(3))
+    position = np.where(still, plan.position[0], plan.position)
+    velocity, acceleration = (np.where(still, 0.0, one) for one in (plan.velocity, plan.acceleration))
+    effort = robot.inverse_dynamics(position, velocity, acceleration)
+    effort += 0.3 * np.std(effort, axis=0) * np.sign(velocity)
+    effort += still * 2.0 * np.random.default_rng(1).standard_normal(effort.shape)
+    recording = late(Recording(plan.time, robot.joints, position, None, effort), 0.016)
+    found = lateness(prepare(recording), robot)
+    assert 0.011 <= found.delay <= 0.016 and not found.lag
 
 
 @pytest.mark.parametrize("name, seed", [("arm2", 1), ("arm6", 2), ("arm7", 3)])

@@ -60,7 +60,10 @@ class Lateness:
 
 
 def lateness(signals: Signals, robot: Robot) -> Lateness:
-    """How late the efforts of a motion are; not at all where that is little, or not sure."""
+    """How late the efforts of a motion are; not at all where that is little, or not sure.
+
+    Joints that stand still have no say.
+    """
     efforts = _Efforts(signals)
     rows = some(efforts.rows, MOST_ROWS)
     if len(rows) < 0.1 * MOST_ROWS:
@@ -68,12 +71,21 @@ def lateness(signals: Signals, robot: Robot) -> Lateness:
     velocity, acceleration = signals.velocity[rows], signals.acceleration[rows]
     borne = robot.rigid_effort(signals.position[rows], velocity, acceleration)
     bends = _bends(signals)
-    columns = borne, acceleration, velocity, signals.sign[rows], *(bend[rows] for bend in bends)
-    delayed = np.array([1.0 - explained(efforts.earlier(rows, k), *columns) for k in range(efforts.most)])
-    lagging = np.array([1.0 - explained(efforts.quicker(rows, lag), *columns) for lag in LAGS])
+    speaks = telling(signals)[rows].any(axis=0)
+    columns = [
+        one[:, speaks]
+        for one in (borne, acceleration, velocity, signals.sign[rows], *(bend[rows] for bend in bends))
+    ]
+
+    def left(effort: np.ndarray) -> float:
+        return 1.0 - explained(effort[:, speaks], *columns)
+
+    delayed = np.array([left(efforts.earlier(rows, k)) for k in range(efforts.most)])
+    lagging = np.array([left(efforts.quicker(rows, lag)) for lag in LAGS])
     if delayed[0] <= BETTER * min(delayed.min(), lagging.min()):
         return Lateness()
-    found = _refined(signals, robot, efforts, int(np.argmin(delayed)), LAGS[int(np.argmin(lagging))], bends)
+    samples, lag = int(np.argmin(delayed)), LAGS[int(np.argmin(lagging))]
+    found = _refined(signals, robot, efforts, samples, lag, bends, np.flatnonzero(speaks))
     return found if found.total >= LEAST - LEFT else Lateness()
 
 
@@ -112,12 +124,21 @@ def _bends(signals: Signals) -> list[np.ndarray]:
 
 
 def _refined(
-    signals: Signals, robot: Robot, efforts: _Efforts, samples: int, lag: float, bends: Sequence[np.ndarray]
+    signals: Signals,
+    robot: Robot,
+    efforts: _Efforts,
+    samples: int,
+    lag: float,
+    bends: Sequence[np.ndarray],
+    speaking: np.ndarray,
 ) -> Lateness:
     """Which of a delay near so many samples and a lag near one [s] leaves less beside bodies of any kind; none if not by much.
 
     Joints stick while they turn round, so that their friction turns early: the direction's rate is free, too. Or late, as
     bristles do.
+
+    Args:
+        speaking: indices of the joints that have a say.
     """
     rows = some(efforts.rows, TOLD_BY)
     direction = signals.derivative(signals.sign)[rows]
@@ -131,10 +152,10 @@ def _refined(
         [acceleration, velocity, signals.sign[rows], direction, np.ones_like(velocity), *bent], axis=2
     )
     columns = np.concatenate([robot.regressor(position, velocity, acceleration), own], axis=2)
-    bases = [basis(columns[:, joint]) for joint in range(robot.width)]
+    bases = [basis(columns[:, joint]) for joint in speaking]
 
     def left(effort: np.ndarray) -> np.ndarray:
-        rest = [beyond(one, spanned) for one, spanned in zip(effort.T, bases, strict=True)]
+        rest = [beyond(effort[:, joint], spanned) for joint, spanned in zip(speaking, bases, strict=True)]
         return np.log(np.maximum(np.mean(np.square(rest), axis=1), TINY))
 
     delays = [k for k in (samples + step for step in NEARBY) if 0 <= k < efforts.most]
