@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bdnn_ros.checks.alternatives import misread
+from bdnn_ros.checks.alternatives import Motion, misread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -151,3 +151,14 @@ def test_a_slide_is_not_tried_by_degrees():
     effort = true.rigid_effort(position, velocity, np.gradient(velocity, time, axis=0))
     said = told(Recording(time, robot.joints, position, None, effort), robot)
     assert said and "slide 90 deg" not in said and "slide 180 deg" not in said
+
+
+@pytest.mark.parametrize("joint", [0, 3])
+def test_a_load_is_seen_though_a_joint_reports_no_effort(arm: Robot, joint: int) -> None:
+    """What is constant has no spread to be a share of."""
+    link = arm.moving_link(arm.joints[-1])
+    load = f"payload@{link}:mass=2.0,com_x=0.2,com_y=0.0,com_z=0.0"
+    recording = Scenario(arm, effects=[load], seed=4, rate=250.0, duration=12.0).run()[0].recording
+    effort = recording.require_effort() * (np.arange(arm.width) != joint)
+    for one in (recording, replace(recording, effort=effort)):
+        assert Motion(prepare(one), arm).explained_by_a_load() > 0.99

@@ -160,17 +160,18 @@ class Motion:
 
     def explained_by_a_load(self) -> float:
         """As `explained`, as recorded, at most: with whatever one of the links may carry or weigh more."""
-        robot, apart = self.robot, (self.acceleration, self.velocity, self.sign)
-        borne = robot.rigid_effort(self.position, self.velocity, self.acceleration)
-        columns = robot.regressor(self.position, self.velocity, self.acceleration)
+        robot, loud = self.robot, self.loud
+        apart = [one[:, loud] for one in (self.acceleration, self.velocity, self.sign)]
+        effort = self.effort[:, loud]
+        borne = robot.rigid_effort(self.position, self.velocity, self.acceleration)[:, loud]
+        columns = robot.regressor(self.position, self.velocity, self.acceleration)[:, loud]
         best = 0.0
         for link in range(robot.width):
             of_link = columns[:, :, PER_LINK * link : PER_LINK * (link + 1)]
-            tall, target = _shared(self.effort - borne, of_link, *apart)
+            tall, target = _shared(effort - borne, of_link, *apart)
             load = np.linalg.lstsq(tall, target, rcond=1e-6)[0]
             if np.abs(load[1:4]).max() <= FURTHEST * load[0]:
-                loaded = self.effort, borne + of_link @ load, *apart
-                best = max(best, explained(*(column[:, self.loud] for column in loaded)))
+                best = max(best, explained(effort, borne + of_link @ load, *apart))
         return best
 
 
