@@ -115,6 +115,18 @@ def test_a_richer_law_that_hardly_says_more_is_no_rival(monkeypatch, beyond, own
     assert [rival.effect.name for rival, _ in found.rivals] == listed
 
 
+def test_what_says_the_same_is_listed_however_many_others_are():
+    """The error of the link that a payload hangs on, not that of any other link."""
+    load, same, other = (
+        Term(get(name), joint, f"arm2_link{joint + 1}")
+        for name, joint in (("payload", 1), ("link_inertia", 1), ("link_inertia", 0))
+    )
+    others = [(Term(get("armature"), joint), 0.1 + 0.01 * joint) for joint in range(8)]
+    listed = identifiability._listed(load, [(same, 0.0), (other, 0.0), *others])
+    assert listed == (*others[:2:-1], (same, 0.0))
+    assert not identifiability._listed(load, [(other, 0.0)])
+
+
 @pytest.mark.parametrize("better", [True, False])
 def test_a_term_is_steady_where_blocks_that_had_no_say_bear_it_out(better):
     asked = []

@@ -20,6 +20,7 @@ TEMPERATURE = 2.0
 """Evidence differences are divided by this: the noise model is never quite right."""
 LISTED = 0.02
 """Rivals less probable than this are not listed."""
+MOST_LISTED = 6
 CLOSE = 12.0
 PLAINLY = 4.0
 """What contains a simpler law must be so many times as probable, or the simpler one is named."""
@@ -209,9 +210,14 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     rivals_found = [(fair.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
-    listed = [(rival, p) for rival, p in rivals_found if p >= LISTED or same_physics(term, rival)]
-    listed.sort(key=lambda pair: -pair[1])
-    return Judgement(float(weights[0]), float(weights[1]), tuple(listed[:6]))
+    return Judgement(float(weights[0]), float(weights[1]), _listed(term, rivals_found))
+
+
+def _listed(term: Term, rivals: Sequence[tuple[Term, float]]) -> tuple[tuple[Term, float], ...]:
+    """Rivals that are probable enough to be listed, with what says the same in other words, most probable first."""
+    listed = [(rival, p) for rival, p in rivals if p >= LISTED or same_physics(term, rival)]
+    listed.sort(key=lambda pair: (not same_physics(term, pair[0]), -pair[1]))
+    return tuple(sorted(listed[:MOST_LISTED], key=lambda pair: -pair[1]))
 
 
 def _weighed(
