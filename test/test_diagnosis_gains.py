@@ -15,6 +15,9 @@ from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 
+EVERY = np.ones((9, 1), bool)
+"""Rows of a joint that moves all the time."""
+
 
 def test_a_finding_is_worth_a_name_where_it_takes_much_or_most_of_the_rest():
     lasting, brief, scale = False, True, np.array([1.0, 10.0])
@@ -127,6 +130,19 @@ def test_no_cause_removes_more_of_the_error_than_there_is(monkeypatch, less, the
     assert shares == [pytest.approx(share)]
 
 
+def test_a_share_counts_every_row_alike(monkeypatch):
+    """As the gain does: of a joint that moves a third of the time a third of the rows are there."""
+    shares: list[float] = []
+    usable = np.ones((9, 2), bool)
+    usable[np.arange(9) % 3 > 0, 1] = False
+    estimate = SimpleNamespace(term=Term(get("coulomb_friction"), 0), shown=True)
+    removal = Removal(np.array([0.9, 0.3]), True, True, False)
+    findings_of(
+        monkeypatch, estimate, removal, Judgement(1.0, 0.0, ()), lambda *one: shares.append(one[3]), usable
+    )
+    assert shares == [pytest.approx((2 * 0.9 + 1 * 0.3) / 3)]  # of 2 and 1 held-out rows
+
+
 @pytest.mark.parametrize("blocks", [1, 3, 20])
 def test_the_gain_of_a_few_held_out_blocks_has_an_interval(blocks):
     """One block drawn again and again is always the same; its pieces are not."""
@@ -171,14 +187,20 @@ def test_that_something_pushed_is_told_only_where_it_is_known_when(monkeypatch, 
 
 
 def findings_of(
-    monkeypatch, estimate, held_out, judgement, tell=lambda robot, estimate, judgement, share: estimate
+    monkeypatch,
+    estimate,
+    held_out,
+    judgement,
+    tell=lambda robot, estimate, judgement, share: estimate,
+    usable=EVERY,
 ):
     """What is told of one term by what it removes where it was held out; a little of all rows besides."""
     ever = Removal(np.array([0.1]), True, True, held_out.brief)
     monkeypatch.setattr(naming, "removed", lambda *rows: [(held_out, ever)])
     monkeypatch.setattr(naming, "leftover", lambda fitted, every, one: False)
     monkeypatch.setattr(naming, "_finding", tell)
-    equations = SimpleNamespace(usable=np.ones((9, 1), bool), target=np.ones((9, 1)), effort_scale=np.ones(1))
+    target, scale = np.ones(usable.shape), np.ones(usable.shape[1])
+    equations = SimpleNamespace(usable=usable, target=target, effort_scale=scale)
     test = np.arange(9) < 2
     attempt = SimpleNamespace(test=test, judgements=[judgement], fitted=None, extended=None)
     arm, fit = Robot.bundled("arm2"), np.zeros(1, bool)

@@ -214,7 +214,13 @@ def test_a_diagnosis_as_it_is_made_is_reported() -> None:
     assert np.isnan([absent.spread, absent.simulation, absent.extended, absent.floor]).all()
     assert absent.simulation_width == absent.extended_width == absent.floor_width == 0.0
     assert contents.overall(without)["simulation"] == pytest.approx(measured.simulation)
-    assert contents.overall(shown)["simulation"] == pytest.approx(np.sqrt(np.mean(np.square(before))))
+    overall = contents.overall(shown)
+    assert overall["simulation"] == pytest.approx(np.sqrt(np.mean(shown.before[held] ** 2)))
+    assert 1.0 - overall["extended"] / overall["simulation"] == pytest.approx(examination.diagnosis.gain)
+    seldom = replace(shown, usable=shown.usable & ((np.arange(len(held)) % 4 == 0)[:, None] | [True, False]))
+    count = (seldom.usable & seldom.held[:, None]).sum(axis=0)
+    assert count[1] < 0.4 * count[0]
+    assert contents.overall(seldom)["simulation"] == pytest.approx(np.sqrt(before**2 @ count / count.sum()))
 
 
 def test_a_joint_without_a_sensor_has_no_error() -> None:

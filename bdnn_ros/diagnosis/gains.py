@@ -90,6 +90,11 @@ def share_of(part: np.ndarray, left: np.ndarray, before: np.ndarray, rows: np.nd
     return max((without - now) / max(total, 1e-30), 0.0)
 
 
+def squares(mean: np.ndarray, rows: np.ndarray) -> float:
+    """Sum of squares in some rows, (R, n) bool, of which each joint's mean is known, (n,): no row counts more than another."""
+    return float(mean @ rows.sum(axis=0))
+
+
 def acting(part: np.ndarray) -> np.ndarray:
     """Rows at which an effect's effort (R, ...) is more than a share of its largest."""
     size = np.abs(part)

@@ -10,7 +10,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.gains import removed, rms
+from bdnn_ros.diagnosis.gains import removed, squares
 from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, leftover, together
@@ -66,7 +66,7 @@ def named(
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
     scale = equations.effort_scale
     before, throughout = (
-        max(float(np.sum(rms(equations.target, rows) ** 2)), 1e-30) for rows in (held, equations.usable)
+        max(float(np.sum(equations.target[rows] ** 2)), 1e-30) for rows in (held, equations.usable)
     )
     findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
     silent, unknown = list[int](), list[int]()
@@ -90,7 +90,9 @@ def named(
         # what is named for a link or the base is told by joints that bear most of it
         sure &= not unfit[np.argmax(ever.less / scale**2)]
         if sure and (estimate.shown or _alone(estimate, found)):
-            share = float(np.sum(ever.less)) / throughout if gone else float(np.sum(less)) / before
+            share = (
+                squares(ever.less, equations.usable) / throughout if gone else squares(less, held) / before
+            )
             # causes that work against each other may each remove more than there is
             findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
             silent.remove(one)

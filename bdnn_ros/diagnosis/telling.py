@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import gain_of, rms, share_of
+from bdnn_ros.diagnosis.gains import gain_of, rms, share_of, squares
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.naming import name_of, named
@@ -83,7 +83,7 @@ def told(
     findings = [*causes, *of_velocity]
     far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
     gain, interval = gain_of(equations, extended, held)
-    share = max(float(np.sum(after**2 - floor**2) / max(np.sum(simulation**2), 1e-30)), 0.0)
+    share = max(squares(after**2 - floor**2, held) / max(squares(simulation**2, held), 1e-30), 0.0)
     near = bool(near_floor.all())
     of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
     # what dry friction is named for may hold any effort at rest

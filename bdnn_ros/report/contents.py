@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.gains import share_of
+from bdnn_ros.diagnosis.gains import share_of, squares
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, reference
 from bdnn_ros.report import words
@@ -148,9 +148,9 @@ def joint_errors(shown: View) -> list[JointError]:
 
 
 def overall(shown: View) -> dict[str, float]:
-    """Held-out RMS error over all joints whose effort was measured, in the units of their efforts."""
-    errors, measured = shown.examination.diagnosis.effort_rmse, _measured(shown)
-    return {key: float(np.sqrt(np.mean(np.square(v), where=measured))) for key, v in errors.items()}
+    """Held-out RMS error over all rows that count, as the gain is of, in the units of their efforts."""
+    errors, rows = shown.examination.diagnosis.effort_rmse, shown.usable & shown.held[:, None]
+    return {key: math.sqrt(squares(v**2, rows) / rows.sum()) for key, v in errors.items()}
 
 
 def _measured(shown: View) -> np.ndarray:
