@@ -82,7 +82,7 @@ class Diagnosis:
     """Everything a diagnosis found; `as_json` is the contract's diagnosis.json.
 
     Attributes:
-        source: bags, duration [s], samples, rate [Hz], urdf, joints.
+        source: bags, duration without pauses [s], samples and rate [Hz] of what was looked at of them, urdf, joints.
         effort_rmse: root mean square error on held-out blocks per joint [N·m] of the simulation, the extended model, and
             the noise floor.
         gain: 1 - RMSE(extended) / RMSE(simulation) on held-out blocks; interval at 95 %.

@@ -212,7 +212,7 @@ def _source(recordings: Sequence[Recording], equations: Equations) -> dict[str, 
     signals = equations.motion.signals
     return {
         "bags": [recording.name for recording in recordings],
-        "duration": round(sum(recording.duration for recording in recordings), 3),
+        "duration": round(sum(recording.recorded for recording in recordings), 3),
         "samples": sum(len(recording) for recording in recordings),
         "rate": round(signals.raw_rate, 3),
         "cutoff": round(signals.cutoff, 3),
