@@ -69,6 +69,7 @@ def test_wrong_readings_change_no_verdict(arm, spec):
     hidden = [] if spec is None else [parse_spec(spec, arm)]
     recording = simulate(arm, hidden, seed=3, duration=30.0).recording
     right = diagnose([recording], arm)
+    assert not any("is compared" in note for note in right.notes)
     assert [finding.effect for finding in right.findings] == ([] if spec is None else ["stribeck_friction"])
     for wrong in (glitched(recording), clipped(recording, 0.75), dropped(recording)):
         found = diagnose([wrong], arm)
@@ -78,8 +79,12 @@ def test_wrong_readings_change_no_verdict(arm, spec):
 
 def test_a_joint_whose_effort_is_not_reported_is_left_out_and_the_others_are_told(arm):
     recording = simulate(arm, [parse_spec(STRIBECK, arm)], seed=3, duration=30.0).recording
-    (finding,) = diagnose([without_effort(recording, 1)], arm).findings
+    found = diagnose([without_effort(recording, 1)], arm)
+    (finding,) = found.findings
     assert (finding.effect, finding.joint) == ("stribeck_friction", "arm2_joint1")
+    assert all(one[1] == 0.0 for one in found.effort_rmse.values())
+    (note,) = (one for one in found.notes if "is compared" in one)
+    assert note.startswith("No effort of arm2_joint2 is compared")
 
 
 @pytest.mark.parametrize("wrong", [dropped, lambda recording: without_effort(recording, 1)])

@@ -47,6 +47,7 @@ BRIEFLY = (
     "time, a push or a drift, cannot be told from what differs from place to place, as cogging, so none of them is named. Record "
     "more motion."
 )
+UNCOMPARED = "No effort of {joints} is compared: none was measured where it moves. Zeros of `effort_rmse` are no errors there."
 ONE_CLOCK = "Times are told on one clock, on which the recordings follow one another: {begin}."
 IN_MODEL = "Not sure enough for a name, but in the extended model, which it helps: {what}."
 UNKNOWN = (
@@ -105,6 +106,12 @@ def _alone(robot: Robot, equations: Equations, joint: int) -> str:
         does = "has a measured effort while it moves"
         remedy = f" Record the efforts of {listed(unmeasured, 20)}, too."
     return ALONE.format(joint=robot.joints[joint], does=does, remedy=remedy)
+
+
+def uncompared(robot: Robot, held: np.ndarray) -> list[str]:
+    """A note on joints that have no rows among those that errors are of, (R, n) bool: their errors are no zeros."""
+    none = [robot.joints[k] for k in np.flatnonzero(~held.any(axis=0))]
+    return [UNCOMPARED.format(joints=listed(none, 20))] if none else []
 
 
 def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> list[str]:

@@ -84,7 +84,7 @@ class Diagnosis:
     Attributes:
         source: bags, duration without pauses [s], samples and rate [Hz] of what was looked at of them, urdf, joints.
         effort_rmse: root mean square error on held-out blocks per joint [N·m] of the simulation, the extended model, and
-            the noise floor.
+            the noise floor; zero where nothing was measured while the joint moved, of which a note tells.
         gain: 1 - RMSE(extended) / RMSE(simulation) on held-out blocks; interval at 95 %.
         unexplained: share of the simulation's squared error that is left above the noise, what it depends on, and a sentence.
         advice: what to do next.

@@ -26,6 +26,7 @@ from bdnn_ros.diagnosis.notes import (
     mostly_links,
     of_recording,
     one_clock,
+    uncompared,
     unknown,
     unnamed,
 )
@@ -113,6 +114,7 @@ def told(
         notes=(
             *(note for recording in recordings for note in recording.notes),
             *of_recording(robot, equations),
+            *uncompared(robot, held),
             *one_clock(recordings, findings),
             *[AT_AN_END] * bool(at_ends),
             *[THROUGHOUT] * bool(always),
