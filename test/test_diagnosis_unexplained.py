@@ -39,11 +39,12 @@ def test_noise_depends_on_nothing(equations, seed):
 @pytest.mark.parametrize(
     "key, of",
     [
-        (f"{J1}.position", lambda m: np.sin(3.0 * m.position[:, 0])),
+        (f"{J1}.position", lambda m: np.sin(9.0 * m.position[:, 0])),
         (f"{J1}.velocity", lambda m: np.exp(-np.abs(m.velocity[:, 0]) / 0.2) * m.signals.sign[:, 0]),
         (f"{J2}.position", lambda m: np.cos(2.0 * m.position[:, 1])),
         (f"{J2}.acceleration", lambda m: m.acceleration[:, 1]),
         ("time", lambda m: (m.time - m.time.mean()) / np.ptp(m.time)),
+        ("time", lambda m: (np.exp(-m.time / 10.0) - 0.3) * m.velocity[:, 0]),
     ],
 )
 def test_what_it_depends_on_is_named_first(equations, key, of):

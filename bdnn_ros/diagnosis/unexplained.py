@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from scipy.ndimage import binary_opening
 
 from bdnn_ros.diagnosis.equations import Equations
@@ -12,7 +13,8 @@ from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.predicting import Predictor, by_chance
 
 ACCELERATION = ".acceleration"
-HARMONICS = 6
+TIME = "time"
+HARMONICS = 9
 WORTH = 0.1
 """Inputs are named when they predict at least this share of what is left, on blocks that had no say in them."""
 GAUSSIAN = 1.4826
@@ -62,13 +64,14 @@ def describe(
     names = equations.motion.signals.joints
     groups = _inputs(equations)
     predicted = np.zeros_like(residual)
-    helps = dict.fromkeys(groups, 0.0)
+    helps = dict.fromkeys([*groups, TIME], 0.0)
     dependent: list[str] = []
     for j, rows in enumerate(equations.usable.T):
-        guess, shares = Predictor(groups, residual[:, j], rows, equations.block).predicted()
+        own = groups | {TIME: _ageing(equations, j)}
+        guess, shares = Predictor(own, residual[:, j], rows, equations.block).predicted()
         left = residual[:, j] - guess
         before, after = float(np.sum(residual[rows, j] ** 2)), float(np.sum(left[rows] ** 2))
-        if before - after <= WORTH * before + by_chance(left, rows, len(groups)) * after:
+        if before - after <= WORTH * before + by_chance(left, rows, len(own)) * after:
             continue
         predicted[:, j] = guess
         dependent.append(names[j])
@@ -118,9 +121,19 @@ def _inputs(equations: Equations) -> dict[str, np.ndarray]:
         groups[f"{name}.load"] = np.stack(
             [load, np.abs(load) * motion.signals.sign[:, j], load * np.abs(load)], axis=1
         )
-    t = (motion.time - motion.time[0]) / max(float(np.ptp(motion.time)), 1e-9)
-    groups["time"] = np.stack([t, t**2, t**3], axis=1)
     return {key: motion.signals.smooth(values)[equations.rows] for key, values in groups.items()}
+
+
+def _ageing(equations: Equations, joint: int) -> np.ndarray:
+    """Features (R, k) of time: what changes slowly of a joint's effort, at rest or with its velocity, as friction does."""
+    motion = equations.motion
+    span = max(float(np.ptp(motion.time)), 1e-9)
+    slow = legvander(2.0 * (motion.time - motion.time[0]) / span - 1.0, 3)
+    of = np.stack(
+        [np.ones_like(motion.time), motion.velocity[:, joint], motion.signals.sign[:, joint]], axis=1
+    )
+    values = (slow[:, :, None] * of[:, None, :]).reshape(len(slow), -1)[:, 1:]
+    return motion.signals.smooth(values)[equations.rows]
 
 
 def _between_bursts(values: np.ndarray) -> float:
