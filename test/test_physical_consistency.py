@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from bdnn_ros.physical.consistency import consistent, feasible
-from bdnn_ros.physical.parameters import of_robot, prior, pseudo_inertia
+from bdnn_ros.physical.consistency import LAST_BARRIER, consistent, feasible
+from bdnn_ros.physical.parameters import (
+    feasible_pseudo_inertia,
+    inertial_parameters,
+    of_robot,
+    prior,
+    pseudo_inertia,
+    tangent_basis,
+)
 from bdnn_ros.robot import PER_LINK, Robot
 
 
@@ -63,3 +70,65 @@ def test_a_belief_far_outside_does_not_end_at_the_edge_it_first_meets(belief):
             assert feasible(right[: robot.width * PER_LINK].reshape(-1, PER_LINK))
             costs.append(0.5 * (right - wrong) @ information @ (right - wrong))
         assert costs[1] < 1.1 * costs[0] and costs[2] < 1.5 * costs[0], costs
+
+
+def described(generator, kind):
+    """A body (PER_LINK,) as a URDF may have it: some have no mass, no width, or more inertia than a body can."""
+    mass = {"massless": 0.0, "speck": 1e-6}.get(kind, 10.0 ** generator.uniform(-2.0, 1.3))
+    width = 0.05 * np.exp(generator.normal(size=3))
+    width[: {"point": 3, "rod": 2, "lamina": 1}.get(kind, 0)] = 0.0
+    axes = np.linalg.qr(generator.normal(size=(3, 3)))[0]
+    centre = np.append(generator.normal(size=3) * 0.2, 1.0)
+    pseudo = mass * np.outer(centre, centre)
+    pseudo[:3, :3] += mass * (axes * width**2) @ axes.T
+    values = inertial_parameters(pseudo)
+    values[9] += (kind == "triangle") * (values[4] + values[6])
+    return values
+
+
+def thickened(values):
+    """Bodies that can exist, like this one but for some mass at its centre and some width all round."""
+    for share in 10.0 ** np.arange(-9, 1):
+        for more in (0.0, *10.0 ** np.arange(-9.0, 0.0)):
+            pseudo = pseudo_inertia(values)
+            pseudo[3, 3] += more
+            if pseudo[3, 3] > 0.0:
+                offset = np.outer(pseudo[:3, 3], pseudo[:3, 3]) / pseudo[3, 3]
+                size, axes = np.linalg.eigh(pseudo[:3, :3] - offset)
+                pseudo[:3, :3] = offset + (axes * np.maximum(size, share * pseudo[3, 3])) @ axes.T
+                found = inertial_parameters(pseudo)
+                if feasible(found[None]):
+                    yield found
+
+
+@pytest.mark.parametrize("seed", range(8, 20))
+def test_no_body_that_cannot_be_moves_the_others_further_than_its_own_thickening_would(seed):
+    """However thin the bodies are, and however sure the belief: up to what the last barrier takes by theory."""
+    generator = np.random.default_rng(seed)
+    count = int(generator.integers(1, 5))
+    kinds = ["massless", "speck", "point", "rod", "lamina", "triangle", "usual"]
+    bodies = np.array([described(generator, kind) for kind in generator.choice(kinds, count)])
+    spread = np.zeros((bodies.size, bodies.size))
+    for k, values in enumerate(bodies):
+        rows = slice(k * PER_LINK, (k + 1) * PER_LINK)
+        factor = np.linalg.cholesky(feasible_pseudo_inertia(pseudo_inertia(values)))
+        spread[rows, rows] = 0.3 * tangent_basis(factor)
+    back = np.linalg.inv(spread)
+    seen = 10.0 ** generator.uniform(0.0, 2.0) * generator.normal(size=(8, bodies.size)) @ back
+    information = back.T @ back + seen.T @ seen
+    mean = bodies.ravel() + generator.choice([0.0, 0.1, 1.0]) * spread @ generator.normal(size=bodies.size)
+
+    def cost(point):
+        return 0.5 * (point - mean) @ information @ (point - mean)
+
+    near = mean.copy()
+    for k, values in enumerate(mean.reshape(-1, PER_LINK)):
+        if not feasible(values[None]):
+            others = [
+                np.concatenate([near[: k * PER_LINK], one, near[(k + 1) * PER_LINK :]])
+                for one in thickened(values)
+            ]
+            near = min(others, key=cost)
+    found = consistent(mean, information, count, np.array([], dtype=int))
+    assert feasible(found.reshape(-1, PER_LINK))
+    assert cost(found) <= cost(near) + LAST_BARRIER * 4 * count

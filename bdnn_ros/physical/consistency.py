@@ -16,14 +16,18 @@ from bdnn_ros.physical.parameters import (
 from bdnn_ros.robot import PER_LINK
 
 FIRST_BARRIER, LAST_BARRIER, SHRINKING = 1.0, 0.01, 0.1
-"""Weights of the barrier, in nats, each that share of the one before; the last one costs a hundredth of a nat a body."""
-MARGIN_COST = 1e-7
-"""The last weight as a share of what the start costs, where that is more."""
+"""Weights of the barrier, in nats, each that share of the one before."""
 NEWTON_STEPS = 40
 SMALLEST_MARGIN = 1e-9
 """Smallest eigenvalue of a pseudo-inertia, relative to its largest, that counts as positive-definite."""
 RAISED = 1e-3
 """Eigenvalues of a start are at least this share of the largest."""
+_MARGIN = SMALLEST_MARGIN * np.outer(
+    inertial_parameters(np.eye(4)), [1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.5, 0.0, 0.0, 0.5]
+)
+_INSIDE, _OUTSIDE = np.eye(PER_LINK) - _MARGIN, np.eye(PER_LINK) + _MARGIN / (1.0 - 4.0 * SMALLEST_MARGIN)
+"""From a body's parameters to those of J − margin · tr J · 1, and back: that is positive-definite only where the body is
+feasible. Behind a barrier of J itself thin bodies end between the edge and the margin, and count for nothing."""
 _TRACE = np.array([1.0 if row == column else 0.0 for row in range(4) for column in range(row + 1)])
 
 
@@ -39,10 +43,11 @@ def feasible(inertials: np.ndarray) -> bool:
 def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive: np.ndarray) -> np.ndarray:
     """The most probable parameters among those a real robot can have, (P,).
 
-    Minimises ½ (θ − mean)ᵀ information (θ − mean) under J(θ) ≻ 0 for the pseudo-inertia of every body and θ
-    ≥ 0 for the `positive` ones, by Newton steps on a logarithmic barrier (Boyd and Vandenberghe, "Convex
-    Optimization", chapter 11; the constraint is the linear matrix inequality of Wensing, Kim and Slotine,
-    IEEE RA-L 2018).
+    Minimises ½ (θ − mean)ᵀ information (θ − mean) under J(θ) ≻ 0 for the pseudo-inertia of every body, by the margin
+    of `feasible`, and θ ≥ 0 for the `positive` ones, by Newton steps on a logarithmic barrier (Boyd and Vandenberghe,
+    "Convex Optimization", chapter 11; the constraint is the linear matrix inequality of Wensing, Kim and Slotine,
+    IEEE RA-L 2018). So the result costs at most `LAST_BARRIER` times four a body and one a positive parameter more than
+    the best.
 
     Args:
         mean, information: Gaussian belief, (P,) and (P, P); the first bodies · PER_LINK entries are
@@ -61,12 +66,12 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
     # a body of hardly any mass reaches far where its first moment is kept: then the second start is the better one
     for inside in (feasible_pseudo_inertia, _raised):
         point = _start(mean, information, bodies, positive, inside)
-        for first in (max(FIRST_BARRIER, cost(point) / bodies), FIRST_BARRIER):
-            found = _descended(point, mean, information, bodies, positive, _barriers(first, cost(point)))
-            if found is not None:
-                return min([*possible, found], key=cost)
-        if feasible(point[: inertials.size].reshape(bodies, PER_LINK)):
-            possible.append(point)
+        first = max(FIRST_BARRIER, cost(point) / bodies)
+        found, whole = _descended(point, mean, information, bodies, positive, _barriers(first))
+        if feasible(found[: inertials.size].reshape(bodies, PER_LINK)):
+            possible.append(found)
+            if whole:
+                break
     return min(possible, key=cost)
 
 
@@ -94,16 +99,13 @@ def _raised(pseudo: np.ndarray) -> np.ndarray:
     return np.asarray(vectors * values @ vectors.T)
 
 
-def _barriers(first: float, cost: float) -> Iterator[float]:
-    """Weights of the barrier from a first one on, for a start that costs so much [nats].
-
-    One as strong as what pulls out lets no step end at the edge it first meets; the last leaves a margin there.
-    """
-    barrier, last = first, max(LAST_BARRIER, MARGIN_COST * cost)
-    while barrier > last / SHRINKING**0.5:
+def _barriers(first: float) -> Iterator[float]:
+    """Weights of the barrier from a first one on: as strong as what pulls out, no step ends at the edge it first meets."""
+    barrier = first
+    while barrier > LAST_BARRIER / SHRINKING**0.5:
         yield barrier
         barrier *= SHRINKING
-    yield last
+    yield LAST_BARRIER
 
 
 def _descended(
@@ -113,18 +115,23 @@ def _descended(
     bodies: int,
     positive: np.ndarray,
     barriers: Iterator[float],
-) -> np.ndarray | None:
-    """The end of Newton's steps behind one barrier after another, (P,); None where rounding took it over the edge."""
+) -> tuple[np.ndarray, bool]:
+    """The end of Newton's steps behind one barrier after another, (P,), and whether that is behind the last one.
+
+    Rounding may take the steps over the edge: then it is the end behind the barrier before.
+    """
+    reached = point
     for barrier in barriers:
         for _ in range(NEWTON_STEPS):
             try:
                 step, decrement = _newton(point, mean, information, bodies, positive, barrier)
+                point = point + _largest(point, step, bodies, positive) * step
             except LinAlgError:
-                return None
-            point = point + _largest(point, step, bodies, positive) * step
+                return reached, False
             if decrement < 1e-3 * barrier:
                 break
-    return point if feasible(point[: bodies * PER_LINK].reshape(bodies, PER_LINK)) else None
+        reached = point
+    return reached, True
 
 
 def _newton(
@@ -135,21 +142,28 @@ def _newton(
     positive: np.ndarray,
     barrier: float,
 ) -> tuple[np.ndarray, float]:
-    """Newton step (P,) of the barrier problem and half its squared decrement."""
-    gradient = information @ (point - mean)
-    hessian = information.copy()
+    """Newton step (P,) of the barrier problem and half its squared decrement.
+
+    In coordinates in which the barrier's Hessian is the identity: however near the edge, no rounding of its curvature there
+    drowns what is known of the rest.
+    """
+    own, inward = np.eye(len(point)), np.zeros(len(point))
     for body in range(bodies):
         rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
         # log det(L (1 + X) Lᵀ) has gradient tr X and Hessian −1 in the coordinates of X
-        inverse = np.linalg.inv(tangent_basis(np.linalg.cholesky(pseudo_inertia(point[rows]))))
-        gradient[rows] -= barrier * (_TRACE @ inverse)
-        hessian[rows, rows] += barrier * inverse.T @ inverse
-    gradient[positive] -= barrier / point[positive]
-    hessian[positive, positive] += barrier / point[positive] ** 2
+        factor = np.linalg.cholesky(pseudo_inertia(_INSIDE @ point[rows]))
+        own[rows, rows] = _OUTSIDE @ tangent_basis(factor)
+        inward[rows] = _TRACE
+    own[positive, positive] = point[positive]
+    inward[positive] = 1.0
+    held = np.zeros(len(point))
+    held[: bodies * PER_LINK] = held[positive] = barrier
+    gradient = own.T @ (information @ (point - mean)) - barrier * inward
+    hessian = own.T @ information @ own + np.diag(held)
     size = 1.0 / np.sqrt(np.diagonal(hessian))
     factor = cho_factor(hessian * np.outer(size, size), lower=True, check_finite=False)
     step = -size * cho_solve(factor, size * gradient, check_finite=False)
-    return step, -0.5 * float(gradient @ step)
+    return own @ step, -0.5 * float(gradient @ step)
 
 
 def _largest(point: np.ndarray, step: np.ndarray, bodies: int, positive: np.ndarray) -> float:
@@ -157,8 +171,8 @@ def _largest(point: np.ndarray, step: np.ndarray, bodies: int, positive: np.ndar
     reach = 1.0
     for body in range(bodies):
         rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
-        inverse = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(point[rows])))
-        change = np.linalg.eigvalsh(inverse @ pseudo_inertia(step[rows]) @ inverse.T)[0]
+        inverse = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(_INSIDE @ point[rows])))
+        change = np.linalg.eigvalsh(inverse @ pseudo_inertia(_INSIDE @ step[rows]) @ inverse.T)[0]
         if change < 0.0:
             reach = min(reach, -0.9 / change)
     falling = step[positive] < 0.0
