@@ -76,7 +76,7 @@ class RolloutError:
 
     Attributes:
         horizon: length of each rollout [s].
-        windows: number of rollouts; none where a joint's effort is not measured, which moves the others as well.
+        windows: number of rollouts; none where at no time every joint's effort is measured.
         position: root mean square error of the position at the end of the horizon, of the rollouts that did not run away,
             (n,) [rad]; infinite where all did, NaN without any.
         lost: number of rollouts that ran away.
@@ -172,8 +172,10 @@ def without_effort(signals: Signals) -> list[str]:
 def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutError:
     """Error of the motion that a model integrates from the measured effort, started anew every `horizon`.
 
+    Only where every joint's effort is measured: it moves the others as well.
+
     Args:
-        horizon: [s]; cut to the longest gap-free piece.
+        horizon: [s]; cut to the longest such piece without a gap.
 
     Raises:
         RecordingError: there is no effort.
@@ -183,12 +185,14 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
         raise RecordingError("There is no effort to integrate.", "Use --effort command, or another bag.")
     if not horizon > 0.0:
         raise UsageError(f"A horizon of {horizon:g} s is no time.", "Give seconds above zero.")
-    longest = max(rows.stop - rows.start for rows in signals.segments) - 1
+    seen = np.all(signals.seen, axis=1)
+    known = signals.rows(seen)
+    longest = max(rows.stop - rows.start for rows in known.segments or signals.segments) - 1
     steps = max(round(min(horizon * signals.rate, longest)), 1)
-    starts = np.array([k for s in signals.segments for k in range(s.start, s.stop - steps, steps)], dtype=int)
-    if without_effort(signals) or not len(starts):
+    starts = np.array([k for s in known.segments for k in range(s.start, s.stop - steps, steps)], dtype=int)
+    if not len(starts):
         return RolloutError(steps / signals.rate, 0, np.full(signals.width, np.nan))
-    missed = integrated(model, signals, signals.effort, starts, steps) - signals.position[starts + steps]
+    missed = integrated(model, known, signals.effort[seen], starts, steps) - known.position[starts + steps]
     kept = np.isfinite(missed).all(axis=1)
     counted = missed[kept] if kept.any() else missed
     error = np.sqrt(np.mean(counted**2, axis=0))

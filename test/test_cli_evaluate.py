@@ -72,6 +72,18 @@ def test_what_was_not_measured_is_not_scored(
     assert (told["rollout"]["windows"], told["rollout"]["position"]) == (0, [None, None])
 
 
+def test_where_no_effort_is_measured_at_once_with_the_others_it_is_told(
+    recording: Recording, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One joint's sensor is at its limit while the other's is not, and at no time neither is."""
+    effort, row, half = recording.require_effort(), np.arange(len(recording)), len(recording) // 2
+    limited = np.stack([row < half + 100, row > half - 100], axis=1)
+    effort = np.where(limited, effort.max(axis=0) + 1.0, effort)
+    bag = str(bag_of(tmp_path / "bag", replace(recording, effort=effort)))
+    assert main(["evaluate", model, bag]) == 0
+    assert "No motion is integrated: at no time was the effort of every joint" in capsys.readouterr().err
+
+
 def test_the_nmse_of_a_good_model_is_printed_as_what_it_is(
     recording: Recording, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

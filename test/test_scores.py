@@ -192,6 +192,27 @@ def test_a_joint_without_a_measured_effort_has_no_score_and_leaves_none_to_roll_
     assert rollout_error(robot, known, 0.25).windows > 0
 
 
+def test_no_motion_is_rolled_out_along_an_effort_that_was_held() -> None:
+    """A driver that is stuck for three seconds repeats itself, a sensor at its limit does; the motion goes on."""
+    robot = Model.from_urdf(Robot.bundled("arm2").urdf)
+    time = np.arange(0.0, 12.0, 0.005)
+    q = np.sin(np.outer(time, [1.7, 2.3]))
+    v, a = np.cos(np.outer(time, [1.7, 2.3])) * [1.7, 2.3], -q * np.square([1.7, 2.3])
+    whole = Recording(time, robot.joints, q, v, robot.inverse_dynamics(q, v, a))
+
+    effort = whole.require_effort()
+    within = ((time >= 5.0) & (time < 8.0))[:, None]
+    stuck = prepare(replace(whole, effort=np.where(within, effort[1000], effort)))
+    plain, some = (rollout_error(robot, signals, 0.25) for signals in (prepare(whole), stuck))
+    assert plain.windows - 16 <= some.windows <= plain.windows - 12
+    assert (some.position < 2.0 * plain.position).all() and (some.position < 0.01).all()
+    assert rollout_error(robot, stuck, 100.0).horizon == pytest.approx(5.0, abs=0.5)
+    half = np.stack([time < 7.0, time > 6.0], axis=1)
+    saturated = prepare(replace(whole, effort=np.where(half, effort.max(axis=0) + 1.0, effort)))
+    never = rollout_error(robot, saturated, 0.25)
+    assert never.windows == 0 and np.isnan(never.position).all()
+
+
 def test_a_motion_of_one_sample_has_no_rollout(pendulum):
     time = np.arange(500) / 100.0
     whole = prepare(Recording(time, pendulum.joints, np.sin(time)[:, None], None, np.sin(time)[:, None]))

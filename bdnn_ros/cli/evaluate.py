@@ -87,6 +87,11 @@ def _say_rollout(rollout: RolloutError, signals: Signals) -> None:
             f"No motion is integrated: the effort of {listed(unmeasured)} was not measured, and what a "
             "joint does, the others feel."
         )
+    elif not signals.seen.all(axis=1).any():
+        options.say(
+            "No motion is integrated: at no time was the effort of every joint measured, and what a joint does, the "
+            "others feel."
+        )
     elif not rollout.windows:
         options.say("No motion is integrated: there is too little of it.")
     elif rollout.lost:
