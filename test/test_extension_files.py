@@ -11,9 +11,15 @@ import pytest
 
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.effects_file import EffectsFile
+from bdnn_ros.extension.extend import of_physical
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import write_model_files
-from bdnn_ros.robot import Robot
+from bdnn_ros.extension.unwritten import NETWORKS
+from bdnn_ros.physical.couplings import PER_COUPLING, CoupledMotors, Coupling
+from bdnn_ros.physical.dictionary import CURVE_FEATURES
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import PER_JOINT
+from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation.sensors import Noise
 from bdnn_ros.simulation.simulate import simulate
@@ -67,6 +73,39 @@ def test_simulated_again_the_gap_is_closed(name: str, tmp_path: Path) -> None:
     assert repeated.recording.effort is not None and truth.recording.effort is not None
     apart = np.sqrt(np.mean((prepare(repeated.recording).effort - signals.effort) ** 2))
     assert apart < 0.05 * nominal
+
+
+def test_what_no_file_carries_is_named_in_each(tmp_path: Path) -> None:
+    """Nothing is called the whole model where an effect says less than it does."""
+    robot = Robot.bundled("arm2")
+    model = ExtendedModel(robot, (), np.zeros(2))
+    cases = {
+        "": model,
+        "lead of the recorded effort": replace(model, lead=0.01),
+        "low-pass": replace(model, lag=0.01),
+        "turns round before its joint": replace(model, sticking=(0.0, 0.1)),
+        "is all there": replace(model, creep=((0.1, 0.1, 0.0),) * 2),
+        "motors that turn with two joints": of_physical(coupled(robot)),
+        "the networks learned": model,
+    }
+    for words, one in cases.items():
+        beside = [NETWORKS] if words in NETWORKS and words else []
+        write_model_files(one, tmp_path, beside=beside)
+        comments = [line for line in (tmp_path / "effects.yaml").read_text().splitlines() if line[0] == "#"]
+        mjcf = (tmp_path / "extended.mjcf.xml").read_text().partition("-->")[0]
+        for text in (" ".join(comments), mjcf):
+            assert words in text
+            assert ("model.bdnn" in text) == bool(words), text
+        assert ("is the whole model" in " ".join(comments)) == (not words)
+
+
+def coupled(robot: Robot) -> PhysicalModel:
+    """A model of which a motor turns with both joints."""
+    count = robot.width * (PER_LINK + PER_JOINT)
+    motors = CoupledMotors(
+        (Coupling(0, 1),), np.ones((1, PER_COUPLING)), np.zeros((1, CURVE_FEATURES)), np.ones(1)
+    )
+    return PhysicalModel(robot, np.zeros(2), np.zeros((count, count)), np.ones(2), motors=motors)
 
 
 def test_files_are_whole_and_readable_by_all(tmp_path: Path) -> None:

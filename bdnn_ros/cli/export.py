@@ -19,6 +19,7 @@ from bdnn_ros.extension.effects_file import entry
 from bdnn_ros.extension.extend import of_physical
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import MODEL, ROBOTS, require_own_effects, write_bytes, write_model_files
+from bdnn_ros.extension.unwritten import NETWORKS, of_joints
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters_report import tilt_entry, zeros_entry
@@ -77,7 +78,8 @@ def _write_robot(model: Model, out: Path, formats: set[str]) -> list[Path]:
         return []
     if left_out:
         options.say(left_out)
-    return write_model_files(robot, out, MODEL, formats & set(ROBOTS))
+    beside = [NETWORKS] if isinstance(model, BDNN) else []
+    return write_model_files(robot, out, MODEL, formats & set(ROBOTS), beside)
 
 
 def _as_robot(model: Dynamics) -> tuple[ExtendedModel | None, str]:
@@ -90,15 +92,14 @@ def _as_robot(model: Dynamics) -> tuple[ExtendedModel | None, str]:
         return of_physical(model), _beyond(model)
     if isinstance(model, BDNN) and isinstance(model.core, PriorCore) and model.kind != "bdnn":
         inner, _ = _as_robot(model.core.prior)
-        return inner, "URDF and MJCF hold the prior only; what the networks learned is in the ONNX graph."
+        return inner, f"URDF and MJCF hold the prior only; {NETWORKS} is in the ONNX graph."
     if isinstance(model, BDNN) and isinstance(model.core, PriorCore):
         return None, "Bodies learned from the data alone are no links of a description; use the ONNX graph."
     return None, "A black box has no links or joints to write as URDF or MJCF; use the ONNX graph."
 
 
 def _beyond(model: PhysicalModel) -> str:
-    parts = ["motors that turn with two joints"] if model.motors.couplings else []
-    parts += ["what the joints' networks learned"] if model.learned and model.learned.active else []
+    parts = of_joints(model)
     return f"URDF and MJCF leave out {' and '.join(parts)}; the ONNX graph has it." if parts else ""
 
 

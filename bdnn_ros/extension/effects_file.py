@@ -28,15 +28,15 @@ KEYS = ("effect", "variant", "joint", "link", "parameters", ALSO_IN)
 THIS = "this file"
 
 
-def preamble(urdf: str = "", mjcf: str = "") -> str:
-    """Which of the files that are there carries what, as comments."""
+def preamble(urdf: str = "", mjcf: str = "", left_out: Sequence[str] = ()) -> str:
+    """Which of the files that are there carries what, and what none does, as comments."""
     lines = [f"What {urdf or mjcf} cannot say. Nothing is to be applied twice:"]
     wide = max(len(urdf), len(mjcf), len(THIS))
     carried = "the links' inertias, payloads, zeros, the base's tilt, damping and friction"
     if urdf:
         lines += [
             f"  {urdf:{wide}}  carries {carried}",
-            f"  {THIS:{wide}}  carries all the rest; with {urdf} it is the whole model:",
+            f"  {THIS:{wide}}  carries all other effects{'' if left_out else f'; with {urdf} it is the whole model'}:",
             f"  {'':{wide}}  bdnn simulate --urdf {urdf} --effects effects.yaml",
         ]
     if urdf and mjcf:
@@ -46,8 +46,10 @@ def preamble(urdf: str = "", mjcf: str = "") -> str:
     elif mjcf:
         lines += [
             f"  {mjcf:{wide}}  carries the links, friction, rotors, springs, zeros, the base's tilt, scales and offsets",
-            f"  {THIS:{wide}}  carries all the rest",
+            f"  {THIS:{wide}}  carries all other effects",
         ]
+    if left_out:
+        lines += ["Only the model itself (model.bdnn) has:", *(f"  {part}" for part in left_out)]
     lines += ["Effort that really acts(t) = scale * measured(t - delay) + offset. SI units and radians."]
     return "".join(f"# {line}\n" for line in lines)
 
@@ -102,6 +104,7 @@ def effects_text(
     in_mjcf: Sequence[Installed] = (),
     urdf: str = "extended.urdf",
     mjcf: str = "extended.mjcf.xml",
+    left_out: Sequence[str] = (),
 ) -> str:
     """The text of an effects.yaml.
 
@@ -110,6 +113,7 @@ def effects_text(
         in_mjcf: those of them that the MuJoCo model carries.
         urdf: name of the URDF beside, "" where there is none.
         mjcf: name of the MuJoCo model beside, "" where there is none.
+        left_out: what none of these files carries, in words.
     """
     entries = []
     for effect in effects:
@@ -122,7 +126,7 @@ def effects_text(
     if stands:
         document[HELD] = stands
     document["effects"] = entries
-    return preamble(urdf, mjcf) + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    return preamble(urdf, mjcf, left_out) + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
 
 
 def _standing(robot: Robot) -> dict[str, float]:

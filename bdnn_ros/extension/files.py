@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.extension.effects_file import ALSO_IN, HELD, EffectsFile, effects_text
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.mjcf import beside_mjcf, extended_mjcf
+from bdnn_ros.extension.unwritten import unwritten
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.written import whole
 
@@ -21,7 +22,11 @@ EXTENDED, MODEL = "extended", "model"
 
 
 def write_model_files(
-    model: ExtendedModel, out: Path, stem: str = EXTENDED, formats: Collection[str] = ROBOTS
+    model: ExtendedModel,
+    out: Path,
+    stem: str = EXTENDED,
+    formats: Collection[str] = ROBOTS,
+    beside: Sequence[str] = (),
 ) -> list[Path]:
     """Write an extended model as URDF, MuJoCo model and effects; each file whole or not at all.
 
@@ -30,15 +35,17 @@ def write_model_files(
         out: the directory.
         stem: of the names of the URDF and the MuJoCo model.
         formats: which of the two are written; effects.yaml has what the first of them cannot say.
+        beside: what the model that this one is part of has beside it, in words.
     """
     urdf, mjcf = (f"{stem}{SUFFIXES[kind]}" if kind in formats else "" for kind in ROBOTS)
-    beside = beside_urdf(model)
-    in_mjcf = beside_mjcf(beside)
+    left_out = [*unwritten(model), *beside]
+    effects = beside_urdf(model)
+    in_mjcf = beside_mjcf(effects)
     if not urdf:
-        beside = [effect for effect in beside if effect not in in_mjcf]
-    texts = {EFFECTS: effects_text(beside, model.robot, in_mjcf, urdf, mjcf)}
+        effects = [effect for effect in effects if effect not in in_mjcf]
+    texts = {EFFECTS: effects_text(effects, model.robot, in_mjcf, urdf, mjcf, left_out)}
     if mjcf:
-        texts = {mjcf: extended_mjcf(model), **texts}
+        texts = {mjcf: extended_mjcf(model, left_out), **texts}
     if urdf:
         texts = {urdf: extended_urdf(model), **texts}
     out.mkdir(parents=True, exist_ok=True)

@@ -36,11 +36,15 @@ def beside_mjcf(effects: list[Installed]) -> list[Installed]:
     return [effect for effect in effects if effect.effect.name in IN_MJCF]
 
 
-def extended_mjcf(model: ExtendedModel) -> str:
-    """The model in MuJoCo's format."""
+def extended_mjcf(model: ExtendedModel, left_out: Sequence[str] = ()) -> str:
+    """The model in MuJoCo's format.
+
+    Args:
+        left_out: what neither it nor effects.yaml carries, in words.
+    """
     robot = model.robot
     root = ElementTree.Element("mujoco", model=_name(model.robot.urdf))
-    root.append(ElementTree.Comment(_preamble(model)))
+    root.append(ElementTree.Comment(_preamble(model, left_out)))
     ElementTree.SubElement(root, "compiler", angle="radian", inertiafromgeom="false", autolimits="true")
     ElementTree.SubElement(root, "option", timestep=numbers(TIMESTEP), integrator="implicitfast")
     names = _body_names(robot)
@@ -166,10 +170,12 @@ def _draw(parent: ElementTree.Element, end: np.ndarray) -> None:
         )
 
 
-def _preamble(model: ExtendedModel) -> str:
+def _preamble(model: ExtendedModel, left_out: Sequence[str]) -> str:
     names = dict.fromkeys(effect.effect.name for effect in model.effects)
     rest = [name for name in names if name not in IN_URDF | IN_MJCF]
     missing = f" It leaves out {', '.join(rest)}: see effects.yaml." if rest else ""
+    if left_out:
+        missing += f" {'Nor has it' if rest else 'It leaves out'} {', '.join(left_out)}: only model.bdnn has."
     return f" Stands alone, without the URDF.{missing} "
 
 
