@@ -31,7 +31,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
-from zstandard import ZstdCompressor
+from zstandard import ZstdCompressor, ZstdDecompressor
 
 from bdnn_ros import bags
 from bdnn_ros.bags.description import movable_joints
@@ -675,6 +675,52 @@ def test_a_directory_without_metadata_or_with_other_profiles_reads(tmp_path: Pat
         if content is not None:
             (path / "metadata.yaml").write_text(content)
         assert_equal(bags.read(path), recording)
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_a_compressed_file_reads_whatever_metadata_says_of_its_profiles(
+    tmp_path: Path, storage: StoragePlugin
+) -> None:
+    recording = motion(joints=ARM)
+    path = write_bag(tmp_path / "bag", states(recording), storage, CompressionMode.FILE)
+    metadata = path / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("reliable", "best_effort"))
+    assert_equal(bags.read(path), recording)
+    (file,) = (file for file in path.iterdir() if file != metadata)
+    assert file.suffix == ".zstd"
+    assert_equal(bags.read(file), recording)
+
+
+def test_what_a_killed_recorder_had_compressed_already_is_read_with_the_rest(tmp_path: Path) -> None:
+    recording = motion(joints=ARM)
+    messages, folder = states(recording), tmp_path / "rec"
+    folder.mkdir()
+    for k, compression in enumerate((CompressionMode.FILE, CompressionMode.FILE, CompressionMode.NONE)):
+        part = write_bag(tmp_path / f"{k}", messages[200 * k : 200 * (k + 1)], compression=compression)
+        (file,) = (file for file in part.iterdir() if file.name != "metadata.yaml")
+        file.rename(folder / f"rec_{file.name}")
+    assert sorted(file.name for file in folder.iterdir()) == [
+        "rec_0.mcap.zstd",
+        "rec_1.mcap.zstd",
+        "rec_2.mcap",
+    ]
+    assert_equal(bags.read(folder), recording)
+    whole = folder / "rec_1.mcap.zstd"
+    content = whole.read_bytes()
+    whole.write_bytes(content[: len(content) // 2])
+    with pytest.raises(BagError, match=r"rec_1\.mcap\.zstd is truncated or damaged .*`zstd -d`, then `mcap"):
+        bags.read(folder)
+    whole.with_suffix("").write_bytes(ZstdDecompressor().decompressobj().decompress(content))
+    assert_equal(bags.read(folder), recording)  # it was being compressed
+
+
+@pytest.mark.parametrize("name", ["run#1", "50%25", "what?", "a&b=c"])
+def test_a_database_is_read_wherever_it_lies(tmp_path: Path, name: str) -> None:
+    recording = motion(joints=ARM)
+    write_bag(tmp_path / "bag", states(recording), StoragePlugin.SQLITE3).rename(tmp_path / name)
+    assert_equal(bags.read(tmp_path / name), recording)
+    (tmp_path / name / "bag.db3").rename(tmp_path / f"{name}.db3")
+    assert_equal(bags.read(tmp_path / f"{name}.db3"), recording)
 
 
 def test_the_directory_around_a_bag_will_do(tmp_path: Path) -> None:

@@ -62,6 +62,13 @@ def finished(path: Path, directory: Path) -> Path:
     return place
 
 
+def plainly_named(path: Path, directory: Path) -> Path:
+    """A link to a database, in a directory, whose name is an address as well."""
+    place = directory / "bag.db3"
+    place.symlink_to(path.absolute())
+    return place
+
+
 def logs(path: Path) -> list[Path]:
     """What SQLite has put beside a database; of other files there is none."""
     return [log for end in LOGS if (log := path.with_name(path.name + end)).is_file()]

@@ -1,8 +1,8 @@
 """The files of a bag and the serialized messages in them, by rosbags.
 
-The files are opened one by one rather than through metadata.yaml, which is only asked for their order and
-compression: a directory without it, in the order of the files' first messages, or whose quality-of-service
-profiles differ from the file's, reads too.
+The files are opened one by one rather than through metadata.yaml, which is only asked for their order: a directory
+without it, in the order of the files' first messages, or whose quality-of-service profiles differ from the file's,
+reads too, whichever of the files are compressed.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from typing import Any
 import yaml
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.rosbag2.storage_mcap import McapReader
-from zstandard import ZstdDecompressor
 
+from bdnn_ros.bags import compressed
 from bdnn_ros.bags.copies import copies
-from bdnn_ros.bags.databases import finished, require_all_pages, unfinished
+from bdnn_ros.bags.databases import finished, plainly_named, require_all_pages, unfinished
 from bdnn_ros.bags.mixed import of_ros
 from bdnn_ros.errors import BagError, BdnnError, UsageError, listed
 
@@ -33,8 +33,6 @@ STRING = "std_msgs/msg/String"
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 READ = (JOINT_STATE, STRING, MULTI_ARRAY)
 """Types of messages that are read."""
-ZSTANDARD = b"\x28\xb5\x2f\xfd"
-"""What a Zstandard frame begins with."""
 SPLIT = 1.0
 """Files of one bag that was split follow each other: they overlap, or leave a gap, of less than this [s]."""
 
@@ -67,10 +65,12 @@ class Storage:
             parts, in_order = _parts(self.path)
             for part in parts:
                 with _readable(part):
+                    if part.suffix == compressed.SUFFIX:
+                        part = self._copies.of(part, compressed.decompressed)
                     if unfinished(part):
                         part = self._copies.of(part, finished)
                     require_all_pages(part)
-                    self._readers.append(self._reader(part))
+                    self._readers.append(self._reader(self._named(part)))
             if not in_order:
                 self._readers.sort(key=lambda reader: reader.start_time)
                 _require_splits(self.path, self._readers)
@@ -83,6 +83,11 @@ class Storage:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.close()
+
+    def _named(self, part: Path) -> Path:
+        """Itself, or a link: rosbags opens a database by an address, in which some characters of a path mean something else."""
+        odd = part.suffix == ".db3" and set(str(part)) & set("#?%")
+        return self._copies.of(part, plainly_named) if odd else part
 
     def _reader(self, part: Path) -> Reader:
         try:
@@ -120,16 +125,11 @@ class Storage:
                 continue
             with _readable(self.path):
                 for connection, stamp, data in reader.messages(chosen):
-                    yield connection.topic, stamp, _decompressed(data)
+                    yield connection.topic, stamp, compressed.of_message(data)
 
 
 def _of_those_read(part: Path, directory: Path) -> Path:
     return of_ros(part, directory, READ)
-
-
-def _decompressed(data: bytes) -> bytes:
-    """A message that the recorder compressed, which metadata.yaml alone says: no CDR begins like Zstandard."""
-    return ZstdDecompressor().decompressobj().decompress(data) if data.startswith(ZSTANDARD) else data
 
 
 def _skips(reader: Reader) -> bool:
@@ -167,11 +167,13 @@ def _damaged(path: Path, error: Exception) -> BagError:
     if size > 0:
         with path.open("rb") as file:
             head = file.read(16)
-    if size > 0 and not head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0")):
+    if size > 0 and not head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0", compressed.MAGIC)):
         return BagError(
             f"{path} is not a bag: it is neither MCAP nor SQLite.", "Pass an .mcap, .db3 or rosbag2 folder."
         )
     repair = "sqlite3 FILE .recover" if path.suffix == ".db3" else "mcap recover"
+    if path.suffix == compressed.SUFFIX:
+        repair = f"zstd -d`, then `{'sqlite3 FILE .recover' if '.db3' in path.name else repair}"
     return BagError(
         f"{path} is truncated or damaged ({reason}).", f"Repair it with `{repair}`, or record it again."
     )
@@ -182,17 +184,17 @@ def _parts(path: Path) -> tuple[list[Path], bool]:
     if not path.exists():
         raise UsageError(f"There is no bag {path}.", "Check the path.")
     if path.is_file():
-        if path.suffix not in SUFFIXES:
+        if not _is_part(path):
             raise UsageError(
                 f"{path} is not a bag.", "Pass an .mcap file, a .db3 file or a rosbag2 directory."
             )
         return [path], True
     information = _information(path)
-    if information.get("compression_mode") in ("file", "FILE"):
-        return [path], True
     paths = information.get("relative_file_paths")
     named = [path / Path(str(name)).name for name in paths] if isinstance(paths, list) else []
-    found = sorted((part for part in path.iterdir() if part.suffix in SUFFIXES), key=_natural)
+    # who compresses a file leaves it there until that is done
+    every = (part for part in path.iterdir() if _is_part(part))
+    found = sorted((p for p in every if p.suffix in SUFFIXES or not p.with_suffix("").exists()), key=_natural)
     missing = [part.name for part in named if not part.exists()]
     if missing:
         raise BagError(
@@ -239,7 +241,12 @@ def _natural(path: Path) -> list[tuple[str, int]]:
 
 
 def _holds_bag(path: Path) -> bool:
-    return any(part.suffix in SUFFIXES for part in path.iterdir())
+    return any(_is_part(part) for part in path.iterdir())
+
+
+def _is_part(path: Path) -> bool:
+    """Whether a file is named like one of a bag."""
+    return (path.with_suffix("") if path.suffix == compressed.SUFFIX else path).suffix in SUFFIXES
 
 
 def _information(path: Path) -> dict[str, Any]:
