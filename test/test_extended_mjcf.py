@@ -168,3 +168,34 @@ def test_it_says_what_it_leaves_out(tmp_path: Path) -> None:
     text = extended_mjcf(model_of(robot, "backlash@arm2_joint1:gap=0.01"))
     assert "leaves out backlash" in text
     assert "leaves out" not in extended_mjcf(model_of(robot, "armature@arm2_joint1:armature=0.01"))
+
+
+@pytest.mark.parametrize(
+    ("body", "spec", "off"),
+    [
+        ('mass value="1"/><inertia ixx="0" iyy="0" izz="0"', "", 1e-3),
+        ('mass value="1"/><inertia ixx="0" iyy="0.01" izz="0.01"', "", 1e-3),
+        ('mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.03"', "", 0.2),
+        ('mass value="0"/><inertia ixx="0.01" iyy="0.01" izz="0.01"', "", 0.1),
+        ('mass value="0"/><inertia ixx="0" iyy="0" izz="0"', "payload@l2:mass=1,com_x=0.1", 1e-3),
+    ],
+    ids=["point", "rod", "more inertia than a body has", "no mass", "payload on nothing"],
+)
+def test_bodies_that_cannot_exist_are_thickened_and_said_to_be(body: str, spec: str, off: float) -> None:
+    """MuJoCo refuses them as they are; points and rods then move as before."""
+    joint = (
+        '<joint name="j{0}" type="revolute"><parent link="l{1}"/><child link="l{0}"/><axis xyz="0 1 0"/>{2}'
+    )
+    limit = '<limit lower="-2" upper="2" effort="9" velocity="3"/></joint>'
+    whole = '<inertial><mass value="2"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>'
+    robot = Robot.from_urdf(
+        f'<robot name="r"><link name="l0"/><link name="l1">{whole}</link>'
+        f'<link name="l2"><inertial><origin xyz="0.2 0 0"/><{body} ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        + joint.format(1, 0, limit)
+        + joint.format(2, 1, f'<origin xyz="0.3 0 0"/>{limit}')
+        + "</robot>"
+    )
+    model = model_of(robot, *filter(None, [spec]))
+    assert extended_mjcf(model).count("thickened") == 1
+    found, expected = inverse(*loaded(model), *states(2)), model.inverse_dynamics(*states(2))
+    np.testing.assert_allclose(found, expected, atol=off)

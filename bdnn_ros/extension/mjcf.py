@@ -16,6 +16,8 @@ import pinocchio as pin
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import IN_URDF, Joints, joints_of, named, upright
+from bdnn_ros.physical.consistency import feasible
+from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.urdf import UNLIMITED, inertia_of
 from bdnn_ros.written import numbers
@@ -25,6 +27,7 @@ IN_MJCF = frozenset({"armature", "joint_spring", "effort_scale", "effort_offset"
 WORLD = "world"
 SPECK = np.array([1e-9, 0.0, 0.0, 0.0, 1e-12, 0.0, 1e-12, 0.0, 0.0, 1e-12])
 """Stands for a body without mass, which MuJoCo refuses: m, m·c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg, kg·m, kg·m²]."""
+THICKENED = " No body can have the inertia that the robot has here; thickened, so that MuJoCo takes it. "
 TIMESTEP = 0.001
 """[s]"""
 THICKNESS = 0.12
@@ -83,13 +86,16 @@ def _add_bodies(base: ElementTree.Element, model: ExtendedModel, names: Sequence
             quat=_quaternion(placement.rotation),
         )
         bodies[index] = body
-        body.append(_inertial(robot.inertials[joint]))
+        known = robot.inertials[joint]
+        if known.any() and not feasible(known[None]):
+            body.append(ElementTree.Comment(THICKENED))
+        body.append(_inertial(known))
         body.append(_joint(model, joints, joint, *_axis(tree, index)))
         _draw(bodies[tree.parents[index]], placement.translation)
 
 
 def _inertial(parameters: np.ndarray) -> ElementTree.Element:
-    inertia = inertia_of(parameters if parameters.any() else SPECK)
+    inertia = inertia_of(_loadable(parameters))
     matrix = inertia.inertia
     about_centre = (matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     return ElementTree.Element(
@@ -98,6 +104,15 @@ def _inertial(parameters: np.ndarray) -> ElementTree.Element:
         mass=numbers(inertia.mass),
         fullinertia=numbers(*about_centre),
     )
+
+
+def _loadable(parameters: np.ndarray) -> np.ndarray:
+    """A body (PER_LINK,) that MuJoCo takes: itself where it can exist."""
+    if not parameters.any():
+        return SPECK
+    if feasible(parameters[None]):
+        return parameters
+    return inertial_parameters(feasible_pseudo_inertia(pseudo_inertia(parameters)))
 
 
 def _axis(tree: pin.Model, index: int) -> tuple[str, np.ndarray]:
