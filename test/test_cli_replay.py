@@ -64,7 +64,8 @@ def test_table_and_pace(bag, capsys):
     assert main(["replay", str(bag), "--rate", "8"]) == 0
     assert time.monotonic() - began > 14.0 / 8.0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) > 13 and "gripped" in lines[-2] and "1400 samples" in lines[-1]
+    assert lines[0].split() == ["time", "s", "version", "nMSE", "%", "worst", "%"]
+    assert len(lines) > 14 and "gripped" in lines[-2] and "1400 samples" in lines[-1]
 
 
 def test_a_pause_of_years_is_no_work(bag, tmp_path, capsys):

@@ -24,6 +24,7 @@ BATCH_SECONDS = 0.1
 """Samples are handed over in pieces of this length, as they would come."""
 MOST_ROWS = 40
 """Longest table that is printed."""
+HEADER = f"{'time s':>8}  {'version':>7}  {'nMSE %':>9}  {'worst %':>9}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,15 +62,18 @@ def run(args: argparse.Namespace) -> int:
     learning = Learning(robot, args.cutoff)
     began = time.perf_counter()
     errors = []
+    at_once = args.rate is not None and not args.json
+    if at_once:
+        print(HEADER, flush=True)
     for error in replayed(learning, recording, args.rate):
         errors.append(error)
-        if not args.json and args.rate is not None:
+        if at_once:
             print(_row(error), flush=True)
     took = time.perf_counter() - began
     if args.json:
         print(json.dumps(_as_json(recording, learning, errors, took), allow_nan=False))
     else:
-        _print(learning, errors, recording, took, table=args.rate is None)
+        _print(learning, errors, recording, took, table=not at_once)
     if args.out:
         if learning.served is None:
             raise DataError("No model passed its checks; nothing is saved.", "Replay a longer motion.")
@@ -113,7 +117,7 @@ def _row(error: Error) -> str:
 
 def _print(learning: Learning, errors: list[Error], recording: Recording, took: float, table: bool) -> None:
     if table:
-        print(f"{'time s':>8}  {'version':>7}  {'nMSE %':>9}  {'worst %':>9}")
+        print(HEADER)
         step = max(-(-len(errors) // MOST_ROWS), 1)
         for error in errors[::step] if len(errors) > step else errors:
             print(_row(error))
