@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from live_support import motion, real_robot
+from live_support import environment, motion, real_robot
 
 from bdnn_ros import bags
 from bdnn_ros.robot import Robot
@@ -98,3 +100,21 @@ def test_a_bag_whose_first_states_are_left_out_is_played_at_once(player, tmp_pat
     )
     node.play()
     assert len(waits) == 20 and max(waits) < 1.0
+
+
+def test_a_signal_ends_it_while_it_reads():
+    """Any, as Ctrl-C does: a long bag is read for a minute, in which nobody asks ROS."""
+    reading = (
+        "import sys, time\n"
+        "from bdnn_ros.nodes import replay\n"
+        "replay.bags.read_to_play = lambda *_: [print('reading', flush=True), time.sleep(120.0)]\n"
+        "sys.exit(replay.main(['--ros-args', '-p', 'bag:=x']))"
+    )
+    command = [sys.executable, "-c", reading]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment(221)) as node:
+        assert node.stdout is not None and node.stdout.readline() == "reading\n"
+        node.send_signal(signal.SIGTERM)
+        try:
+            assert node.wait(60.0) == 0
+        finally:
+            node.kill()

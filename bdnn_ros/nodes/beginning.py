@@ -22,11 +22,15 @@ ERROR_PERIOD = 60.0
 
 
 def begin(arguments: list[str] | None) -> None:
-    """Start ROS with these arguments, the command line's where they are None; a terminal that goes ends the node like a signal.
+    """Start ROS with these arguments, the command line's where they are None.
+
+    SIGTERM, and a terminal that goes, then interrupt whatever is under way as Ctrl-C does.
 
     Raises:
         UsageError: what follows --ros-args cannot be understood.
     """
+    # ROS's own handler calls the one from before: without, it is heard only where somebody asks ROS
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     set_logger_level("rcl", LoggingSeverity.FATAL)  # it would say the same in another line
     try:
         rclpy.init(args=arguments)
