@@ -7,8 +7,10 @@ import pytest
 from live_support import motion, real_robot
 
 from bdnn_ros.online import estimate
+from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.estimate import Smoother, effort_std, parts
-from bdnn_ros.online.feed import Samples
+from bdnn_ros.online.feed import Feed, Samples
+from bdnn_ros.online.intake import Intake
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -131,3 +133,27 @@ def test_how_many_samples_are_needed_may_be_asked_while_a_rate_is_settled_on(mon
     first = smoother.count
     smoother.settle(0.001)
     assert told == [0, first] and smoother.count > 0
+
+
+@pytest.mark.parametrize("step", [1, 1000])
+def test_stamps_in_another_unit_are_told_of_and_cost_nothing(step, monkeypatch):
+    """As of a driver that writes milliseconds into nanoseconds: a kernel of five gigabytes was made of it."""
+    monkeypatch.setattr(estimate, "gaussian_kernel", None)
+    ring = Ring.create(131072, 6)
+    intake = Intake(("a", "b"), ring)
+    for k in range(200):
+        intake.take(["a", "b"], [0.1 * k, 0.0], (), [1.0, 2.0], 10**18 + k * step, 10**18 + k * 10**6)
+    smoother = Smoother()
+    assert smoother.newest(Feed(intake.joints, ring), intake.clock.period * 1e-9) is None
+    told = smoother.complaint(ring.most)
+    assert f"go on by {step} ns" in told and "stamp.nanosec" in told and "buffer_size" not in told
+    ring.close()
+
+
+def test_no_kernel_is_made_that_is_longer_than_the_buffer(monkeypatch):
+    monkeypatch.setattr(estimate, "gaussian_kernel", None)
+    ring = Ring.create(1000, 6)
+    smoother = Smoother(0.1)
+    assert smoother.newest(Feed(("a", "b"), ring), 0.001) is None
+    assert f"Set buffer_size to {2 * smoother.count}" in smoother.complaint(ring.most)
+    ring.close()

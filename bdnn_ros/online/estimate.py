@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,11 +13,13 @@ from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.signals import SAMPLES_PER_CUTOFF, usual_cutoff
 from bdnn_ros.signals.jitter import taken_at
-from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std
+from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std, kernel_half
 from bdnn_ros.signals.wraps import wraps
 
 EVEN = 1e-3
 """Steps that differ by less than this share of the period count as even."""
+FASTEST = 1e5
+"""No robot's joint states come at a higher rate [Hz]; stamps that say so are in another unit."""
 
 
 @dataclass(frozen=True)
@@ -121,28 +123,33 @@ class _Grid:
     Attributes:
         period: of the stream [s].
         step: from point to point [s].
-        kernels: weights of the value and its derivatives, (3, points).
-        direct: the points are samples.
+        std: of the kernel [s].
+        half: points before and behind the middle one.
+        kernels: weights of the value and its derivatives, (3, points); None of what cannot be.
     """
 
     period: float
     step: float
-    kernels: np.ndarray
-    direct: bool
+    std: float
+    half: int
+    kernels: np.ndarray | None = None
 
     @classmethod
-    def of(cls, period: float, cutoff: float | None) -> _Grid:
-        """For a stream of this period [s], with the usual cut-off for none [Hz]."""
+    def of(cls, period: float, cutoff: float | None, most: float) -> _Grid:
+        """For a stream of this period [s] of which so many samples are kept, with the usual cut-off for none [Hz]."""
         rate = 1.0 / period
         chosen = usual_cutoff(rate) if cutoff is None else cutoff
-        steps = max(int(np.ceil(SAMPLES_PER_CUTOFF * chosen / rate)), 1)
-        step = period / steps
-        return cls(period, step, np.array(gaussian_kernel(gaussian_std(chosen), 1.0 / step)), steps == 1)
+        step = period / max(int(np.ceil(SAMPLES_PER_CUTOFF * chosen / rate)), 1)
+        std = gaussian_std(chosen)
+        grid = cls(period, step, std, kernel_half(std, 1.0 / step))
+        if rate > FASTEST or grid.count > most:  # the kernel alone could take all memory
+            return grid
+        return replace(grid, kernels=np.array(gaussian_kernel(std, 1.0 / step)))
 
     @property
-    def half(self) -> int:
-        """Points before and behind the middle one."""
-        return self.kernels.shape[1] // 2
+    def direct(self) -> bool:
+        """The points are samples."""
+        return self.step == self.period
 
     @property
     def count(self) -> int:
@@ -163,10 +170,10 @@ class Smoother:
         self.cutoff = cutoff
         self._grid: _Grid | None = None
 
-    def settle(self, period: float) -> None:
-        """Choose kernel and grid for a stream of this period [s]."""
+    def settle(self, period: float, most: float = np.inf) -> None:
+        """Choose kernel and grid for a stream of this period [s], of which so many samples are kept."""
         if self._grid is None or abs(period - self._grid.period) > 0.02 * self._grid.period:
-            self._grid = _Grid.of(period, self.cutoff)
+            self._grid = _Grid.of(period, self.cutoff, most)
 
     @property
     def count(self) -> int:
@@ -176,18 +183,29 @@ class Smoother:
 
     def complaint(self, most: int) -> str:
         """Why there is no instant of a stream of which so many samples are kept, and what to do; empty if there is."""
-        if self.count <= most:
+        grid = self._grid
+        if grid is None:
+            return ""
+        if grid.period * FASTEST < 1.0:
+            return (
+                f"The stamps of joint_states go on by {1e9 * grid.period:.0f} ns, and no driver measures so often: "
+                "nothing is estimated. Let the driver fill stamp.sec with seconds and stamp.nanosec with nanoseconds."
+            )
+        if grid.count <= most:
             return ""
         return (
-            f"buffer_size keeps {most} joint states, and the low-pass needs {self.count}: nothing is estimated. "
-            f"Set buffer_size to {2 * self.count}, or a higher cutoff."
+            f"buffer_size keeps {most} joint states, and the low-pass needs {grid.count}: nothing is estimated. "
+            f"Set buffer_size to {2 * grid.count}, or a higher cutoff."
         )
 
     def newest(self, feed: Feed, period: float) -> Instant | None:
         """As `at`, of a stream of this period [s]; None too while it is too short."""
-        self.settle(period)
-        samples, stamps = feed.latest(self.count)
-        return self.at(samples, stamps) if len(samples) >= self.count else None
+        self.settle(period, feed.states.most)
+        grid = self._grid
+        if grid is None or grid.kernels is None:
+            return None
+        samples, stamps = feed.latest(grid.count)
+        return self.at(samples, stamps) if len(samples) >= grid.count else None
 
     def at(self, samples: Samples, stamps: np.ndarray) -> Instant | None:
         """Motion at the newest stamp that has half a kernel behind and before it, or None.
@@ -197,7 +215,7 @@ class Smoother:
             stamps: of those samples [ns].
         """
         grid = self._grid
-        assert grid is not None, "settle first"
+        assert grid is not None and grid.kernels is not None, "settle first"
         time, period, step, half = samples.time, grid.period, grid.step, grid.half
         reach = half * step
         turns = np.cumsum(wraps(samples.position), axis=0)

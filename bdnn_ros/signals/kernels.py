@@ -21,6 +21,11 @@ def gaussian_std(cutoff: float) -> float:
     return float(np.sqrt(np.log(2.0)) / (2.0 * np.pi * cutoff))
 
 
+def kernel_half(std: float, rate: float) -> int:
+    """Weights on either side of the middle one of `gaussian_kernel`."""
+    return max(int(np.ceil(KERNEL_WIDTHS * std * rate)), 2)
+
+
 @lru_cache(maxsize=64)
 def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights of the low-pass and of its first and second derivative, to be convolved with even samples.
@@ -28,7 +33,7 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
     Moments are made exact on the grid: the low-pass keeps constants and ramps (a parabola is raised by the
     kernel's variance), and the derivatives of parabolas are exact.
     """
-    half = max(int(np.ceil(KERNEL_WIDTHS * std * rate)), 2)
+    half = kernel_half(std, rate)
     t = np.arange(-half, half + 1) / rate
     weights = np.exp(-0.5 * (t / std) ** 2)
     weights /= weights.sum()
