@@ -135,6 +135,31 @@ def test_how_many_samples_are_needed_may_be_asked_while_a_rate_is_settled_on(mon
     assert told == [0, first] and smoother.count > 0
 
 
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_an_effort_that_a_message_lacks_now_and_then_is_bridged(jitter):
+    """By what is known around it: one of fifty made the effort unknown, and its error, for good."""
+    smoother = Smoother()
+    smoother.settle(0.002)
+    time = 0.002 * (np.arange(400) + jitter * np.random.default_rng(1).uniform(-0.5, 0.5, 400))
+    values = np.stack([np.sin(7.0 * time), 3.0 * np.cos(5.0 * time)], axis=1)
+    lacking = values.copy()
+    lacking[7::50] = np.nan
+    for end in range(smoother.count, len(time)):
+        last = slice(end - smoother.count, end)
+        told = [
+            smoother.at(Samples(time[last], values[last], values[last], effort[last]), np.arange(400)[last])
+            for effort in (values, lacking)
+        ]
+        assert told[0] is not None and told[1] is not None
+        np.testing.assert_allclose(told[1].effort, told[0].effort, atol=1e-4)
+    lacking[300:330] = np.nan  # 60 ms, longer than the low-pass
+    last = slice(330 - smoother.count, 330)
+    instant = smoother.at(
+        Samples(time[last], values[last], values[last], lacking[last]), np.arange(400)[last]
+    )
+    assert instant is not None and np.isnan(instant.effort).all()
+
+
 @pytest.mark.parametrize("step", [1, 1000])
 def test_stamps_in_another_unit_are_told_of_and_cost_nothing(step, monkeypatch):
     """As of a driver that writes milliseconds into nanoseconds: a kernel of five gigabytes was made of it."""

@@ -20,6 +20,8 @@ EVEN = 1e-3
 """Steps that differ by less than this share of the period count as even."""
 FASTEST = 1e5
 """No robot's joint states come at a higher rate [Hz]; stamps that say so are in another unit."""
+BRIDGED, BRIDGED_PERIODS = 2.0, 2.5
+"""An effort is bridged over so many standard deviations of the kernel, or periods, if that is longer: one row always."""
 
 
 @dataclass(frozen=True)
@@ -226,8 +228,9 @@ class Smoother:
         if centre < 0 or time[centre] - time[0] < reach or np.diff(time).max() > 5.0 * period + 0.05:
             return None
         position += 2.0 * np.pi * turns[centre]  # told within the turn that the driver tells
-        measured = np.isfinite(samples.effort).all(axis=0)
-        values = np.concatenate([position, samples.effort[:, measured]], axis=1)
+        bridged = _bridged(time, samples.effort, max(BRIDGED * grid.std, BRIDGED_PERIODS * period))
+        measured = np.isfinite(bridged).all(axis=0)
+        values = np.concatenate([position, bridged[:, measured]], axis=1)
         low, high = centre - half, centre + half + 1
         even = grid.direct and low >= 0 and high <= len(time)
         if even and np.abs(np.diff(time[low:high]) - step).max() < EVEN * step:
@@ -240,3 +243,17 @@ class Smoother:
         effort = np.full(n, np.nan)
         effort[measured] = smooth[n:]
         return Instant(int(stamps[centre]), smooth[:n], first[:n], second[:n], effort)
+
+
+def _bridged(time: np.ndarray, effort: np.ndarray, longest: float) -> np.ndarray:
+    """Efforts (N, n) at times (N,) [s], with those that are missing interpolated where none is for longer [s]."""
+    lacking = np.isnan(effort)
+    if not lacking.any():
+        return effort
+    effort = effort.copy()
+    for joint in np.flatnonzero(lacking.any(axis=0) & ~lacking.all(axis=0)):
+        known = time[~lacking[:, joint]]
+        if len(known) > 1 and np.diff([time[0], *known, time[-1]]).max() <= longest:
+            told = CubicSpline(known, effort[~lacking[:, joint], joint])
+            effort[:, joint] = told(np.clip(time, known[0], known[-1]))
+    return effort
