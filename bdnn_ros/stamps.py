@@ -1,4 +1,4 @@
-"""Stamps that go back: stray late messages, and a clock that starts anew."""
+"""Stamps that go back, of stray late messages or a clock that starts anew, and those of two publishers."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ RESTART = 20
 RESTART_PAUSE = 2.0
 """What follows a new clock comes this long [s] after what was before, or `PAUSE_PERIODS` if that is longer."""
 PAUSE_PERIODS = 10.0
+DENSER = 0.75
+"""Stamps this much closer than those of one publisher come from two."""
+FEW_TURNS = 8
+"""Messages that change what they hold this seldom come from one publisher, whatever a single stamp of them says."""
 
 
 def runs(time: np.ndarray) -> tuple[np.ndarray, list[int]]:

@@ -9,8 +9,9 @@ import pytest
 
 from bdnn_ros.online.assembly import BARE_LIMIT
 from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.clock import PAUSE, Clock
 from bdnn_ros.online.gaps import BLOCK
-from bdnn_ros.online.intake import PAUSE, Clock, CommandIntake, Intake
+from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.silent import PATIENCE
 
 MS = 1_000_000

@@ -9,12 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bdnn_ros.bags.cdr import Layout, MalformedMessage, joint_state_layout
-from bdnn_ros.stamps import RESTART
+from bdnn_ros.stamps import DENSER, FEW_TURNS, RESTART
 
-DENSER = 0.75
-"""Stamps this much closer than those of one publisher come from two."""
-FEW_TURNS = 8
-"""Messages that change their joints this seldom come from one publisher, whatever a single stamp of them says."""
 BLOCK = 4096
 """Messages that are decoded together: large enough for NumPy, small enough for memory."""
 
@@ -179,7 +175,7 @@ class JointStates:
         """The messages that hold all joints of a part, in this order, for each part; frees what it has collected.
 
         Messages with further joints beside them count as well, unless two publishers send the same joints:
-        then only those of the one that sent most are taken.
+        then only those of one are taken, the one that fills the effort, or else the velocity, or else sent most.
         """
         found = [self._samples(joints) for joints in parts]
         self._groups = {}
@@ -187,10 +183,14 @@ class JointStates:
 
     def _samples(self, joints: Sequence[str]) -> Samples:
         wanted = frozenset(joints)
-        groups = sorted((g for names, g in self._groups.items() if wanted <= names), key=len, reverse=True)
-        parts = [
-            _joined([_columns(block, group.joints, joints) for block in group.blocks]) for group in groups
-        ]
+        held: dict[tuple[bool, bool, frozenset[str]], list[Block]] = {}
+        for names, group in self._groups.items():
+            for block in group.blocks if wanted <= names else ():
+                holds = block.effort is not None, block.velocity is not None, names
+                held.setdefault(holds, []).append(_columns(block, group.joints, joints))
+        joined = [(holds[:2], _joined(blocks)) for holds, blocks in held.items()]
+        joined.sort(key=lambda part: (part[0], len(part[1].stamp)), reverse=True)
+        parts = [part for _, part in joined]
         kept = _joined(parts)
         if len(parts) > 1 and _twofold(parts):
             kept = parts[0]
@@ -203,14 +203,15 @@ def _twofold(parts: Sequence[Block]) -> bool:
     What tells is the steps from one part to another: of one publisher these are as long as any, but for a stray stamp.
 
     Args:
-        parts: messages that hold other joints each, those that are most first.
+        parts: messages that hold other joints or fields each.
     """
     order = np.argsort(np.concatenate([part.arrival for part in parts]))
     stamp = np.concatenate([part.stamp for part in parts])[order]
     source = np.repeat(range(len(parts)), [len(part.stamp) for part in parts])[order]
-    own = parts[0].stamp
+    most = max(parts, key=lambda part: len(part.stamp))
+    own = most.stamp
     if not stamp.any():
-        stamp, own = np.concatenate([part.log for part in parts])[order], parts[0].log
+        stamp, own = np.concatenate([part.log for part in parts])[order], most.log
     if len(own) < 2:
         return False
     usual = float(np.median(np.diff(own)))

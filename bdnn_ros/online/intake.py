@@ -15,102 +15,21 @@ import numpy as np
 from bdnn_ros.errors import listed
 from bdnn_ros.online.assembly import Assembly, Group, Kind, Kinds
 from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.gaps import Gaps
+from bdnn_ros.online.clock import NONE, SINCE_ZERO, Clock
+from bdnn_ros.online.publishers import Holding, Publishers
 from bdnn_ros.online.silent import Silent
 from bdnn_ros.readings import MOST, credible
-
-PAUSE = 1_000_000_000
-"""A step of the stamps longer than this [ns], either way, is a pause or a new clock, not a loss."""
-LONGEST = 3600 * PAUSE
-"""A pause moves stream time on by no more than this [ns], however far the stamps go on."""
-BACKWARDS_LIMIT = 20
-"""So many samples in a row that go back by less than a `PAUSE` are a new clock too."""
-SINCE_ZERO = 100_000_000 * PAUSE
-"""A clock that shows less than this [ns], three years, began at zero, as a simulation's does; it may show zero again."""
-NONE = -1
-"""No stream time: the sample is refused."""
 
 BACKWARDS = "stamp_backwards"
 NO_STAMP = "stamp_missing"
 JOINTS = "joints_missing"
 TWICE = "joint_twice"
+SECOND = "second_publisher"
 LENGTH = "wrong_length"
 NOT_FINITE = "not_finite"
 OUT_OF_RANGE = "out_of_range"
 NO_EFFORT = "effort_missing"
 FIELDS = ("position", "velocity", "effort")
-
-
-class Clock:
-    """Strictly increasing stream time from stamps that may jump, and the samples their gaps show as lost.
-
-    Attributes:
-        pauses: steps longer than `PAUSE`.
-        restarts: times the clock jumped back.
-    """
-
-    def __init__(self) -> None:
-        self.pauses = 0
-        self.restarts = 0
-        self._gaps = Gaps()
-        self._stamp = self._latest = 0
-        self._time = 0
-        self._backwards = 0
-        self._jumped = NONE
-
-    @property
-    def lost(self) -> int:
-        """Samples that the steps between stamps show missing, and that were not refused."""
-        return self._gaps.missing
-
-    @property
-    def period(self) -> float:
-        """Usual step between stamps [ns]; 0 before it is known."""
-        return self._gaps.period
-
-    @property
-    def since_zero(self) -> bool:
-        """Whether the stamps so far are of a clock that began at zero."""
-        return 0 < self._stamp < SINCE_ZERO
-
-    def advance(self, stamp: int) -> int:
-        """Stream time of a sample with this stamp [ns], or `NONE` where the stamp repeats or goes back, unless the clock did."""
-        step = stamp - self._stamp
-        if self._time == 0:
-            self._gaps.pause()
-            self._stamp = self._latest = self._time = stamp
-            return stamp
-        if 0 < step <= PAUSE:
-            self._gaps.add(step)
-        elif step > PAUSE:
-            self.pauses += 1
-            self._gaps.pause()
-            # up to the latest stamp an earlier clock is back, as of two publishers with one each
-            step = min(max(stamp - self._latest, 2 * PAUSE), LONGEST)
-        elif step == 0:
-            return NONE  # the same message again, or a clock that stands still: none that goes back
-        else:
-            self._backwards += 1
-            jumped, self._jumped = self._jumped, stamp if step <= -PAUSE else NONE
-            # one alone may be a message that was held up: the next of a new clock goes on from it
-            anew = NONE < jumped < self._jumped
-            if not anew and self._backwards < BACKWARDS_LIMIT:
-                return NONE
-            self.restarts += 1
-            self._gaps.pause()
-            step = 2 * PAUSE  # what follows a new clock is never joined to what was before
-        self._backwards, self._jumped = 0, NONE
-        self._stamp, self._latest = stamp, max(stamp, self._latest)
-        self._time += step
-        return self._time
-
-    def began_at_zero(self) -> None:
-        """The first sample's stamp was zero, whatever stood for it."""
-        self._stamp = self._latest = 0
-
-    def refuse(self, stamp: int) -> None:
-        """A sample with this stamp [ns], `NONE` without, came but is left out: it is not lost."""
-        self._gaps.refuse(self._stamp - stamp if stamp > NONE else 0)
 
 
 class Intake:
@@ -128,6 +47,7 @@ class Intake:
             empty before the first.
         unstamped: messages whose stamp is zero, and no time, of a driver that gives none; when they were sent stands for it.
         silent: which joints have no sensor for their effort.
+        publishers: whose messages are taken where two send the same joints.
     """
 
     def __init__(self, joints: Sequence[str], ring: Ring, needs_effort: bool = True) -> None:
@@ -141,6 +61,7 @@ class Intake:
         self.culprit = ""
         self.unstamped = 0
         self.silent = Silent(len(self.joints))
+        self.publishers = Publishers()
         self._stamped = False
         self._assembly = Assembly(len(self.joints))
         self._kind = self.kinds.of(())
@@ -180,6 +101,8 @@ class Intake:
             return self._reject(LENGTH, stamp)
         if not kind.whole:
             return self._take_part(kind, position, velocity, effort, stamp, sent)
+        if not self.publishers.takes(Holding(kind.group, len(effort) > 0, len(velocity) > 0), stamp, sent):
+            return self._leave_to_another()
         self._leave_out(self._assembly.give_up())
         row = self.ring.slot().reshape(3, -1)
         fault = self._fill(row, kind, position, velocity, effort, stamp)
@@ -205,6 +128,9 @@ class Intake:
         assembly.row[:, kind.joints] = part
         if not assembly.take():
             return False
+        _, velocities, efforts = np.isfinite(assembly.row).any(axis=1).tolist()
+        if not self.publishers.takes(Holding(None, efforts, velocities), assembly.stamp, sent):
+            return self._leave_to_another()
         row = self.ring.slot().reshape(3, -1)
         row[:] = assembly.row
         if self.needs_effort:  # of a part whose joints all lack it, the others' show that theirs never comes
@@ -254,6 +180,12 @@ class Intake:
         self.received += 1
         self.rejected[reason] += 1
         self.clock.refuse(stamp)
+        return False
+
+    def _leave_to_another(self) -> bool:
+        """Count a sample of a second publisher: none of the first's is lost for it."""
+        self.received += 1
+        self.rejected[SECOND] += 1
         return False
 
     def _leave_out(self, waited: Mapping[Group, int]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.errors import listed
 from bdnn_ros.online.assembly import Group
-from bdnn_ros.online.intake import JOINTS, Intake
+from bdnn_ros.online.intake import JOINTS, SECOND, Intake
 
 LEAST = 5
 """Joints come where so many messages held them since the last look."""
@@ -54,6 +54,7 @@ class Watch:
         self._counts: dict[Group, int] = {}
         self._samples = 0
         self._vain = 0
+        self._second = 0
 
     def look(self, intake: Intake, joints: Sequence[str]) -> tuple[str, ...]:
         """The joints to use instead of those in use, always more of them; none where those are right.
@@ -63,16 +64,17 @@ class Watch:
             joints: all of the robot's that may be used.
         """
         groups = self._coming(intake, joints)
-        samples, vain = intake.ring.written, intake.rejected[JOINTS]
+        samples, vain, second = intake.ring.written, intake.rejected[JOINTS], intake.rejected[SECOND]
         more = wider(groups, intake.joints, intake.needs_effort)
         if groups and not more:
             misfit = vain - self._vain > VAIN * (samples - self._samples)
-            self.complaint = complaint(groups, intake.joints, misfit)
+            another = intake.publishers.complaint if second > self._second else ""
+            self.complaint = " ".join(filter(None, (another, complaint(groups, intake.joints, misfit))))
             self._looks += 1
             if self._looks >= PATIENCE:
                 here = frozenset().union(*(group.joints for group in groups))
                 self.absent = absent(here, self._seen, intake.joints, joints)
-        self._samples, self._vain = samples, vain
+        self._samples, self._vain, self._second = samples, vain, second
         return tuple(joint for joint in joints if joint in more)
 
     def _coming(self, intake: Intake, joints: Sequence[str]) -> list[Coming]:
