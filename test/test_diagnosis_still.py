@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cli_cases import sliding_arm
@@ -12,6 +14,8 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.predicting import Predictor
+from bdnn_ros.effects.motion import CALM, Motion
+from bdnn_ros.effects.registry import get
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -82,3 +86,21 @@ def test_an_input_that_never_varies_predicts_nothing(size):
     values = 2.0 * inputs[:, 2] + 0.1 * rng.standard_normal(400)
     predicted, _ = Predictor({"inputs": inputs}, values, np.ones(400, bool), np.arange(400) // 40).predicted()
     assert np.std(values - predicted) == pytest.approx(0.1, rel=0.15)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3])
+def test_a_velocity_that_never_changes_is_as_slow_as_the_recording_is_short(speed):
+    """Its own frequency is none at all: no low-pass is as low."""
+    robot, time = Robot.bundled("arm2"), np.arange(4000) / 200.0
+    position = np.stack([speed * time - 1.0, np.full_like(time, 0.3)], axis=1)
+    effort = robot.gravity(position)
+    signals = prepare(Recording(time, robot.joints, position, effort=effort))
+    still = np.zeros_like(signals.position)
+    exact = replace(signals, velocity=still + np.array([speed, 0.0]), acceleration=still)
+    for each in (signals, exact):
+        motion = Motion(each, robot, each.effort)
+        assert motion.calm == pytest.approx(CALM / (len(each) / each.rate))
+        assert motion.calmed(np.ones(len(each))) == pytest.approx(1.0)
+        shapes = get("joint_elasticity").shapes(motion, 0)
+        softest = max(shape["compliance"] for shape in shapes)
+        assert 0.0 < softest < 1.0 / (motion.usual_inertia[0] * motion.calm**2)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import LEAST_CUTOFF, Signals
 
 CALM = 3.0
 """What a motion does is slower than this many times its root mean square frequency."""
@@ -123,9 +123,10 @@ class Motion:
 
     @cached_property
     def calm(self) -> float:
-        """What the motion does is slower than this [Hz]."""
+        """What the motion does is slower than this [Hz]: at a constant velocity, than what it is too short to tell."""
         rates = np.sum(self.acceleration**2) / max(float(np.sum(self.velocity**2)), 1e-12)
-        return CALM * float(np.sqrt(rates)) / (2.0 * np.pi)
+        slowest = self.signals.rate / max(len(self.time), 1)
+        return max(CALM * max(float(np.sqrt(rates)) / (2.0 * np.pi), slowest), LEAST_CUTOFF)
 
     @cached_property
     def usual_velocity(self) -> np.ndarray:

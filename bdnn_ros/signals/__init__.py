@@ -4,6 +4,7 @@ from bdnn_ros.signals.copies import without_copies
 from bdnn_ros.signals.preparing import (
     CUTOFF_PER_RATE,
     DEFAULT_CUTOFF,
+    LEAST_CUTOFF,
     MINIMUM_SAMPLES,
     SAMPLES_PER_CUTOFF,
     flattened,
@@ -17,6 +18,7 @@ from bdnn_ros.signals.signals import Signals
 __all__ = [
     "CUTOFF_PER_RATE",
     "DEFAULT_CUTOFF",
+    "LEAST_CUTOFF",
     "MINIMUM_SAMPLES",
     "SAMPLES_PER_CUTOFF",
     "Signals",
