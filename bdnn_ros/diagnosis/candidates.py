@@ -38,7 +38,7 @@ class Candidates:
     terms: tuple[Term, ...]
     robot: Robot
     since: Sequence[Installed] | None = None
-    """What an earlier model has beside its robot, where one takes the simulation's place."""
+    """What an earlier model has beside its robot, and loads on it, where one takes the simulation's place."""
 
     @classmethod
     def of(cls, robot: Robot, bodies: bool = True) -> Candidates:

@@ -45,7 +45,7 @@ class Compared:
         scale: effort that acts, but for an offset, per measured effort, (n,).
         delay: by which efforts act after their stamps, (n,) [s].
         velocity_cutoff: of the low-passes on reported velocities, (n,) [Hz], infinite for none.
-        held: effects that the model has beside its robot, of which there may be less by now.
+        held: effects that the model has beside its robot, of which there may be less by now, and loads on it.
     """
 
     model: Predicts | None

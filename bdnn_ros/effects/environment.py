@@ -10,8 +10,8 @@ import numpy as np
 from bdnn_ros.effects.base import SHOWN, Effect, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
-from bdnn_ros.effects.rigid import needed_link
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.links import needed_link
 from bdnn_ros.robot.units import along, printed, shown_as
 
 POINT = ("point_x", "point_y", "point_z")

@@ -15,9 +15,8 @@ import numpy as np
 from bdnn_ros.effects.base import NONE_HELD, Effect, Held, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
-from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.robot.links import described_inertial, link_inertial
+from bdnn_ros.robot.links import described_inertial, link_inertial, link_mass, needed_link
 from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.units import shown_as
 
@@ -179,7 +178,10 @@ class Payload(OnBody):
 
 
 class LinkInertia(OnBody):
-    """A link whose mass and inertia are `scale` times the described ones, its centre of mass unchanged."""
+    """A link whose mass and inertia are `scale` times those of the model, its centre of mass unchanged.
+
+    The model's are the described ones, times as many as give its `nominal_mass`: an earlier model may have another.
+    """
 
     name = "link_inertia"
     once = True
@@ -208,7 +210,13 @@ class LinkInertia(OnBody):
 
     def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray]:
         body, described = link_inertial(robot, link)
-        return body, described[:, None]
+        return body, (described * (shape["nominal_mass"] / described[0]))[:, None]
+
+    def since(self, robot: Robot, target: int, link: str | None, held: Held = NONE_HELD) -> Effect:
+        changed = copy(self)
+        carried = sum(payload["mass"] for payload in held.get(Payload.name, ()))
+        changed.kept = {"nominal_mass": link_mass(robot, needed_link(link), carried)}
+        return changed
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"nominal_mass": float(link_inertial(motion.robot, needed_link(link))[1][0])}]
@@ -306,14 +314,3 @@ def slots(body: int) -> slice:
 def _secant(angle: float) -> float:
     """An angle far enough from zero for a secant; the tangent near zero."""
     return angle if abs(angle) > 1e-4 else 1e-4
-
-
-def needed_link(link: str | None) -> str:
-    """The link an effect was given.
-
-    Raises:
-        UsageError: none was.
-    """
-    if link is None:
-        raise UsageError("This effect acts on a link, and none is named.", "Name it: effect@link.")
-    return link

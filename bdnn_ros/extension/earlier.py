@@ -10,6 +10,7 @@ from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed, get
+from bdnn_ros.effects.rigid import Payload
 from bdnn_ros.errors import listed
 from bdnn_ros.extension.recorded import Recorded
 from bdnn_ros.recording import Recording
@@ -60,7 +61,8 @@ def compared(model: ExtendedModel) -> Compared:
     plant = Plant(acting.bare)
     for effect, _ in sensors:
         effect.install(plant)
-    held = (*acting.beside_robot, *(effect for effect, _ in sensors))
+    loads = (one for one in acting.effects if one.effect.name == Payload.name and one.values["mass"] > 0.0)
+    held = (*acting.beside_robot, *loads, *(effect for effect, _ in sensors))
     return Compared(acting, acting.robot, plant.scale, plant.delay, plant.velocity_cutoff, held)
 
 

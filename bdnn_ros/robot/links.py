@@ -11,6 +11,9 @@ from bdnn_ros.errors import UsageError
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.urdf import link_inertia
 
+LIGHTEST = 0.05
+"""No link weighs less than this share of what is described."""
+
 
 def described_inertial(robot: Robot, link: str) -> tuple[int, np.ndarray]:
     """What one link adds to its body: (joint index, inertial parameters in the body's frame (PER_LINK,)).
@@ -38,6 +41,31 @@ def link_inertial(robot: Robot, link: str) -> tuple[int, np.ndarray]:
     if described[0] <= 0.0:
         raise UsageError(f"Link {link!r} has no mass in the URDF.", "Name a link with an <inertial>.")
     return body, described
+
+
+def link_mass(robot: Robot, link: str, carried: float = 0.0) -> float:
+    """What a link weighs whose body may be another than described [kg]: all that this weighs more but a load is the link's.
+
+    Args:
+        carried: what is known to hang from it [kg].
+
+    Raises:
+        UsageError: as `link_inertial`.
+    """
+    body, described = link_inertial(robot, link)
+    more = robot.inertials[body, 0] - _bodies(robot.urdf, robot.joints, robot.held)[body, 0]
+    return float(max(described[0] + more - carried, LIGHTEST * described[0]))
+
+
+def needed_link(link: str | None) -> str:
+    """The link an effect was given.
+
+    Raises:
+        UsageError: none was.
+    """
+    if link is None:
+        raise UsageError("This effect acts on a link, and none is named.", "Name it: effect@link.")
+    return link
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,102 @@
+"""What is told of a change counts from what the earlier model has, however it came to have it."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.candidates import _as_change
+from bdnn_ros.diagnosis.compared import Compared
+from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.urdf import extended_urdf
+from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.scenario import Scenario
+
+ARM = Robot.bundled("arm2")
+LINK = "arm2_link2"
+BODY, (_, WEIGHT) = 1, ARM.inertials[:, 0]
+
+
+@cache
+def recorded(*effects: str) -> Recording:
+    return Scenario(ARM, effects, seed=3, duration=24.0, rate=200.0).run()[0].recording
+
+
+def model_of(*effects: str, robot: Robot = ARM) -> ExtendedModel:
+    """The model of a diagnosis that found just these effects."""
+    return ExtendedModel(robot, tuple(parse_spec(spec, ARM) for spec in effects), np.full(2, 0.01))
+
+
+def errors(model: ExtendedModel, recording: Recording) -> np.ndarray:
+    """Of a model's effort, root mean square behind the low-pass, (n,) [N·m]."""
+    signals = prepare(recording)
+    left = signals.smooth(model.predict(signals) - signals.effort)[signals.interior]
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
+
+
+def agrees(model: ExtendedModel, now: tuple[str, ...], tmp_path: Path) -> bool:
+    """Whether a model predicts a robot with some effects as well as that one's own does, and the same once it is read again."""
+    save_model(tmp_path, model)
+    again, recording = load_model(tmp_path), recorded(*now)
+    assert errors(again, recording) == pytest.approx(errors(model, recording), rel=1e-9)
+    return bool((errors(model, recording) < 1.1 * errors(model_of(*now), recording) + 1e-3).all())
+
+
+def scaled(scale: float) -> str:
+    return f"link_inertia@{LINK}:scale={scale}"
+
+
+def test_a_link_that_is_as_described_again_weighs_less_than_in_the_earlier_model(tmp_path):
+    earlier = model_of(scaled(1.5))
+    examination = examine([recorded()], earlier.robot, model=earlier)
+    (finding,) = examination.diagnosis.findings
+    told = {name: quantity.value for name, quantity in finding.parameters.items()}
+    assert (finding.effect, finding.link) == ("link_inertia", LINK)
+    assert told == pytest.approx({"mass": WEIGHT, "nominal_mass": 1.5 * WEIGHT, "scale": 1.0 / 1.5}, rel=0.03)
+    assert f"weighs {told['mass']:.3g} kg, not {1.5 * WEIGHT:.3g} kg" in finding.sentence
+    model = extend(examination)
+    assert model.robot.inertials[BODY, 0] == pytest.approx(WEIGHT, rel=0.03)
+    written = Robot.from_urdf(extended_urdf(model), ARM.joints)
+    assert written.inertials[BODY, 0] == pytest.approx(model.robot.inertials[BODY, 0])
+    assert agrees(model, (), tmp_path)
+
+
+def changed(effect: Effect, known: Compared, link: str | None = None) -> Effect:
+    """An effect at the last joint, or on the link that it moves, as a change from what a model has."""
+    return _as_change(Term(effect, BODY, link), known.robot, known.held).effect
+
+
+def heavier(more: float) -> Robot:
+    """The arm with a last body that weighs so much more, wherever that sits [kg]."""
+    inertials = ARM.inertials.copy()
+    inertials[BODY] *= 1.0 + more / WEIGHT
+    return ARM.with_inertials(inertials)
+
+
+@pytest.mark.parametrize(
+    ("known", "weighs"),
+    [
+        (model_of(), WEIGHT),
+        (model_of(scaled(1.5)), 1.5 * WEIGHT),
+        (model_of(robot=heavier(0.4)), WEIGHT + 0.4),
+        (model_of(scaled(1.5), robot=heavier(0.4)), 1.5 * WEIGHT + 0.4),
+        (model_of(f"payload@{LINK}:mass=0.7,com_x=0.1", robot=heavier(0.4)), WEIGHT + 0.4),
+        (model_of(robot=heavier(-0.99 * WEIGHT)), 0.05 * WEIGHT),
+    ],
+)
+def test_a_link_weighs_what_its_body_weighs_more_but_for_a_payload(known, weighs):
+    """By a scaled link, by corrected bodies (of an identified model, too), and by both."""
+    assert changed(get("link_inertia"), known.compared(), LINK).kept == pytest.approx(
+        {"nominal_mass": weighs}
+    )
