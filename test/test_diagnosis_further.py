@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.base import Effect
-from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.effects.registry import Installed, get, parse_spec
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import extended_urdf
@@ -100,3 +100,34 @@ def test_a_link_weighs_what_its_body_weighs_more_but_for_a_payload(known, weighs
     assert changed(get("link_inertia"), known.compared(), LINK).kept == pytest.approx(
         {"nominal_mass": weighs}
     )
+
+
+JOINT = ARM.joints[BODY]
+
+
+@pytest.mark.parametrize(
+    ("spec", "alone", "further"),
+    [
+        ("effort_scale:scale=1.25", "1.25 times the effort that is measured.", "the effort that acts in the model."),
+        ("effort_delay:delay=0.015", "acts 15 ms after its stamp.", "acts 15 ms later than in the model."),
+        ("effort_delay:delay=-0.015", "15 ms less after its stamp than in the model.", ""),
+        ("position_offset:offset=-0.04", "-0.04 rad off the true one.", "off the one that the model takes for true."),
+        ("backlash:gap=0.02", "has a gap of 0.02 rad.", "its transmission's gap is 0.02 rad larger."),
+        ("backlash:gap=-0.02", "its transmission's gap is 0.02 rad smaller.", ""),
+        ("joint_elasticity:stiffness=500", "has a stiffness of 500 N·m/rad.", "more than in the model, by 0.002 rad/(N·m)."),
+        ("joint_elasticity:stiffness=-500", "less than in the model, by 0.002 rad/(N·m).", ""),
+    ],
+)  # fmt: skip
+def test_what_is_told_beside_some_of_it_is_told_as_so_much_further(spec, alone, further):
+    """Of sensors and gears: where the earlier model has none of it, and in a simulation's diagnosis, it is all that there is."""
+    name, _, number = spec.partition(":")
+    parameter, value = number.split("=")
+    values, had = ({parameter: one, "crossing": 0.01} for one in (float(value), 2.0 * abs(float(value))))
+    held = Installed(get(name), BODY, None, had)
+    without, known = (ExtendedModel(ARM, some, np.full(2, 0.01)).compared() for some in ((), (held,)))
+    for said, effect in (
+        (alone, get(name)),
+        (alone, changed(get(name), without)),
+        (further or alone, changed(get(name), known)),
+    ):
+        assert effect.sentence(JOINT, values).endswith(said)

@@ -90,7 +90,8 @@ class EffortScale(Effect):
         return np.array([1.0 / values["scale"] - 1.0]), {}
 
     def sentence(self, where: str, values: Values) -> str:
-        return f"{where} acts with {values['scale']:.3g} times the effort that is measured."
+        acts = "acts in the model" if self.before else "is measured"
+        return f"{where} acts with {values['scale']:.3g} times the effort that {acts}."
 
 
 class EffortDelay(Effect):
@@ -144,7 +145,8 @@ class EffortDelay(Effect):
     def sentence(self, where: str, values: Values) -> str:
         if values["delay"] < 0.0:
             return f"The effort of {where} acts {-1e3 * values['delay']:.3g} ms less after its stamp than in the model."
-        return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms after its stamp."
+        when = "later than in the model" if self.before else "after its stamp"
+        return f"The effort of {where} acts {1e3 * values['delay']:.3g} ms {when}."
 
 
 class Cogging(Effect):

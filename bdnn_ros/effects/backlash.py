@@ -70,10 +70,11 @@ class Backlash(Effect):
         return np.array([values["gap"]]), {"crossing": values["crossing"]}
 
     def sentence(self, where: str, values: Values) -> str:
-        if values["gap"] < 0.0:
-            less = f"{-values['gap']:.3g} {printed(along('rad', self.slides))}"
-            return f"{where} is less loose than in the model: its transmission's gap is {less} smaller."
-        return f"{where} is loose: its transmission has a gap of {values['gap']:.3g} {printed(along('rad', self.slides))}."
+        gap = f"{abs(values['gap']):.3g} {printed(along('rad', self.slides))}"
+        if not self.before and values["gap"] >= 0.0:
+            return f"{where} is loose: its transmission has a gap of {gap}."
+        loose, larger = ("less loose", "smaller") if values["gap"] < 0.0 else ("looser", "larger")
+        return f"{where} is {loose} than in the model: its transmission's gap is {gap} {larger}."
 
 
 def side(motion: Motion, target: int, crossing: float) -> np.ndarray:

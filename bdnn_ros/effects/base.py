@@ -131,6 +131,8 @@ class Effect(ABC):
     """It shows in the reported velocity, not in the effort."""
     may_be_gone: bool = False
     """Whether there may be nothing at all of what the robot is described with: a tag in a URDF is often a guess."""
+    before: tuple[float, ...] = ()
+    """How much of each coefficient there is already, in a description or an earlier model; empty for nothing."""
     kept: Values | None = None
     """The only shape there is, where the effect is a change of what an earlier model has in that shape."""
 
@@ -276,23 +278,23 @@ class Effect(ABC):
     def since(self, robot: Robot, target: int, link: str | None, held: Held = NONE_HELD) -> Effect:
         """The effect as a change from an earlier model, which may have had more of it."""
         changed = self.with_less(*self.holds(robot, target, held).tolist())
-        if changed is not self and self.name in held and type(self).relinearised is Effect.relinearised:
+        if changed.may_be_gone and self.name in held and type(self).relinearised is Effect.relinearised:
             changed.kept = self.coefficients(held[self.name][0])[1] or None
         return changed
 
     def against(self, robot: Robot, target: int) -> Effect:
         """The effect beside a robot that is described with some of it: there may be less, or none."""
-        return self.with_less(self.had(robot, target))
+        return self.with_less(*self.holds(robot, target, NONE_HELD).tolist())
 
     def with_less(self, *had: float) -> Effect:
-        """The effect where there may also be less of its first coefficients than there was, by up to all of it."""
-        bounds = list(self.coefficient_bounds)
+        """The effect beside what there was of its first coefficients, of which there may be less, by up to all of it."""
+        if not any(had):
+            return self
+        changed, bounds = copy(self), list(self.coefficient_bounds)
         for k, one in enumerate(had):
             bounds[k] = (-one if one > 0.0 == bounds[k][0] else bounds[k][0], bounds[k][1])
-        if bounds == list(self.coefficient_bounds):
-            return self
-        changed = copy(self)
-        changed.coefficient_bounds, changed.may_be_gone = tuple(bounds), True  # type: ignore[misc]
+        changed.before, changed.may_be_gone = had, tuple(bounds) != self.coefficient_bounds
+        changed.coefficient_bounds = tuple(bounds)  # type: ignore[misc]
         return changed
 
     def change(self, values: Values) -> Change:

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.base import Effect, Held, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import along, printed
 
 HARDLY_TURNED = 1e-4
@@ -58,8 +59,13 @@ class PositionOffset(Effect):
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["offset"]]), {"at": values["offset"]}
 
+    def holds(self, robot: Robot, target: int, held: Held) -> np.ndarray:
+        return robot.zeros[[target]]  # a model has its offsets there
+
     def sentence(self, where: str, values: Values) -> str:
-        return f"{where} reports its position {values['offset']:+.3g} {printed(along('rad', self.slides))} off the true one."
+        off = f"{values['offset']:+.3g} {printed(along('rad', self.slides))}"
+        true = "the one that the model takes for true" if self.before else "the true one"
+        return f"{where} reports its position {off} off {true}."
 
 
 class VelocityFilter(Effect):

@@ -81,7 +81,8 @@ class JointElasticity(Effect):
 
     def sentence(self, where: str, values: Values) -> str:
         unit = printed(along("N*m/rad", self.slides))
-        if values["stiffness"] < 0.0:
-            compliance, per = -1.0 / values["stiffness"], printed(along("rad/(N*m)", self.slides))
-            return f"{where} gives less than in the model, by {compliance:.3g} {per}."
+        if self.before or values["stiffness"] < 0.0:
+            compliance, per = 1.0 / values["stiffness"], printed(along("rad/(N*m)", self.slides))
+            than = "less" if compliance < 0.0 else "more"
+            return f"{where} gives {than} than in the model, by {abs(compliance):.3g} {per}."
         return f"{where} gives: its transmission has a stiffness of {values['stiffness']:.3g} {unit}."
