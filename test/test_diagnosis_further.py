@@ -13,13 +13,17 @@ from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.base import Effect
-from bdnn_ros.effects.registry import Installed, get, parse_spec
+from bdnn_ros.effects.registry import Installed, from_values, get, parse_spec
+from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.extension.urdf import extended_urdf
 from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.units import printed
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation.scenario import Scenario
 
@@ -131,3 +135,54 @@ def test_what_is_told_beside_some_of_it_is_told_as_so_much_further(spec, alone, 
         (further or alone, changed(get(name), known)),
     ):
         assert effect.sentence(JOINT, values).endswith(said)
+
+
+RUBS = 2.0
+RUBBED = ARM.with_joint_parameters(coulomb=np.array([0.0, RUBS]))
+
+
+@pytest.mark.parametrize(
+    ("robot", "earlier"), [(RUBBED, None), (ARM, model_of(f"coulomb_friction@{JOINT}:coulomb={RUBS}"))]
+)
+def test_friction_that_drifts_counts_from_what_is_known_and_is_told_whole(robot, earlier, tmp_path):
+    last = 0.4 * RUBS
+    now = (f"drift@{JOINT}:of=coulomb,start_value={RUBS},end_value={last},end=24",)
+    examination = examine([recorded(*now)], robot, model=earlier)
+    (finding,) = examination.diagnosis.findings
+    assert (finding.effect, finding.variant, finding.joint) == ("drift", "coulomb", JOINT)
+    first, end = (finding.parameters[name].value for name in ("start_value", "end_value"))
+    assert (first, end) == pytest.approx((0.0, last - RUBS), abs=0.05)
+    assert f"goes from {RUBS + first:.3g} to {RUBS + end:.3g} N·m over the recording" in finding.sentence
+    assert finding.sentence.endswith("count from the model's 2 N·m.")
+    assert not any("Coulomb friction" in note for note in examination.diagnosis.notes)
+    model = extend(examination)
+    assert agrees(model, now, tmp_path)
+    write_model_files(model, tmp_path)
+    file, written = EffectsFile.read(tmp_path / "effects.yaml"), Robot.from_file(tmp_path / "extended.urdf")
+    read = ExtendedModel(written, tuple(file.effects(written)), model.noise)
+    assert (errors(read, recorded(*now)) < 1.1 * errors(model_of(*now), recorded(*now)) + 1e-2).all()
+
+
+def test_what_drifts_counts_from_all_that_an_earlier_model_has_of_it():
+    """In its robot and beside it, whatever dry friction is called, and an identified model's own offset."""
+    worn = RUBBED.with_joint_parameters(viscous=np.array([0.0, 0.3]))
+    laws = (f"asymmetric_friction@{JOINT}:positive=1,negative=1.5", f"effort_offset@{JOINT}:offset=0.4")
+    extended = model_of(*laws, robot=worn).compared()
+    identified = Compared.of(PhysicalModel(worn, np.array([0.0, -0.4]), np.eye(28), np.zeros(2)), worn)
+    for known, coulomb in ((extended, 3.0), (identified, RUBS)):
+        for variant, had, low in (
+            ("coulomb", coulomb, -coulomb),
+            ("viscous", 0.3, -0.3),
+            ("offset", 0.4, -np.inf),
+        ):
+            drift = changed(get("drift", variant), known)
+            assert drift.coefficient_bounds == ((low, np.inf), (low, np.inf))
+            said = drift.sentence(JOINT, {"start_value": 0.1, "end_value": -0.2})
+            assert f"goes from {had + 0.1:.3g} to {had - 0.2:.3g} " in said
+            assert said.endswith(f"the model's {had:.3g} {printed(drift.parameters[0].unit)}.")
+
+
+def test_less_friction_that_drifts_is_read_from_a_file():
+    values = {"start_value": 0.0, "end_value": -1.2, "start": 0.0, "end": 9.0}
+    one = from_values("drift", values, RUBBED, joint=JOINT, variant="coulomb")
+    assert one.values == values

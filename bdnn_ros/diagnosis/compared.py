@@ -12,8 +12,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from bdnn_ros.effects.actuation import EffortOffset
 from bdnn_ros.effects.friction import DryFriction
-from bdnn_ros.effects.registry import Installed
+from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -61,7 +62,7 @@ class Compared:
         if isinstance(model, KnowsSensors):
             return model.compared()
         none, same = np.zeros(robot.width), np.ones(robot.width)
-        return cls(model, robot, same, none, np.inf * same)
+        return cls(model, robot, same, none, np.inf * same, offsets_of(getattr(model, "offset", none)))
 
     @property
     def dry(self) -> np.ndarray:
@@ -85,6 +86,16 @@ class Compared:
         said = f"efforts are looked at as they act by the earlier model, {listed(changes, 20)}."
         scaled = (replace(one, effort=one.require_effort() * self.scale) for one in recordings)
         return [replace(_later(one, self.delay), notes=(*one.notes, f"{one.name}: {said}")) for one in scaled]
+
+
+def offsets_of(added: np.ndarray) -> tuple[Installed, ...]:
+    """Effort offsets of joints to whose measured efforts a model adds so much, (n,) [N·m]: the contract's count the other way."""
+    offset = get(EffortOffset.name)
+    return tuple(
+        Installed(offset, joint, None, {"offset": -float(value)})
+        for joint, value in enumerate(added)
+        if value
+    )
 
 
 def _later(recording: Recording, delay: np.ndarray) -> Recording:

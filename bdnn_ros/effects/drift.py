@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.actuation import EffortOffset
+from bdnn_ros.effects.base import Change, Effect, Held, Parameter, Values
+from bdnn_ros.effects.friction import CoulombFriction, ViscousFriction
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 
 
@@ -20,6 +24,8 @@ class Drift(Effect):
 
     name = "drift"
     on = "joint"
+    of: ClassVar[Effect]
+    """What it is while it does not change."""
     changing = True
     excess = np.array((-1.0, 1.0))
     shown_by = "the same motion early and late in a long recording"
@@ -43,21 +49,34 @@ class Drift(Effect):
         shape = {key: values[key] for key in ("start", "end")}
         return np.array([values["start_value"], values["end_value"]]), shape
 
+    def had(self, robot: Robot, target: int) -> float:
+        return self.of.had(robot, target)
+
+    def holds(self, robot: Robot, target: int, held: Held) -> np.ndarray:
+        return np.full(2, self.of.holds(robot, target, held)[0])
+
+    def change(self, values: Values) -> Change:
+        return "more"  # no model has a drift
+
     def sentence(self, where: str, values: Values) -> str:
         unit = printed(self.parameters[0].unit_at(self.slides))
-        return (
-            f"{where} drifts: its {self.title} goes from {values['start_value']:.3g} "
-            f"to {values['end_value']:.3g} {unit} over the recording."
-        )
+        known = self.before[0] if self.before else 0.0
+        first, last = (known + values[end] for end in ("start_value", "end_value"))
+        on_top = f"; start_value and end_value count from the model's {known:.3g} {unit}" if known else ""
+        return f"{where} drifts: its {self.title} goes from {first:.3g} to {last:.3g} {unit} over the recording{on_top}."
 
 
 TIMES = (Parameter("start", "s", default=0.0), Parameter("end", "s", default=np.inf))
 
 
 class DriftingCoulomb(Drift):
-    """Coulomb friction that changes over the recording."""
+    """Coulomb friction that changes over the recording.
+
+    Its values count from what the model has throughout, negative where there is less; its sentence tells all there is.
+    """
 
     variant = "coulomb"
+    of = CoulombFriction()
     in_drive = True
     title = "Coulomb friction"
     parameters = (
@@ -82,9 +101,13 @@ class DriftingCoulomb(Drift):
 
 
 class DriftingViscous(Drift):
-    """Viscous friction that changes over the recording."""
+    """Viscous friction that changes over the recording.
+
+    Its values count from what the model has throughout, negative where there is less; its sentence tells all there is.
+    """
 
     variant = "viscous"
+    of = ViscousFriction()
     in_drive = True
     title = "viscous friction"
     parameters = (
@@ -107,9 +130,13 @@ class DriftingViscous(Drift):
 
 
 class DriftingOffset(Drift):
-    """An effort offset that changes over the recording; effort that acts = measured + offset."""
+    """An effort offset that changes over the recording; effort that acts = measured + offset.
+
+    Its values count from what the model has throughout; its sentence tells all there is.
+    """
 
     variant = "offset"
+    of = EffortOffset()
     title = "effort offset"
     parameters = (
         Parameter("start_value", "N*m", plausible=(-0.4, 0.4), of_effort=True),

@@ -183,9 +183,6 @@ class AsymmetricFriction(DryFriction):
     def holds(self, robot: Robot, target: int, held: Held) -> np.ndarray:
         return self.ways(robot, target, held)
 
-    def with_less(self, *had: float) -> Effect:
-        return super().with_less(*(had if len(had) == 2 else 2 * had))
-
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         positive, negative = values["positive"], values["negative"]
         plant.dry.append(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bdnn_ros.diagnosis.compared import offsets_of
 from bdnn_ros.diagnosis.kinematics import none_is_left
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.term import COMMON
@@ -118,13 +119,9 @@ def of_physical(model: PhysicalModel) -> ExtendedModel:
 
     Also where nothing was learned: its dry friction takes a travel to turn round, which no effect says.
     """
-    offsets = [  # it adds its offset to the measured effort, the contract to the effort that acts
-        Installed(get("effort_offset"), joint, None, {"offset": -float(value)})
-        for joint, value in enumerate(model.offset)
-        if value
-    ]
+    offsets = offsets_of(model.offset)
     stds: tuple[dict[str, float], ...] = ({},) * len(offsets)
-    return ExtendedModel(model.robot, tuple(offsets), model.noise, stds, beyond=model)
+    return ExtendedModel(model.robot, offsets, model.noise, stds, beyond=model)
 
 
 def _sticking(examination: Examination, robot: Robot, effects: Sequence[Installed]) -> np.ndarray:
