@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.candidates import _as_change
+from bdnn_ros.diagnosis.candidates import Candidates, _as_change
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import Installed, from_values, get, parse_spec
 from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.extension.extend import extend
@@ -186,3 +187,10 @@ def test_less_friction_that_drifts_is_read_from_a_file():
     values = {"start_value": 0.0, "end_value": -1.2, "start": 0.0, "end": 9.0}
     one = from_values("drift", values, RUBBED, joint=JOINT, variant="coulomb")
     assert one.values == values
+
+
+@pytest.mark.parametrize("law", ["drift", "asymmetric_friction"])
+def test_what_a_law_settles_into_counts_from_what_is_described_as_well(law):
+    motion = Motion(prepare(recorded()), RUBBED, np.zeros(0))
+    plain = Candidates((), RUBBED).settled(Term(get(law), BODY), motion)
+    assert plain is not None and plain.effect.coefficient_bounds == ((-RUBS, np.inf),)

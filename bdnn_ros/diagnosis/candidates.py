@@ -84,15 +84,12 @@ class Candidates:
             return any(effect.resolved(motion, term.target, shape) for shape in allowed)
 
         kept = [term for term in every.terms if shows(term)]
-        robot = every.robot
-        if since is None:
-            return cls(tuple(replace(t, effect=t.effect.against(robot, t.target)) for t in kept), robot)
-        return cls(tuple(_as_change(term, robot, since) for term in kept), robot, since)
+        return cls(tuple(_as_change(term, every.robot, since) for term in kept), every.robot, since)
 
     def settled(self, term: Term, motion: Motion) -> Term | None:
-        """What a term settles into, as a change where all of them are; None where it is always itself."""
+        """What a term settles into, as a change as all of them are; None where it is always itself."""
         plain = term.settled(motion)
-        return plain if plain is None or self.since is None else _as_change(plain, self.robot, self.since)
+        return None if plain is None else _as_change(plain, self.robot, self.since)
 
     def common(self) -> list[Term]:
         """The commonest effects on all joints."""
@@ -179,8 +176,10 @@ class Candidates:
         return plant.robot
 
 
-def _as_change(term: Term, robot: Robot, since: Sequence[Installed]) -> Term:
-    """A term as a change from what an earlier model has at its place, in its robot and beside it."""
+def _as_change(term: Term, robot: Robot, since: Sequence[Installed] | None) -> Term:
+    """A term as a change from what is described, or from what an earlier model has at its place, in its robot and beside it."""
+    if since is None:
+        return replace(term, effect=term.effect.against(robot, term.target))
     held: dict[str, list[Values]] = {}
     for one in since:
         effect, everywhere = one.effect, one.target < 0 <= term.target and one.effect.on == "all"
