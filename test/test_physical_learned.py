@@ -3,12 +3,17 @@
 import numpy as np
 import pytest
 
+from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.dictionary import HARMONICS, group_slices
+from bdnn_ros.physical.presliding import BREAKAWAYS
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model
 from bdnn_ros.signals import prepare
+from bdnn_ros.simulation.excitation import Trajectory
+from bdnn_ros.simulation.sensors import Noise
+from bdnn_ros.simulation.simulate import simulate
 
 WAVE = 13
 HEIGHT = 0.5
@@ -81,3 +86,35 @@ def test_what_wide_motion_told_is_not_pulled_over_by_a_narrow_one():
     before = score_model(identifier.fit([motion(30.0, 4)]), others).nmse
     after = score_model(identifier.fit([motion(60.0, 5, size=0.05)]), others).nmse
     assert (after < 1.1 * before).all()
+
+
+def pick_and_place(seed):
+    """A joint that goes from place to place, speeding up and slowing down evenly, and pauses at each."""
+    generator, time = np.random.default_rng(seed), np.arange(0.0, 12.0, 0.004)
+    position, velocity, acceleration = np.zeros((3, len(time), 1))
+    start, place = 0.4, 0.0
+    while start < time[-1]:
+        lasts, way = generator.uniform(0.5, 1.0), generator.uniform(-1.0, 1.0) - place
+        x = ((time - start) / lasts).clip(0.0, 1.0)
+        first, moves = x < 0.5, (x > 0.0) & (x < 1.0)
+        position[:, 0] += way * np.where(first, 2.0 * x**2, 1.0 - 2.0 * (1.0 - x) ** 2)
+        velocity[:, 0] += way / lasts * 4.0 * np.minimum(x, 1.0 - x)
+        acceleration[:, 0] += way / lasts**2 * np.where(first, 4.0, -4.0) * moves
+        start, place = start + lasts + generator.uniform(0.3, 1.0), place + way
+    return Trajectory(time, position, velocity, acceleration)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("coulomb", "breakaway"), [(2.0, 0.0), (0.0, 0.01)])
+def test_what_sticks_where_it_stops_has_no_breakaway_but_what_has_one_is_seen_to(seed, coulomb, breakaway):
+    """In a pause the controller leaves friction anywhere within its limits, the same way each time."""
+    description = Robot.bundled("arm2", ("arm2_joint1",))
+    real = description.with_joint_parameters(np.array([0.1]), np.array([1.0]), np.array([coulomb]))
+    bristle = f"hysteresis@arm2_joint1:force=2,breakaway={breakaway}"
+    effects = [parse_spec(bristle, description)] if breakaway else []
+    plan, noise = pick_and_place(seed), Noise.of(0.002)
+    moved = simulate(description, effects, seed=seed, plan=plan, noise=noise, reality=real)
+    identifier = Identifier(description)
+    identifier.fit([moved.recording])
+    assert [BREAKAWAYS[k] for k in identifier.structure.breakaway] == [breakaway]
+    assert identifier.structure.groups == ((),)

@@ -74,3 +74,16 @@ def test_a_joint_that_has_not_moved_or_rests_may_hold_any_friction():
     assert (state.doubt[(rows > 0.2) & (rows < 0.8), 0] == 0.0).all()
     assert (state.joints[(rows > 0.2) & (rows < 0.8), 0, USUAL] == 1.0).all()
     assert (state.doubt[rows > 2.0, 0] == 1.0).all()
+
+
+@pytest.mark.parametrize("slows", [0.5, 3.0])
+def test_a_stop_leaves_as_much_doubt_as_the_low_pass_has_of_it(slows):
+    """Slowing down evenly, a joint stops at once; its low-passed velocity goes on for a while."""
+    time = np.arange(0.0, 4.0, 0.002)
+    position = np.where(time < 2.0, -0.5 * slows * (2.0 - time) ** 2, 0.0)[:, None]
+    signals = prepare(Recording(time, ("joint",), position, None, np.zeros_like(position)))
+    told = low_passed(signals, directions(signals).doubt[:, 0])
+    stopped = low_passed(signals, (signals.time > 2.0).astype(float))
+    shows = stopped > 0.01
+    assert (told[shows] > 0.98 * stopped[shows]).all()
+    assert (told[signals.time[signals.interior] < 2.0 - 6.0 * signals.kernel_std] < 0.01).all()

@@ -103,12 +103,17 @@ def _doubt(signals: Signals, rows: slice) -> np.ndarray:
     """Standard deviation of that direction, (N, n).
 
     Noise hides a slow velocity's sign, and when friction turned round between two samples of the effort no sample tells,
-    nor between two of the path: a time that is off by τ is a velocity off by a τ.
+    nor between two of the path: a time that is off by τ is a velocity off by a τ. Where a joint stops and sticks, friction
+    may be anything, and the low-pass hides it: of a stop it makes a velocity of its variance times the jerk.
     """
     velocity, acceleration = _finer(signals.velocity[rows]), _finer(signals.acceleration[rows])
     apart = np.hypot(1.0 / signals.raw_rate, 1.0 / (SUBSTEPS * signals.rate))
     std = np.hypot(signals.velocity_noise, acceleration * apart / np.sqrt(12.0))
-    return _mean_around(REVERSAL * np.sqrt(1.0 - _expected(velocity, std) ** 2))
+    turns = REVERSAL * np.sqrt(1.0 - _expected(velocity, std) ** 2)
+    jerk = np.diff(acceleration, axis=0, append=acceleration[-1:]) * SUBSTEPS * signals.rate
+    hidden = signals.motion_std**2 * np.abs(jerk) - CERTAIN * signals.velocity_noise
+    stops = np.sqrt(1.0 - _expected(velocity, np.maximum(hidden, 0.0)) ** 2)
+    return _mean_around(np.maximum(turns, stops))
 
 
 def coupled(values: np.ndarray) -> np.ndarray:

@@ -39,7 +39,7 @@ class Sums:
 
     Attributes:
         recursion: of the parameters: rows count by how surely the joints slide.
-        evidence: of the choice of terms: all rows of moving joints alike.
+        evidence: of the choice of terms: all rows of moving joints alike, but those where friction may be anything hardly.
         fast: Σ φ φᵀ of each joint's columns after the bodies', over fast motion, (n, K', K').
         usual: standard deviation that the residual is taken to have, (n,) [N·m].
     """
@@ -81,6 +81,7 @@ class Sums:
         noise = SensorNoise.of(carrier, signals, rows)
         residual = np.maximum(np.sqrt(noise.effort / noise.count), self.usual)
         certain = certainty(signals, rows, state, carrier.coulomb, residual)
-        self.evidence.update(columns, effort, certain * moving(signals, rows), noise)
+        # an error of doubtful rows is as large as others so weighed, but the same at each stop: that squared says nothing
+        self.evidence.update(columns, effort, certain**2 * moving(signals, rows), noise)
         self.recursion.update(columns, effort, certain * sliding(signals, rows, self.scales), noise)
         return state

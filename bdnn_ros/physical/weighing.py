@@ -11,7 +11,7 @@ from bdnn_ros.signals import Signals
 SLIDING = 0.05
 TURNING_WEIGHT = 0.2
 """Rows near a joint's reversal, slower than so many velocity limits, count less for its parameters, down to this:
-dry friction may then be anything. What is learned beside the parameters is chosen with all rows alike."""
+dry friction may then be anything. What is learned beside the parameters is chosen with all speeds alike."""
 UNSEEN_WEIGHT = 1e-6
 """What a row counts for a joint whose effort was not measured there."""
 REST_WEIGHT = 0.1
