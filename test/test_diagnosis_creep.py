@@ -244,6 +244,21 @@ def test_dry_friction_that_a_robot_is_described_with_is_told_to_creep():
     assert [joint for joint in ROBOT.joints if joint in note] == [ROBOT.joints[JOINT]]
 
 
+def test_friction_is_not_told_to_creep_where_the_velocity_is_read_too_coarsely_to_tell():
+    recording = recorded(soft(0.15, 0.15, 8.0), duration=2.0)
+    signals = seen(recording)
+    described = ROBOT.with_joint_parameters(coulomb=np.ones(ROBOT.width))
+    creep = np.zeros((ROBOT.width, 3))
+    creep[JOINT, :2], creep[OTHER, :2] = (
+        5.0 * signals.velocity_noise[JOINT],
+        1.5 * signals.velocity_noise[OTHER],
+    )
+    fast = replace(signals, creep=creep, velocity=np.minimum(np.abs(signals.velocity), 1e-4))
+    (noted,) = remarked([recording], fast, described, ())
+    (note,) = noted.notes
+    assert [joint for joint in ROBOT.joints if joint in note] == [ROBOT.joints[JOINT]]
+
+
 def test_what_seems_to_creep_is_not_told_where_no_dry_friction_is_found(monkeypatch):
     robot = Robot.bundled("arm2")
     simulated, _ = Scenario(robot, duration=12.0, rate=125.0, seed=1).run()

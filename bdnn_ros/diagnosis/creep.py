@@ -36,6 +36,8 @@ ALIKE = 0.3
 """What differs by less than this share makes no difference to speak of."""
 SEEN = 0.03
 """What is all there at less than this share of the usual velocity comes on at once."""
+SMEARED = 3.0
+"""What is all there at less than so many standard deviations of the velocity's noise may come on at once: noise hides it."""
 FAST = 0.95
 """It is all there for the rest of the time at least: no motion shows what is never all there."""
 EARLY = 0.006
@@ -276,7 +278,8 @@ def remarked(
     all_at = signals.creep[:, :2].max(axis=1)
     dry = robot.coulomb > 0.0
     dry[[one.target for one in effects if isinstance(one.effect, TURNING)]] = True
-    seen = np.flatnonzero(dry & (all_at > SEEN * np.sqrt(np.mean(signals.velocity**2, axis=0))))
+    least = np.maximum(SEEN * np.sqrt(np.mean(signals.velocity**2, axis=0)), SMEARED * signals.velocity_noise)
+    seen = np.flatnonzero(dry & (all_at > least))
     if not len(seen):
         return list(recordings)
     units = [along("rad/s", slides) for slides in robot.slides]

@@ -60,8 +60,8 @@ NOT_IN_MODEL = (
     "{where}."
 )
 AT_AN_END = (
-    f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends: "
-    "it is not named. Record on until the robot rests."
+    f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends, "
+    "or pre-sliding friction was bent before the recording began: it is not named. Record from rest until the robot rests."
 )
 THROUGHOUT = (
     "Something like a push is there nearly always when the joint moves that shows it, so that a cause that changes between its "
