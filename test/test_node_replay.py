@@ -118,3 +118,15 @@ def test_a_signal_ends_it_while_it_reads():
             assert node.wait(60.0) == 0
         finally:
             node.kill()
+
+
+def test_ros_that_a_signal_ends_meanwhile_is_ended(monkeypatch):
+    import rclpy
+
+    from bdnn_ros.nodes import beginning
+
+    def second() -> None:
+        raise RuntimeError("failed to shutdown: rcl_shutdown already called on the given context")
+
+    monkeypatch.setattr(rclpy, "try_shutdown", second)
+    beginning.end()

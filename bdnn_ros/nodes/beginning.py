@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
@@ -49,6 +50,12 @@ def undisturbed() -> None:
     """Ignore signals from now on: a second one must not break off what a node does at its end."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+
+
+def end() -> None:
+    """End ROS, unless what ROS does at a signal is ending it at this very moment."""
+    with suppress(RuntimeError):  # of rclpy's binding, where both found it running and the other was first
+        rclpy.try_shutdown()
 
 
 def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

@@ -19,7 +19,7 @@ from std_msgs.msg import String
 
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
-from bdnn_ros.nodes.beginning import begin, outlived, told, undisturbed
+from bdnn_ros.nodes.beginning import begin, end, outlived, told, undisturbed
 from bdnn_ros.nodes.choosing import with_joints
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
@@ -313,5 +313,5 @@ def main(arguments: list[str] | None) -> int:
             node.finish()
             status = status or int(node.failed)
             node.destroy_node()
-        rclpy.try_shutdown()
+        end()
     return status

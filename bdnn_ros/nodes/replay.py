@@ -20,7 +20,7 @@ from std_msgs.msg import Float64MultiArray, String
 from bdnn_ros import bags
 from bdnn_ros.errors import BdnnError, UsageError
 from bdnn_ros.nodes import parameters
-from bdnn_ros.nodes.beginning import begin, undisturbed
+from bdnn_ros.nodes.beginning import begin, end, undisturbed
 from bdnn_ros.nodes.conversions import stamp
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -181,5 +181,5 @@ def main(arguments: list[str] | None) -> int:
         undisturbed()
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
+        end()
     return status
