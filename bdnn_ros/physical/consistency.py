@@ -147,23 +147,30 @@ def _newton(
     In coordinates in which the barrier's Hessian is the identity: however near the edge, no rounding of its curvature there
     drowns what is known of the rest.
     """
-    own, inward = np.eye(len(point)), np.zeros(len(point))
+    gradient, hessian = information @ (point - mean), information.copy()
+    axes = []
     for body in range(bodies):
         rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
         # log det(L (1 + X) Lᵀ) has gradient tr X and Hessian −1 in the coordinates of X
-        factor = np.linalg.cholesky(pseudo_inertia(_INSIDE @ point[rows]))
-        own[rows, rows] = _OUTSIDE @ tangent_basis(factor)
-        inward[rows] = _TRACE
-    own[positive, positive] = point[positive]
-    inward[positive] = 1.0
+        own = _OUTSIDE @ tangent_basis(np.linalg.cholesky(pseudo_inertia(_INSIDE @ point[rows])))
+        hessian[rows] = own.T @ hessian[rows]
+        hessian[:, rows] = hessian[:, rows] @ own
+        gradient[rows] = own.T @ gradient[rows] - barrier * _TRACE
+        axes.append((rows, own))
+    hessian[positive] *= point[positive, None]
+    hessian[:, positive] *= point[positive]
+    gradient[positive] = gradient[positive] * point[positive] - barrier
     held = np.zeros(len(point))
     held[: bodies * PER_LINK] = held[positive] = barrier
-    gradient = own.T @ (information @ (point - mean)) - barrier * inward
-    hessian = own.T @ information @ own + np.diag(held)
+    np.einsum("ii->i", hessian)[:] += held
     size = 1.0 / np.sqrt(np.diagonal(hessian))
     factor = cho_factor(hessian * np.outer(size, size), lower=True, check_finite=False)
     step = -size * cho_solve(factor, size * gradient, check_finite=False)
-    return own @ step, -0.5 * float(gradient @ step)
+    decrement = -0.5 * float(gradient @ step)
+    for rows, own in axes:
+        step[rows] = own @ step[rows]
+    step[positive] *= point[positive]
+    return step, decrement
 
 
 def _largest(point: np.ndarray, step: np.ndarray, bodies: int, positive: np.ndarray) -> float:
