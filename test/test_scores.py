@@ -170,13 +170,18 @@ def test_a_constant_effort_has_a_mean_that_is_not_known() -> None:
     assert scores.nmse_mean == scores.nmse[1]
 
 
+def swinging(robot: Model, duration: float) -> Recording:
+    """Both joints of a model of two, exactly as it has them."""
+    time = np.arange(0.0, duration, 0.005)
+    q = np.sin(np.outer(time, [1.7, 2.3]))
+    v, a = np.cos(np.outer(time, [1.7, 2.3])) * [1.7, 2.3], -q * np.square([1.7, 2.3])
+    return Recording(time, robot.joints, q, v, robot.inverse_dynamics(q, v, a))
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_joint_without_a_measured_effort_has_no_score_and_leaves_none_to_roll_out() -> None:
     robot = Model.from_urdf(Robot.bundled("arm2").urdf)
-    time = np.arange(0.0, 10.0, 0.005)
-    q = np.sin(np.outer(time, [1.7, 2.3]))
-    v, a = np.cos(np.outer(time, [1.7, 2.3])) * [1.7, 2.3], -q * np.square([1.7, 2.3])
-    whole = Recording(time, robot.joints, q, v, robot.inverse_dynamics(q, v, a))
+    whole = swinging(robot, 10.0)
     none = replace(whole, effort=whole.require_effort() * [1.0, 0.0])
     known, unknown = (prepare(recording, 10.0) for recording in (whole, none))
     assert (without_effort(known), without_effort(unknown)) == ([], ["arm2_joint2"])
@@ -195,19 +200,16 @@ def test_a_joint_without_a_measured_effort_has_no_score_and_leaves_none_to_roll_
 def test_no_motion_is_rolled_out_along_an_effort_that_was_held() -> None:
     """A driver that is stuck for three seconds repeats itself, a sensor at its limit does; the motion goes on."""
     robot = Model.from_urdf(Robot.bundled("arm2").urdf)
-    time = np.arange(0.0, 12.0, 0.005)
-    q = np.sin(np.outer(time, [1.7, 2.3]))
-    v, a = np.cos(np.outer(time, [1.7, 2.3])) * [1.7, 2.3], -q * np.square([1.7, 2.3])
-    whole = Recording(time, robot.joints, q, v, robot.inverse_dynamics(q, v, a))
+    whole = swinging(robot, 12.0)
 
     effort = whole.require_effort()
-    within = ((time >= 5.0) & (time < 8.0))[:, None]
+    within = ((whole.time >= 5.0) & (whole.time < 8.0))[:, None]
     stuck = prepare(replace(whole, effort=np.where(within, effort[1000], effort)))
     plain, some = (rollout_error(robot, signals, 0.25) for signals in (prepare(whole), stuck))
     assert plain.windows - 16 <= some.windows <= plain.windows - 12
     assert (some.position < 2.0 * plain.position).all() and (some.position < 0.01).all()
     assert rollout_error(robot, stuck, 100.0).horizon == pytest.approx(5.0, abs=0.5)
-    half = np.stack([time < 7.0, time > 6.0], axis=1)
+    half = np.stack([whole.time < 7.0, whole.time > 6.0], axis=1)
     saturated = prepare(replace(whole, effort=np.where(half, effort.max(axis=0) + 1.0, effort)))
     never = rollout_error(robot, saturated, 0.25)
     assert never.windows == 0 and np.isnan(never.position).all()
