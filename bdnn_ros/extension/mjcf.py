@@ -87,15 +87,16 @@ def _add_bodies(base: ElementTree.Element, model: ExtendedModel, names: Sequence
         )
         bodies[index] = body
         known = robot.inertials[joint]
-        if known.any() and not feasible(known[None]):
+        loadable = _loadable(known)
+        if known.any() and loadable is not known:
             body.append(ElementTree.Comment(THICKENED))
-        body.append(_inertial(known))
+        body.append(_inertial(loadable))
         body.append(_joint(model, joints, joint, *_axis(tree, index)))
         _draw(bodies[tree.parents[index]], placement.translation)
 
 
 def _inertial(parameters: np.ndarray) -> ElementTree.Element:
-    inertia = inertia_of(_loadable(parameters))
+    inertia = inertia_of(parameters)
     matrix = inertia.inertia
     about_centre = (matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     return ElementTree.Element(

@@ -19,7 +19,7 @@ from bdnn_ros.signals.wraps import wraps
 EVEN = 1e-3
 """Steps that differ by less than this share of the period count as even."""
 FASTEST = 1e5
-"""No robot's joint states come at a higher rate [Hz]; stamps that say so are in another unit."""
+"""Joint states come at no higher rate [Hz]; stamps that say so are in another unit."""
 BRIDGED, BRIDGED_PERIODS = 2.0, 2.5
 """An effort is bridged over so many standard deviations of the kernel, or periods, if that is longer: one row always."""
 
@@ -144,9 +144,14 @@ class _Grid:
         step = period / max(int(np.ceil(SAMPLES_PER_CUTOFF * chosen / rate)), 1)
         std = gaussian_std(chosen)
         grid = cls(period, step, std, kernel_half(std, 1.0 / step))
-        if rate > FASTEST or grid.count > most:  # the kernel alone could take all memory
+        if grid.too_fast or grid.count > most:  # the kernel alone could take all memory
             return grid
         return replace(grid, kernels=np.array(gaussian_kernel(std, 1.0 / step)))
+
+    @property
+    def too_fast(self) -> bool:
+        """No robot's joint states come so often."""
+        return self.period * FASTEST < 1.0
 
     @property
     def direct(self) -> bool:
@@ -188,7 +193,7 @@ class Smoother:
         grid = self._grid
         if grid is None:
             return ""
-        if grid.period * FASTEST < 1.0:
+        if grid.too_fast:
             return (
                 f"The stamps of joint_states go on by {1e9 * grid.period:.0f} ns, and no driver measures so often: "
                 "nothing is estimated. Let the driver fill stamp.sec with seconds and stamp.nanosec with nanoseconds."
