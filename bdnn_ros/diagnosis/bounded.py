@@ -57,11 +57,11 @@ def raised(a: np.ndarray, prior: np.ndarray) -> np.ndarray:
 def solved(a: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Solutions (..., k) of systems (..., k, k) that are regular but for rounding, and the logarithms of their determinants."""
     try:
-        found = np.linalg.solve(a, right[..., None])
+        found = _solutions(a, right)
     except LinAlgError:
         a = firm(a)
-        found = np.linalg.solve(a, right[..., None])
-    return found[..., 0], np.linalg.slogdet(a)[1]
+        found = _solutions(a, right)
+    return found, np.linalg.slogdet(a)[1]
 
 
 def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -71,49 +71,76 @@ def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarr
     """
     target = solve_triangular(factor, moment, lower=True)
     first = int(np.argmax(np.isfinite(low) | np.isfinite(high)))
-    held = _inside(np.tril(factor[first:, first:]).T, target[first:], low[first:], high[first:])
+    root = np.tril(factor[first:, first:]).T
+    held = _inside(root[None], target[None, first:], low[None, first:], high[None, first:])[0]
     free = target[:first] - factor[first:, :first].T @ held
     return np.concatenate([solve_triangular(factor[:first, :first].T, free), held])
 
 
 def _inside(root: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimum of |root x - target|² inside bounds, with columns brought to one size."""
-    size = np.linalg.norm(root, axis=0)
-    root, bounds = root / size, (low * size, high * size)
-    found = _active_set(root.T @ root, root.T @ target, *bounds)
-    if found is None:
-        found = lsq_linear(root, target, bounds, method="bvls").x
+    """Minima of |root x - target|² of c systems inside bounds, (c, k), with columns brought to one size.
+
+    Args:
+        root, target: (c, r, k), (c, r).
+        low, high: (c, k).
+    """
+    size = np.linalg.norm(root, axis=1)
+    root, bounds = root / size[:, None, :], (low * size, high * size)
+    turned = root.transpose(0, 2, 1)
+    found, ended = _active_sets(turned @ root, _times(turned, target), *bounds)
+    for i in np.flatnonzero(~ended):
+        found[i] = lsq_linear(root[i], target[i], (bounds[0][i], bounds[1][i]), method="bvls").x
     return np.clip(found / size, low, high)
 
 
 def _held_in_few(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The minimum of `held` where rounding may have made A indefinite."""
-    size = np.sqrt(np.diag(a))
-    squares, directions = np.linalg.eigh(a / np.outer(size, size))
-    roots = np.sqrt(np.maximum(squares, ROUNDING * squares[-1]))
-    target = directions.T @ (moment / size) / roots
-    return _inside(roots[:, None] * directions.T * size, target, low, high)
+    """The minima of `held` of c small systems (c, k, k) where rounding may have made A indefinite, (c, k)."""
+    size = np.sqrt(np.diagonal(a, axis1=1, axis2=2))
+    squares, directions = np.linalg.eigh(a / (size[:, :, None] * size[:, None, :]))
+    roots = np.sqrt(np.maximum(squares, ROUNDING * squares[:, -1:]))
+    turned = directions.transpose(0, 2, 1)
+    target = _times(turned, moment / size) / roots
+    return _inside(roots[:, :, None] * turned * size[:, None, :], target, low, high)
 
 
-def _active_set(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-    """Minimum of ½ x'Ax - m'x inside bounds, by changing at once all that is held wrongly; None where that does not end.
+def _active_sets(
+    a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minima of ½ x'Ax - m'x inside bounds (c, k), by changing at once all that is held wrongly, and where that ends, (c,) bool.
 
     It ends where nothing leaves its bounds and all that is held there is pushed against them, which is the minimum
     (primal-dual active set; Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
     """
-    best = np.linalg.solve(a, moment)
+    best = _solutions(a, moment)
     at_low, at_high = best < low, best > high
+    still = np.arange(len(best))
     for _ in range(MOST_SETS):
-        best = np.where(at_low, low, np.where(at_high, high, 0.0))
         free = ~(at_low | at_high)
-        best[free] = np.linalg.solve(a[np.ix_(free, free)], (moment - a @ best)[free])
-        pull = moment - a @ best
-        now_low = (free & (best < low)) | (at_low & (pull < 0.0))
-        now_high = (free & (best > high)) | (at_high & (pull > 0.0))
-        if (now_low == at_low).all() and (now_high == at_high).all():
-            return best
-        at_low, at_high = now_low, now_high
-    return None
+        held = np.where(at_low, low, np.where(at_high, high, 0.0))
+        loose = np.where(free[:, :, None] & free[:, None, :], a, np.eye(a.shape[-1]))
+        now = _solutions(loose, np.where(free, moment - _times(a, held), held))
+        pull = moment - _times(a, now)
+        now_low = (free & (now < low)) | (at_low & (pull < 0.0))
+        now_high = (free & (now > high)) | (at_high & (pull > 0.0))
+        moved = ((now_low != at_low) | (now_high != at_high)).any(axis=1)
+        best[still] = now
+        still, at_low, at_high = still[moved], now_low[moved], now_high[moved]
+        if not len(still):
+            break
+        a, moment, low, high = (values[moved] for values in (a, moment, low, high))
+    ended = np.ones(len(best), bool)
+    ended[still] = False
+    return best, ended
+
+
+def _times(a: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Products (c, k) of matrices (c, l, k) with vectors."""
+    return np.asarray((a @ x[..., None])[..., 0])
+
+
+def _solutions(a: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solutions (c, k) of systems (c, k, k)."""
+    return np.asarray(np.linalg.solve(a, right[..., None])[..., 0])
 
 
 def by_block(
@@ -182,13 +209,16 @@ def gains_of(
             each.append(gains_of(information, left, known, low, high))
         gains, found = (np.array(parts) for parts in zip(*each, strict=True))
         return mean_evidence(gains), found[gains.argmax(axis=0), np.arange(len(left))]
-    schur = raised(schur, prior)
     if left.shape[1] == 1:
+        schur = np.maximum(schur, prior[..., None])
         best, size = np.clip(left / schur[..., 0], low, high), np.log(schur[:, 0, 0])
     else:
+        schur = raised(schur, prior)
         best, size = solved(schur, left)
-        for i in np.flatnonzero(outside(best, low, high)):
-            best[i] = _held_in_few(schur[i], left[i], low[i], high[i])
+        beyond = np.flatnonzero(outside(best, low, high))
+        if len(beyond):
+            ends = (np.broadcast_to(end, best.shape)[beyond] for end in (low, high))
+            best[beyond] = _held_in_few(schur[beyond], left[beyond], *ends)
     explained = np.sum(best * left, axis=1) - 0.5 * np.einsum("ck,ckl,cl->c", best, schur, best)
     volume = 0.5 * np.sum(np.log(prior), axis=1) - 0.5 * size
     return explained + volume, best

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.leftover import basis, beyond
@@ -77,10 +78,12 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
     rows = some(np.flatnonzero(inside if disturbed is None else inside & ~disturbed), MOST_ROWS)
     if not len(rows):
         return None
-    bodies = signals.smooth_at(_of_bodies(signals, robot), rows)
+    smoothing = signals.smoothing_at(rows)
+    bodies = _of_bodies(signals, robot)
+    bodies = (smoothing @ bodies.reshape(len(bodies), -1)).reshape(-1, *bodies.shape[1:])
     load = np.abs(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
     moving = np.flatnonzero(further(signals.position, signals.position_noise)).tolist()
-    joints = {j: _Joint.of(signals, rows, bodies[:, j], load[:, j], j) for j in moving}
+    joints = {j: _Joint.of(signals, smoothing, bodies[:, j], load[:, j], j) for j in moving}
     found = np.array([joints[j].creep() if j in joints else AT_ONCE for j in range(signals.width)])
     if not found.any():
         return None
@@ -117,14 +120,14 @@ class _Joint:
     """A joint's effort beside bodies, zeros, base, rotor, fluid friction, offset and lead, and what dry friction explains.
 
     Attributes:
-        rows: of the motion, in order, (R,).
+        smoothing: the low-pass at some rows of the motion, (R, N).
         load: what the bodies ask of the joint, whichever way, (N,) [N·m]: dry friction may grow with it.
         spanned: orthonormal columns of what is beside dry friction, (R, b).
         target: what they leave of the effort, (R,).
     """
 
     signals: Signals
-    rows: np.ndarray
+    smoothing: csr_array
     joint: int
     load: np.ndarray
     spanned: np.ndarray
@@ -132,7 +135,7 @@ class _Joint:
 
     @classmethod
     def of(
-        cls, signals: Signals, rows: np.ndarray, bodies: np.ndarray, load: np.ndarray, joint: int
+        cls, signals: Signals, smoothing: csr_array, bodies: np.ndarray, load: np.ndarray, joint: int
     ) -> _Joint:
         """The joint of a motion.
 
@@ -142,8 +145,8 @@ class _Joint:
         assert signals.effort is not None
         v, effort = signals.velocity[:, joint], signals.effort[:, joint]
         own = [signals.acceleration[:, joint], v, np.abs(v) * v, np.ones_like(v), signals.derivative(effort)]
-        spanned = basis(np.concatenate([bodies, signals.smooth_at(np.stack(own, axis=1), rows)], axis=1))
-        return cls(signals, rows, joint, load, spanned, beyond(signals.smooth_at(effort, rows), spanned))
+        spanned = basis(np.concatenate([bodies, smoothing @ np.stack(own, axis=1)], axis=1))
+        return cls(signals, smoothing, joint, load, spanned, beyond(smoothing @ effort, spanned))
 
     def creep(self) -> Creep:
         """How its dry friction comes on."""
@@ -244,7 +247,7 @@ class _Joint:
     def _own(self, columns: Sequence[np.ndarray]) -> np.ndarray:
         """Columns (N,) behind both low-passes, without what is beside them, (R, k)."""
         soft = self.signals.soften(np.stack(columns, axis=1))
-        return beyond(self.signals.smooth(soft)[self.rows], self.spanned)
+        return beyond(self.smoothing @ soft, self.spanned)
 
     def _way(self, creep: Creep) -> np.ndarray:
         """Direction of friction that comes on so, (N,)."""

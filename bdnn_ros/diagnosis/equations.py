@@ -275,11 +275,11 @@ class Equations:
             joints: those of which the values are, (n,) int; None is all.
         """
         order = noise.coefficients.shape[1]
-        history = self.history(order)
-        seen = np.maximum(history, 0)
-        weights, keep = noise.weights(seen), (history >= 0) / noise.of(self.doubtful(order), seen)
+        history, doubt = self.history(order), self.doubtful(order)
         if joints is not None:
-            weights, keep = weights[:, joints], keep[:, joints]
+            history, doubt = history[:, joints], doubt[:, joints]
+        seen = np.maximum(history, 0)
+        weights, keep = noise.weights(seen, joints), (history >= 0) / noise.of(doubt, seen, joints)
         shape = values.shape[:2] + (1,) * (values.ndim - 2)
         white = values.astype(float)
         for lag in range(1, order + 1):

@@ -27,23 +27,29 @@ class Noise:
     std: np.ndarray
     slip: np.ndarray | None = None
 
-    def of(self, doubt: np.ndarray, history: np.ndarray) -> np.ndarray:
-        """Standard deviation of rows, given as many rows before each as its history has, (R, n).
+    def of(self, doubt: np.ndarray, history: np.ndarray, joints: np.ndarray | None = None) -> np.ndarray:
+        """Standard deviation of rows, given as many rows before each as its history has, (R, k).
 
         Args:
-            doubt: of the joint's direction, (R, n).
-            history: usable rows just before each, up to the order, (R, n).
+            doubt: of the joint's direction, (R, k).
+            history: usable rows just before each, up to the order, (R, k).
+            joints: whose they are, (k,) int; None is all.
         """
-        std = self.std if self.slip is None else np.hypot(self.std, self.slip * doubt)
-        return np.asarray(std * self._shorter[1][history, np.arange(len(self.std))])
+        joints = self._all if joints is None else joints
+        std = self.std[joints] if self.slip is None else np.hypot(self.std[joints], self.slip[joints] * doubt)
+        return np.asarray(std * self._shorter[1][history, joints])
 
     def sure(self, doubt: np.ndarray) -> np.ndarray:
         """Rows in which what may stick is less than the other noise, (R, n) bool, given the doubt of the direction (R, n)."""
         return np.ones(doubt.shape, bool) if self.slip is None else self.slip * doubt <= self.std
 
-    def weights(self, history: np.ndarray) -> np.ndarray:
-        """Weights of the rows before each that predict it best, zero beyond its history, (R, n, order)."""
-        return np.asarray(self._shorter[0][history, np.arange(len(self.std))])
+    def weights(self, history: np.ndarray, joints: np.ndarray | None = None) -> np.ndarray:
+        """Weights of the rows before each that predict it best, zero beyond its history, (R, k, order); see `of`."""
+        return np.asarray(self._shorter[0][history, self._all if joints is None else joints])
+
+    @property
+    def _all(self) -> np.ndarray:
+        return np.arange(len(self.std))
 
     @cached_property
     def _shorter(self) -> tuple[np.ndarray, np.ndarray]:

@@ -122,13 +122,12 @@ class EffortDelay(Effect):
         plant.delay[slice(None) if target < 0 else target] += values["delay"]
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        lead = shape["at"]
+        lead, where = shape["at"], slice(None) if target < 0 else slice(target, target + 1)
+        load = motion.load[:, where]
         change = (
-            motion.load_rate
-            if abs(lead) < 1e-4
-            else (motion.advanced(motion.load, lead) - motion.load) / lead
+            motion.load_rate[:, where] if abs(lead) < 1e-4 else (motion.advanced(load, lead) - load) / lead
         )
-        return change[..., None] if target < 0 else motion.joint_column(target, change[:, target])
+        return change[..., None] if target < 0 else motion.joint_column(target, change[:, 0])
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"at": delay} for delay in (0.0, 0.004, 0.008, 0.012, 0.016, 0.02, 0.025, 0.03, 0.04)]

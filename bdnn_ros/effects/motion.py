@@ -207,7 +207,7 @@ class Motion:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
-        """Values (N, n) as they will be `lead` seconds later, along each segment; held at its end."""
+        """Values (N, k) as they will be `lead` seconds later, along each segment; held at its end."""
         result = np.empty_like(values)
         for rows in self.signals.segments:
             time = self.time[rows]

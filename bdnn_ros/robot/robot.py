@@ -119,6 +119,11 @@ class Robot(ReadOnlyArrays):
         return defaultdict(self._model.createData)
 
     @cached_property
+    def _pools(self) -> dict[int, pin.ModelPool]:
+        """The same for what Pinocchio computes of many rows at once."""
+        return defaultdict(lambda: pin.ModelPool(self._model, 1))
+
+    @cached_property
     def _order(self) -> np.ndarray:
         """Pinocchio's velocity index of each joint, (n,): one less than the joint's own number."""
         return np.array([self._model.idx_vs[self._model.getJointId(name)] for name in self.joints])
@@ -139,10 +144,9 @@ class Robot(ReadOnlyArrays):
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> np.ndarray:
         """M q̈ + C q̇ + g of the bodies, without armature or friction, (..., n) [N·m]."""
-        model, data, order = self._model, self._data, self._order
-        (q, v, a), shape = self._rows(position, velocity, acceleration)
-        result = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
-        return result.reshape(len(q), self.width)[:, order].reshape(shape)
+        rows, shape = self._rows(position, velocity, acceleration)
+        result = pin.rneaInParallel(1, self._pools[get_ident()], *(row.T for row in rows))
+        return np.asarray(result.reshape(self.width, -1)[self._order].T.reshape(shape))
 
     def drive_effort(
         self, velocity: np.ndarray, acceleration: np.ndarray, direction: np.ndarray
