@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical import handover
-from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 from bdnn_ros.robot import PER_LINK
+from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 
 PROBLEMS = ((0, 0.3), (1, 0.5), (2, 1.0))
 """Seeds and seconds of motion: after so little, the most probable bodies are none."""

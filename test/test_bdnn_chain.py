@@ -10,13 +10,14 @@ import pytest
 from bdnn_cases import signals, worn
 
 from bdnn_ros.bdnn import chain as chains
-from bdnn_ros.bdnn.bodies import Belief, columns, fit, pseudo_inertias, quadratic
+from bdnn_ros.bdnn.bodies import Belief, columns, fit, quadratic
 from bdnn_ros.bdnn.chain import Search
 from bdnn_ros.bdnn.kinematics import Kinematics
 from bdnn_ros.bdnn.refinement import Refinement, get_chain
 from bdnn_ros.bdnn.samples import Samples, samples_of, scales_of, shortened
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.bodies import pseudo_inertia
 from bdnn_ros.signals import MINIMUM_SAMPLES
 
 N = 3
@@ -72,7 +73,7 @@ def test_a_body_whose_thickness_is_rounding_is_at_the_edge():
     believed = belief(1)
     thin = believed.reference.copy()
     thin[:PER_LINK] = [1.0, 0.0, 0.0, 0.0, 1e-15, 0.0, 1.0, 0.0, 0.0, 1.0]
-    assert np.linalg.eigvalsh(pseudo_inertias(thin[None, :PER_LINK]))[0, 0] > 0.0
+    assert np.linalg.eigvalsh(pseudo_inertia(thin[None, :PER_LINK]))[0, 0] > 0.0
     assert believed.nats(thin) == np.inf
     thin[4] = 1e-9
     assert np.isfinite(believed.nats(thin))
@@ -181,7 +182,7 @@ def test_bodies_of_known_axes_are_fitted_and_could_exist():
     generic = chains.generic(data)
     design = columns(robot.regressor(data.position, data.velocity, data.acceleration), data)
     theta = fit(quadratic(design, data.effort, 0.01 * np.std(data.effort, axis=0)), generic)
-    assert (np.linalg.eigvalsh(pseudo_inertias(theta[:60].reshape(6, 10)))[:, 0] > 0.0).all()
+    assert (np.linalg.eigvalsh(pseudo_inertia(theta[:60].reshape(6, 10)))[:, 0] > 0.0).all()
     assert (theta[60:78] > 0.0).all()
     error = np.mean((design @ theta - data.effort) ** 2, axis=0) / np.var(data.effort, axis=0)
     assert (error < 2e-3).all()

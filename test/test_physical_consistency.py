@@ -4,15 +4,9 @@ import numpy as np
 import pytest
 
 from bdnn_ros.physical.consistency import LAST_BARRIER, consistent, feasible
-from bdnn_ros.physical.parameters import (
-    feasible_pseudo_inertia,
-    inertial_parameters,
-    of_robot,
-    prior,
-    pseudo_inertia,
-    tangent_basis,
-)
+from bdnn_ros.physical.parameters import of_robot, prior, tangent_basis
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 
 
 @pytest.fixture(scope="module")

@@ -7,15 +7,13 @@ import pytest
 from bdnn_ros.physical.parameters import (
     Parameters,
     Spread,
-    feasible_pseudo_inertia,
-    inertial_parameters,
     of_robot,
     parameter_names,
     prior,
-    pseudo_inertia,
     tangent_basis,
 )
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia, thickened
 
 
 def some_inertial(generator):
@@ -43,6 +41,13 @@ def test_pseudo_inertia_goes_both_ways():
     np.testing.assert_allclose(inertial_parameters(pseudo_inertia(values)), values, atol=1e-12)
 
 
+def test_pseudo_inertias_of_many_bodies_are_those_of_each():
+    generator = np.random.default_rng(4)
+    many = np.array([[some_inertial(generator) for _ in range(3)] for _ in range(2)])
+    each = [[pseudo_inertia(values) for values in row] for row in many]
+    np.testing.assert_array_equal(pseudo_inertia(many), each)
+
+
 @pytest.mark.parametrize(
     "values",
     [
@@ -56,11 +61,14 @@ def test_pseudo_inertia_goes_both_ways():
 def test_an_impossible_body_becomes_a_possible_one(values):
     result = feasible_pseudo_inertia(pseudo_inertia(values))
     assert np.linalg.eigvalsh(result)[0] > 0.0
+    np.testing.assert_allclose(thickened(values), inertial_parameters(result))
 
 
 def test_a_possible_body_stays_as_it_is():
-    pseudo = pseudo_inertia(some_inertial(np.random.default_rng(2)))
+    values = some_inertial(np.random.default_rng(2))
+    pseudo = pseudo_inertia(values)
     np.testing.assert_array_equal(feasible_pseudo_inertia(pseudo), pseudo)
+    assert thickened(values) is values
 
 
 def test_the_prior_does_not_depend_on_the_links_frame():

@@ -16,6 +16,7 @@ import numpy as np
 
 from bdnn_ros.bdnn.samples import Samples
 from bdnn_ros.robot import PER_LINK
+from bdnn_ros.robot.bodies import pseudo_inertia
 
 PER_JOINT = 4
 """Armature, viscous, coulomb, offset."""
@@ -28,25 +29,8 @@ ROUNDING = 1e-13
 """Share of a pseudo-inertia's largest eigenvalue up to which its smallest is rounding: such a body is at the edge."""
 
 
-def _pseudo_basis() -> np.ndarray:
-    """Pseudo-inertia of each unit inertial parameter, (PER_LINK, 4, 4)."""
-    basis = np.zeros((PER_LINK, 4, 4))
-    basis[0, 3, 3] = 1.0
-    for k in range(3):
-        basis[1 + k, k, 3] = basis[1 + k, 3, k] = 1.0
-    for k, (i, j) in zip((4, 5, 6, 7, 8, 9), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), strict=True):
-        tensor = np.zeros((3, 3))
-        tensor[i, j] = tensor[j, i] = 1.0
-        basis[k, :3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    return basis
-
-
-_BASIS = _pseudo_basis()
-
-
-def pseudo_inertias(inertials: np.ndarray) -> np.ndarray:
-    """J = [[Σ, m·c], [m·cᵀ, m]], Σ = ½ tr(I)·1 − I, of bodies (n, PER_LINK), (n, 4, 4)."""
-    return np.einsum("bk,kij->bij", inertials, _BASIS)
+_BASIS = pseudo_inertia(np.eye(PER_LINK))
+"""Of each unit inertial parameter, (PER_LINK, 4, 4)."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +60,11 @@ class Belief:
         n = len(self.offset)
         edge, last = PER_LINK * n, (PER_LINK + 3) * n
         positive = theta[edge:last]
-        pseudo = pseudo_inertias(theta[:edge].reshape(n, PER_LINK))
+        pseudo = pseudo_inertia(theta[:edge].reshape(n, PER_LINK))
         sizes = np.linalg.eigvalsh(pseudo)
         if (positive <= 0.0).any() or (sizes[:, 0] <= ROUNDING * np.maximum(sizes[:, -1], 0.0)).any():
             return np.inf
-        reference = pseudo_inertias(self.inertials)
+        reference = pseudo_inertia(self.inertials)
         ratio = np.linalg.solve(reference, pseudo)
         bodies = np.trace(ratio, axis1=1, axis2=2) - np.linalg.slogdet(ratio)[1] - 4.0
         scaled = positive / self.joints.ravel()
@@ -96,8 +80,8 @@ class Belief:
         n = len(self.offset)
         edge, last = PER_LINK * n, (PER_LINK + 3) * n
         gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
-        reference = np.linalg.inv(pseudo_inertias(self.inertials))
-        inverse = np.linalg.inv(pseudo_inertias(theta[:edge].reshape(n, PER_LINK)))
+        reference = np.linalg.inv(pseudo_inertia(self.inertials))
+        inverse = np.linalg.inv(pseudo_inertia(theta[:edge].reshape(n, PER_LINK)))
         for body in range(n):
             rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
             gradient[rows] = self.body_strength * np.einsum(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.bdnn import correction
-from bdnn_ros.bdnn.bodies import PER_JOINT, Belief, columns, fit, pseudo_inertias, quadratic
+from bdnn_ros.bdnn.bodies import PER_JOINT, Belief, columns, fit, quadratic
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local
@@ -28,6 +28,7 @@ from bdnn_ros.bdnn.samples import (
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.bodies import thickened
 from bdnn_ros.signals import Signals
 
 WRONG_BY = 0.3
@@ -40,8 +41,6 @@ NOISE_FLOOR = 1e-3
 CORRECTION_SHARE = 0.8
 """Share of the budget after which the correction of M stops."""
 STAGES = ("bodies", "networks", "correction", "finished")
-THICKNESS = 1e-4
-"""Least principal moment of a body over its largest: URDFs hold points and rods."""
 
 
 class PriorTraining:
@@ -159,20 +158,6 @@ def robot_of(robot: Robot, theta: np.ndarray) -> tuple[Robot, np.ndarray]:
     armature, viscous, coulomb, offset = theta[PER_LINK * n :].reshape(PER_JOINT, n)
     changed = robot.with_inertials(theta[: PER_LINK * n]).with_joint_parameters(armature, viscous, coulomb)
     return changed, offset
-
-
-def thickened(inertial: np.ndarray) -> np.ndarray:
-    """A body's inertials (PER_LINK,), made those of a body that could exist where they are not."""
-    mass = max(float(inertial[0]), 1e-3)
-    centre = inertial[1:4] / mass
-    pseudo = pseudo_inertias(inertial[None])[0]
-    values, vectors = np.linalg.eigh(pseudo[:3, :3] - mass * np.outer(centre, centre))
-    least = max(THICKNESS * float(values[-1]), 1e-6 * mass)
-    if inertial[0] >= mass and values[0] >= least:
-        return inertial
-    moment = (vectors * np.maximum(values, least)) @ vectors.T + mass * np.outer(centre, centre)
-    tensor = np.trace(moment) * np.eye(3) - moment
-    return np.array([mass, *(mass * centre), *tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
 def _error(robot: Robot, theta: np.ndarray, samples: Samples) -> float:

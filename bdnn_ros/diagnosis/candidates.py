@@ -110,7 +110,7 @@ class Candidates:
                 beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
                 result.append(_relinearised(equations, pool, beside, term.shaped(shapes[0])))
                 continue
-            result.append(_best_of(equations, pool, fit, term, shapes)[1])
+            result.append(_best_of(pool, fit, term, shapes)[1])
         return result
 
     def anew(self, equations: Equations, pool: Pool, fit: Fit, one: int) -> Pool:
@@ -119,7 +119,7 @@ class Candidates:
         shapes = term.shapes(equations.motion)
         if len(shapes) == 1:
             return pool
-        gain, found = _best_of(equations, pool, fit, term, shapes)
+        gain, found = _best_of(pool, fit, term, shapes)
         return pool.replacing(one, found) if gain > pool.gain_of(fit, term)[0] else pool
 
     def refined(self, equations: Equations, pool: Pool, fit: Fit, chosen: int) -> Term:
@@ -152,7 +152,7 @@ class Candidates:
             term = pool.terms[chosen]
             if term.effect.at_sensor:
                 continue
-            coefficients = pool.acting(fit, chosen) * pool.coefficients(fit, chosen)
+            coefficients = acting_per_measured(pool, fit, chosen) * pool.coefficients(fit, chosen)
             part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
             base = base + equations.passed(part)
             if term.effect.in_drive:
@@ -176,6 +176,20 @@ class Candidates:
         return plant.robot
 
 
+def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:
+    """The effort scale of a term's joint in a fit if the term is in the drive or an offset, else 1.
+
+    What a drive takes is measured in its sensor's units: where the fit has a wrong effort scale there, it takes that
+    much more or less. An offset counts in the effort that acts.
+    """
+    term = pool.terms[chosen]
+    for other in fit.terms if term.effect.in_drive or term.effect.name == "effort_offset" else ():
+        scale = pool.terms[other]
+        if scale.effect.name == "effort_scale" and scale.target == term.target:
+            return float(scale.effect.values(pool.coefficients(fit, other), {})["scale"])
+    return 1.0
+
+
 def _as_change(term: Term, robot: Robot, since: Sequence[Installed] | None) -> Term:
     """A term as a change from what is described, or from what an earlier model has at its place, in its robot and beside it."""
     if since is None:
@@ -189,14 +203,12 @@ def _as_change(term: Term, robot: Robot, since: Sequence[Installed] | None) -> T
     return replace(term, effect=term.effect.since(robot, term.target, term.link, held))
 
 
-def _best_of(
-    equations: Equations, pool: Pool, fit: Fit, term: Term, shapes: Sequence[dict[str, float]]
-) -> tuple[float, Term]:
+def _best_of(pool: Pool, fit: Fit, term: Term, shapes: Sequence[dict[str, float]]) -> tuple[float, Term]:
     """The term with the one of some shapes that adds most evidence to a fit, and how much that is."""
     tried = [term.shaped(shape) for shape in shapes]
-    gains = [pool.gain_of(fit, one, equations.columns(one))[0] for one in tried]
+    gains = pool.gains_of_shapes(fit, tried)
     best = int(np.argmax(gains))
-    return gains[best], tried[best]
+    return float(gains[best]), tried[best]
 
 
 def _elsewhere(term: Term, other: Term) -> bool:

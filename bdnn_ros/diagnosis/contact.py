@@ -78,7 +78,7 @@ class _Pull:
         arms = [
             equations.reduced(effect.displaced(equations.motion, shape, link, force)) for force in np.eye(3)
         ]
-        schur, left = pool.beside(fit, np.concatenate([origin, *arms], axis=2))
+        (schur,), (left,) = pool.beside(fit, np.concatenate([origin, *arms], axis=2)[:, :, None])
         return cls(schur, left, 1.0 / equations.spread(term, equations.made(term))[:3] ** 2)
 
     def gains(self, points: np.ndarray) -> np.ndarray:

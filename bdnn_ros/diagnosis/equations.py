@@ -115,6 +115,7 @@ class Equations:
         """Values at the working rate (N, ...) as rows: low-passed and thinned, (R, ...); of what joints bear, or `borne` not."""
         flat = (self.passed(values) if borne else values).reshape(len(values), -1)
         acting, result = np.ones(len(flat)) @ np.abs(flat) != 0.0, np.zeros((len(self.rows), flat.shape[1]))
+        acting = slice(None) if acting.all() else acting  # without a copy
         if self.lead:
             smooth = self.motion.advanced(self.motion.signals.smooth(flat[:, acting]), self.lead)
             result[:, acting] = smooth[self.rows]

@@ -55,8 +55,10 @@ class Pool:
         self.precision = 1.0 / np.concatenate(spread) ** 2
         free = np.tile([-np.inf, np.inf], (self.base, 1))
         self.lower, self.upper = np.vstack([free, *(t.effect.coefficient_bounds for t in self.terms)]).T
-        most = max((len(t.kinds) for t in self.terms), default=1)
-        kinds = (np.broadcast_to(t.kinds, (most, t.kinds.shape[1])) for t in self.terms)
+        own = [term.kinds for term in self.terms]
+        self.some = [len(kinds) for kinds in own]
+        most = max(self.some, default=1)
+        kinds = (np.broadcast_to(kinds, (most, kinds.shape[1])) for kinds in own)
         self.kinds = np.concatenate([np.ones((most, self.base)), *kinds], axis=1)  # all are of one kind
         self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
         self.white_target = equations.whiten(equations.target, noise)
@@ -127,7 +129,8 @@ class Pool:
         key = tuple(chosen)
         if key not in self._fits:
             index = self.columns_of(key)
-            kinds = np.unique(self.kinds[:, index], axis=0)
+            kinds = self.kinds[:, index]
+            kinds = kinds[:1] if (kinds == kinds[0]).all() else np.unique(kinds, axis=0)
             ends = self.lower[index], self.upper[index]
             each = [self._fit(key, index, self.precision[index] * kind, *ends) for kind in kinds]
             evidence = float(mean_evidence(np.array([fit.evidence for fit in each])))
@@ -193,11 +196,10 @@ class Pool:
         half = np.zeros((len(index), gram.shape[0]))
         half[:, wanted] = solve_triangular(fit.factor, gram[np.ix_(index, wanted)], lower=True)
         result = np.empty(len(candidates))
-        sizes = np.array([len(self.slots[c]) for c in candidates])
-        some = np.array([len(self.terms[c].kinds) for c in candidates])
-        for size, few in np.unique(np.stack([sizes, some]), axis=1).T:
-            same = np.flatnonzero((sizes == size) & (some == few))
-            slots = np.array([self.slots[candidates[int(i)]] for i in same])
+        sizes = [(len(self.slots[c]), self.some[c]) for c in candidates]
+        for size, few in sorted(set(sizes)):
+            same = [i for i, one in enumerate(sizes) if one == (size, few)]
+            slots = np.array([self.slots[candidates[i]] for i in same])
             inner = gram[slots[:, :, None], slots[:, None, :]]
             seen = half[:, slots].transpose(1, 2, 0)
             schur = inner - seen @ seen.transpose(0, 2, 1)
@@ -212,27 +214,37 @@ class Pool:
         Args:
             columns: rows (R, n, k) in place of the term's own, without bounds; else its own are made and not kept.
         """
-        bounds, kinds = np.array(term.effect.coefficient_bounds), term.kinds
-        if columns is None:
-            columns = self.equations.made(term)
-        elif columns.shape[2] != len(bounds):
-            bounds, kinds = np.tile([-np.inf, np.inf], (columns.shape[2], 1)), kinds[:0]
-        inner, left = self.beside(fit, columns)
-        left -= self.equations.echo(term, len(left)).sum(axis=0)
-        prior = 1.0 / self.equations.spread(term, columns) ** 2
-        schur = inner + np.diag(prior)
-        ends = bounds[None, :, 0], bounds[None, :, 1]
-        gains, best = gains_of(schur[None], left[None], prior[None], *ends, kinds)
+        columns = self.equations.made(term) if columns is None else columns
+        gains, best = self._each(fit, [term], columns[:, :, None])
         return float(gains[0]), best[0]
 
+    def gains_of_shapes(self, fit: Fit, tried: Sequence[Term]) -> np.ndarray:
+        """Log evidence that each of c shapes of a term outside the pool would add to a fit, (c,)."""
+        return self._each(fit, tried, np.stack([self.equations.columns(one) for one in tried], axis=2))[0]
+
+    def _each(self, fit: Fit, terms: Sequence[Term], columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of terms of one effect, (c,), and their coefficients (c, k), with these rows (R, n, c, k)."""
+        bounds, kinds, size = np.array(terms[0].effect.coefficient_bounds), terms[0].kinds, columns.shape[3]
+        if size != len(bounds):
+            bounds, kinds = np.tile([-np.inf, np.inf], (size, 1)), kinds[:0]
+        inner, left = self.beside(fit, columns)
+        left -= np.array([self.equations.echo(term, size).sum(axis=0) for term in terms])
+        each = zip(terms, np.moveaxis(columns, 2, 0), strict=True)
+        prior = np.array([self.equations.spread(term, own) for term, own in each]) ** -2.0
+        schur = inner + prior[:, :, None] * np.eye(size)
+        return gains_of(schur, left, prior, bounds[None, :, 0], bounds[None, :, 1], kinds)
+
     def beside(self, fit: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What rows (R, n, k) tell of their coefficients beside a fit: information (k, k), moments with what is left (k,)."""
-        joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
+        """What rows (R, n, c, k) tell of coefficients beside a fit: information (c, k, k), moments with what is left (c, k)."""
+        joints = np.flatnonzero(np.any(columns, axis=(0, 2, 3)))
         white = self.equations.whiten(columns[:, joints], self.noise, joints)
-        tall, known = white.reshape(-1, white.shape[2]), self.known(fit, joints)
-        cross = known.T @ tall
+        each, known = columns.shape[2:], self.known(fit, joints)
+        tall = white.reshape(-1, each[0] * each[1])
         left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
-        return tall.T @ tall - cross.T @ fit.covariance @ cross, left
+        cross = known.T @ tall
+        told = (fit.covariance @ cross).reshape(-1, *each).transpose(1, 0, 2)
+        across, own = (values.reshape(-1, *each).transpose(1, 2, 0) for values in (cross, tall))
+        return own @ own.transpose(0, 2, 1) - across @ told, left.reshape(each)
 
     def known(self, fit: Fit, joints: np.ndarray) -> np.ndarray:
         """Whitened columns of a fit on some joints, (R * joints, P); kept for the next term that is tried beside it."""
@@ -296,18 +308,6 @@ class Pool:
     def coefficients(self, fit: Fit, chosen: int) -> np.ndarray:
         """Coefficients (k,) of one term of a fit."""
         return fit.coefficients[self._rows(fit, chosen)]
-
-    def acting(self, fit: Fit, chosen: int) -> float:
-        """Acting effort per measured effort of a term: the effort scale of its joint if it is in the drive or an offset, else 1.
-
-        What a drive takes is measured in its sensor's units: where the fit has a wrong effort scale there, it takes that
-        much more or less. An offset counts in the effort that acts.
-        """
-        term = self.terms[chosen]
-        for other in fit.terms if term.effect.in_drive or term.effect.name == "effort_offset" else ():
-            if self.terms[other].effect.name == "effort_scale" and self.terms[other].target == term.target:
-                return float(self.terms[other].effect.values(self.coefficients(fit, other), {})["scale"])
-        return 1.0
 
     def _rows(self, fit: Fit, chosen: int) -> slice:
         if chosen not in fit.terms:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bdnn_ros.diagnosis.candidates import acting_per_measured
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.leads import hold_spread, parted
@@ -180,7 +181,9 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
             beyond[told, told] = [spread.get(name, 0.0) ** 2 / 3.0 for name, _ in term.shape]
         third = doubting if term.effect.on_body else covariance
         own, scattered, doubted = (pick @ one @ pick.T + beyond for one in (covariance, robust, third))
-        result.append(Estimate(term, coefficients, own, scattered, doubted, pool.acting(fit, chosen)))
+        result.append(
+            Estimate(term, coefficients, own, scattered, doubted, acting_per_measured(pool, fit, chosen))
+        )
         start += len(pool.slots[chosen])
     return result
 

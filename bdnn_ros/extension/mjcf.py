@@ -17,8 +17,8 @@ from bdnn_ros.effects.registry import Installed
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import IN_URDF, Joints, joints_of, named, upright
 from bdnn_ros.physical.consistency import feasible
-from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.bodies import thickened
 from bdnn_ros.robot.urdf import UNLIMITED, inertia_of
 from bdnn_ros.written import numbers
 
@@ -113,7 +113,7 @@ def _loadable(parameters: np.ndarray) -> np.ndarray:
         return SPECK
     if feasible(parameters[None]):
         return parameters
-    return inertial_parameters(feasible_pseudo_inertia(pseudo_inertia(parameters)))
+    return thickened(parameters)
 
 
 def _axis(tree: pin.Model, index: int) -> tuple[str, np.ndarray]:

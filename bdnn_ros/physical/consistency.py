@@ -7,13 +7,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from bdnn_ros.physical.parameters import (
-    feasible_pseudo_inertia,
-    inertial_parameters,
-    pseudo_inertia,
-    tangent_basis,
-)
+from bdnn_ros.physical.parameters import tangent_basis
 from bdnn_ros.robot import PER_LINK
+from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 
 FIRST_BARRIER, LAST_BARRIER, SHRINKING = 1.0, 0.01, 0.1
 """Weights of the barrier, in nats, each that share of the one before."""

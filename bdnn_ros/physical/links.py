@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bdnn_ros.physical.parameters import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 
 THIN = 0.3
 """No link is described better across than this share of its length would tell."""

@@ -9,14 +9,13 @@ from functools import cache
 import numpy as np
 
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
 
 INERTIAL_NAMES = ("mass", "mass_x", "mass_y", "mass_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """m [kg], m·c [kg·m], inertia about the link frame's origin [kg·m²], in the order of `Robot.inertials`."""
 JOINT_NAMES = ("armature", "viscous", "coulomb", "offset")
 """[kg·m²], [N·m·s/rad], [N·m], [N·m] of each joint."""
 PER_JOINT = len(JOINT_NAMES)
-SMALLEST_SPREAD = 1e-4
-"""Smallest principal second moment of a body, relative to its largest: thinner ones are thickened."""
 
 
 @dataclass(frozen=True)
@@ -126,47 +125,6 @@ def prior(robot: Robot, spread: Spread | None = None) -> Prior:
     )
     covariance[width * PER_LINK :, width * PER_LINK :] = np.diag(deviations**2)
     return Prior(of_robot(robot).vector(), covariance, effort)
-
-
-def pseudo_inertia(inertial: np.ndarray) -> np.ndarray:
-    """Pseudo-inertia [[Σ, m·c], [m·cᵀ, m]] of a body from its inertial parameters (PER_LINK,), (4, 4).
-
-    Σ = ½ tr(I)·1 − I is the second moment of the mass. Positive-definite if and only if some distribution of
-    mass has these parameters (Wensing, Kim and Slotine, IEEE RA-L 2018).
-    """
-    inertia = inertial[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
-    result = np.empty((4, 4))
-    result[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    result[:3, 3] = result[3, :3] = inertial[1:4]
-    result[3, 3] = inertial[0]
-    return result
-
-
-def inertial_parameters(pseudo: np.ndarray) -> np.ndarray:
-    """Inertial parameters (PER_LINK,) of a pseudo-inertia: the inverse of `pseudo_inertia`."""
-    moment = pseudo[:3, :3]
-    inertia = np.trace(moment) * np.eye(3) - moment
-    return np.array([pseudo[3, 3], *pseudo[:3, 3], *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
-
-
-def feasible_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:
-    """The pseudo-inertia itself, or the nearest one that is safely positive-definite, (4, 4).
-
-    URDFs hold massless links, points, thin rods and inertias that no body can have.
-    """
-    mass = max(float(pseudo[3, 3]), 1e-3)
-    centre = pseudo[:3, 3] / mass
-    moment = pseudo[:3, :3] - mass * np.outer(centre, centre)
-    values, vectors = np.linalg.eigh(moment)
-    floor = max(SMALLEST_SPREAD * float(values[-1]), mass * 1e-6)
-    if pseudo[3, 3] >= mass and values[0] >= floor:
-        return pseudo
-    moment = (vectors * np.maximum(values, floor)) @ vectors.T
-    result = np.empty((4, 4))
-    result[:3, :3] = moment + mass * np.outer(centre, centre)
-    result[:3, 3] = result[3, :3] = mass * centre
-    result[3, 3] = mass
-    return result
 
 
 def tangent_basis(factor: np.ndarray) -> np.ndarray:

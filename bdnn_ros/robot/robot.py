@@ -111,16 +111,11 @@ class Robot(ReadOnlyArrays):
 
     @property
     def _data(self) -> pin.Data:
-        return self._memory[get_ident()]
+        return self._memory[get_ident()].getData(0)
 
     @cached_property
-    def _memory(self) -> dict[int, pin.Data]:
+    def _memory(self) -> dict[int, pin.ModelPool]:
         """Pinocchio's working memory of each thread: what one computes no other reads."""
-        return defaultdict(self._model.createData)
-
-    @cached_property
-    def _pools(self) -> dict[int, pin.ModelPool]:
-        """The same for what Pinocchio computes of many rows at once."""
         return defaultdict(lambda: pin.ModelPool(self._model, 1))
 
     @cached_property
@@ -145,7 +140,7 @@ class Robot(ReadOnlyArrays):
     ) -> np.ndarray:
         """M q̈ + C q̇ + g of the bodies, without armature or friction, (..., n) [N·m]."""
         rows, shape = self._rows(position, velocity, acceleration)
-        result = pin.rneaInParallel(1, self._pools[get_ident()], *(row.T for row in rows))
+        result = pin.rneaInParallel(1, self._memory[get_ident()], *(row.T for row in rows))
         return np.asarray(result.reshape(self.width, -1)[self._order].T.reshape(shape))
 
     def drive_effort(
