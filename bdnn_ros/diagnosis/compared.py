@@ -36,6 +36,20 @@ class KnowsSensors(Predicts, Protocol):
         """Itself as recordings of another time are compared with it."""
 
 
+@runtime_checkable
+class Identified(Predicts, Protocol):
+    """A model whose parameters were identified, each with what is known of it."""
+
+    offset: np.ndarray
+    """What it adds to the measured efforts, (n,) [N·m]."""
+    covariance: np.ndarray
+    """Of all its parameters, (P, P)."""
+    lead: float
+    """How far the measured effort is ahead of the motion [s]."""
+    lag: float
+    """Time constant of the low-pass that it has passed [s]."""
+
+
 @dataclass(frozen=True)
 class Compared:
     """A model of efforts when and in the units in which they act, and what its sensors do beside.
@@ -47,6 +61,9 @@ class Compared:
         delay: by which efforts act after their stamps, (n,) [s].
         velocity_cutoff: of the low-passes on reported velocities, (n,) [Hz], infinite for none.
         held: effects that the model has beside its robot, of which there may be less by now, and loads on it.
+        covariance: of an identified model's parameters, else None.
+        lead: how far the recorded effort is known to be ahead of the motion [s].
+        creep: how dry friction is known to come on, as `Signals.creep`, else None.
     """
 
     model: Predicts | None
@@ -55,14 +72,21 @@ class Compared:
     delay: np.ndarray
     velocity_cutoff: np.ndarray
     held: tuple[Installed, ...] = ()
+    covariance: np.ndarray | None = None
+    lead: float = 0.0
+    creep: np.ndarray | None = None
 
     @classmethod
     def of(cls, model: Predicts | None, robot: Robot) -> Compared:
         """A model with its robot; the robot is its own where it says of sensors what they do."""
         if isinstance(model, KnowsSensors):
             return model.compared()
-        none, same = np.zeros(robot.width), np.ones(robot.width)
-        return cls(model, robot, same, none, np.inf * same, offsets_of(getattr(model, "offset", none)))
+        same = np.ones(robot.width)
+        plain = cls(model, robot, same, 0.0 * same, np.inf * same)
+        if not isinstance(model, Identified):
+            return plain
+        held, lead = offsets_of(model.offset), model.lead - model.lag
+        return replace(plain, held=held, covariance=model.covariance, lead=lead)
 
     @property
     def dry(self) -> np.ndarray:

@@ -121,11 +121,12 @@ def examine(
     predicted = None if model is None else model.predict(signals)
     for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted, robot):
         raise ConventionError(breach.problem, breach.remedy)
-    recordings, signals, late = _as_measured(recordings, signals, robot, cutoff, model)
+    recordings, signals, late = _as_measured(recordings, signals, known, cutoff)
     if model is not None and signals.own is not None:
         predicted = model.predict(signals)
     looks = _looks(recordings, signals, known, predicted, say, cutoff)
-    calm = undisturbed(signals, robot, looks.pushed()) if _creep_is_seen(signals, model) else signals
+    creep_is_told = signals.own is not None or known.creep is not None
+    calm = signals if creep_is_told else undisturbed(signals, robot, looks.pushed())
     if calm is not signals:
         say("beside what pushes dry friction comes on otherwise")
         signals, looks = calm, _looks(recordings, calm, known, predicted, say, cutoff)
@@ -162,31 +163,22 @@ def examine(
 
 
 def _as_measured(
-    recordings: Sequence[Recording],
-    signals: Signals,
-    robot: Robot,
-    cutoff: float | None,
-    model: Predicts | None,
+    recordings: Sequence[Recording], signals: Signals, known: Compared, cutoff: float | None
 ) -> tuple[Sequence[Recording], Signals, Lateness]:
     """Recordings and their motion with what they had passed taken back, and what of it was lateness.
 
     What changed since a model was identified is as late as it was, and its friction comes on as it did.
     """
-    late = lateness(signals, robot) if model is None else Lateness()
+    robot = known.robot
+    late = lateness(signals, robot) if known.model is None else Lateness()
     if late.total:
         recordings, late = in_time(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     own = softness(signals, robot)
     if own is not None:  # how sharp friction is cannot be told any more
         return noted(recordings, own), softened(signals, own), late
-    known = getattr(model, "creep", ())
-    creep = np.array(known) if known else creeping(signals, robot)
+    creep = creeping(signals, robot) if known.creep is None else known.creep
     return recordings, signals if creep is None else replace(signals, creep=creep), late
-
-
-def _creep_is_seen(signals: Signals, model: Predicts | None) -> bool:
-    """Whether how friction comes on is to be seen in a motion: it is neither known nor softened away."""
-    return signals.own is None and not getattr(model, "creep", ())
 
 
 def _looks(
@@ -206,15 +198,14 @@ def _looks(
     Raises:
         RecordingError: too short.
     """
-    model, robot = known.model, known.robot
-    covariance = getattr(model, "covariance", None)
-    equations = build(signals, robot, predicted, covariance, tilt, _load_ratios(known.held, robot.width))
-    equations.lead = float(getattr(model, "lead", 0.0) - getattr(model, "lag", 0.0))
+    ratios = _load_ratios(known.held, known.robot.width)
+    equations = build(signals, known.robot, predicted, known.covariance, tilt, ratios)
+    equations.lead = known.lead
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
         raise _too_short(recordings, cutoff, signals.cutoff)
-    errors = LINK_ERRORS if covariance is None else DOUBTS
-    candidates = Candidates.shown_by(equations, None if model is None else known.held)
+    errors = LINK_ERRORS if known.covariance is None else DOUBTS
+    candidates = Candidates.shown_by(equations, None if known.model is None else known.held)
     return Looks(equations, candidates, errors, say)
 
 

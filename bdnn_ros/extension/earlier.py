@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.plant import Plant
@@ -63,7 +65,9 @@ def compared(model: ExtendedModel) -> Compared:
         effect.install(plant)
     loads = (one for one in acting.effects if one.effect.name == Payload.name and one.values["mass"] > 0.0)
     held = (*acting.beside_robot, *loads, *(effect for effect, _ in sensors))
-    return Compared(acting, acting.robot, plant.scale, plant.delay, plant.velocity_cutoff, held)
+    sensed = plant.scale, plant.delay, plant.velocity_cutoff
+    lead, creep = acting.lead - acting.lag, np.array(acting.creep) if acting.creep else None
+    return Compared(acting, acting.robot, *sensed, held, lead=lead, creep=creep)
 
 
 def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, str]:

@@ -225,8 +225,8 @@ def method(shown: View) -> list[tuple[str, str]]:
     doubt = f"{100.0 * pool.link_error:.0f} "
     slower = f"{signals.raw_rate:.4g}" != f"{signals.rate:.4g}"
     rates = f"from {signals.raw_rate:.4g} to {signals.rate:.4g} Hz" if slower else f"at {signals.rate:.4g} Hz"
-    known = getattr(examination.model, "covariance", None) is not None
-    doubt += "standard deviations of what was identified" if known else "%"
+    identified = equations.jointwise is not None
+    doubt += "standard deviations of what was identified" if identified else "%"
     return [
         (
             "Low-pass",
