@@ -23,16 +23,15 @@ def test_what_asks_meanwhile_is_told_no_more_than_there_are_and_never_less_than_
 
     usual, end = sys.getswitchinterval(), time.monotonic() + 60.0
     sys.setswitchinterval(1e-6)
+    thread, changes = threading.Thread(target=stream), 0
+    thread.start()
     try:
-        thread = threading.Thread(target=stream)
-        thread.start()
-        changes = 0
         while changes < 60 and time.monotonic() < end:
             told.append(gaps.missing)
             changes += told[-1] != told[-2]
+    finally:
         enough.set()
         thread.join()
-    finally:
         sys.setswitchinterval(usual)
     assert changes == 60
     assert told == sorted(told)
