@@ -16,7 +16,9 @@ from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.recording import Recording
+from bdnn_ros.report.report import render
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, prepare
 
@@ -198,3 +200,13 @@ def _remainder(equations: Equations, residual: np.ndarray, depends_on: str) -> R
     position = equations.motion.position[equations.rows, j]
     predicted[:, j] = np.polyval(np.polyfit(position, residual[:, j], 3), position)
     return Remainder(floor, (f"{depends_on}.position",), (depends_on,), predicted)
+
+
+def unchanged(examination: Examination) -> ExtendedModel:
+    """Stands for the extended model: the robot as it was believed to be."""
+    return ExtendedModel(examination.robot, (), np.zeros(examination.robot.width))
+
+
+def rendered(examination: Examination, data_check: Sequence[str] = ()) -> str:
+    """The report's HTML, for a model that leaves the links as they were."""
+    return render(examination, unchanged(examination), data_check)

@@ -126,6 +126,17 @@ def test_what_hangs_at_the_centre_of_a_wrist_has_to_be_looked_for():
     assert "arm6_link5 or a payload at arm6_link4" in said and "bdnn excite" in said
 
 
+def test_an_offset_beside_dry_friction_is_uneven_friction_whatever_the_motion():
+    offset, uneven = Term(get("effort_offset"), 2), Term(get("asymmetric_friction"), 2)
+    rubbing = replace(ARM, coulomb=np.full(6, 0.1))
+    (said,) = advised(offset, uneven, robot=rubbing)
+    assert said.startswith(
+        "Whether dry friction at arm6_joint3 is uneven or its effort has an offset, no motion"
+    )
+    (other,) = advised(offset, uneven, robot=replace(ARM, coulomb=np.zeros(6)))
+    assert "bdnn excite" in other
+
+
 def test_a_link_that_never_turns_has_to_be_weighed():
     robot = Robot.from_urdf(RAIL)
     link, rotor = Term(get("link_inertia"), 0, "cart"), Term(get("armature"), 0)
@@ -137,10 +148,12 @@ def test_a_link_that_never_turns_has_to_be_weighed():
 
 def test_what_has_no_name_is_told_by_whether_the_model_holds_it():
     offset, push = Term(get("effort_offset"), 0), Term(get("external_wrench", "link"), 5, "arm6_link6")
-    held, left = unnamed([(offset, "arm6_joint1"), (push, "arm6_link6")])
+    held, left = unnamed([(offset, "arm6_joint1"), (push, "arm6_link6")], 0.004, False)
     assert held.endswith("in the extended model, which it helps: an effort offset at arm6_joint1.")
     assert "not in the extended model" in left and left.endswith("something that pushes at arm6_link6.")
-    assert unnamed([]) == []
+    assert unnamed([], 0.0, False) == []
+    (held,) = unnamed([(offset, "arm6_joint1")], 0.34, True)
+    assert held.endswith("an effort offset at arm6_joint1 (34 % of the earlier model's squared error).")
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import Installed, parse_spec
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.extension import extended
-from bdnn_ros.extension.extend import corrected_links, extend, of_physical
+from bdnn_ros.extension.extend import _bodies, corrected_links, extend, of_physical
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import Model, load_model, save_model
 from bdnn_ros.physical.consistency import feasible
@@ -253,10 +253,11 @@ def _examination(
     terms: list[Term],
     model: Model | None = None,
     link_error: float = 0.06,
+    share: float = 1e-3,
 ) -> SimpleNamespace:
     """What `extend` reads of an examination, for terms that are known."""
     equations = build(signals, robot, None if model is None else model.predict(signals))
-    noise = noise_of(equations, 1e-3 * equations.target, 1e-4 * equations.effort_scale)
+    noise = noise_of(equations, share * equations.target, 1e-4 * equations.effort_scale)
     pool = Pool(equations, noise, terms, link_error)
     fit = pool.whole
     return SimpleNamespace(
@@ -296,6 +297,33 @@ def test_extend_predicts_what_the_diagnosis_fitted() -> None:
     before = error(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
     fitted = float(np.sqrt(np.mean(examination.pool.residual(examination.fit) ** 2)))
     assert error(model.predict(signals)) < max(1.05 * fitted, 2e-3 * before)
+
+
+def test_how_a_payload_turns_moves_no_mass() -> None:
+    """By the fit it turns as no body can; the effort says little of that, and no link is surer of it."""
+    robot, body = Robot.bundled("arm6"), 4
+    load = parse_spec("payload@arm6_link5:mass=0.7,com_z=0.3", robot)
+    signals = motion(robot, 10.0)
+    signals = replace(signals, effort=ExtendedModel(robot, (load,), np.zeros(6)).predict(signals))
+    terms = [Term(load.effect, load.target, load.link).shaped(load.effect.coefficients(load.values)[1])]
+    examination = _examination(robot, signals, terms, share=0.1)
+    relative, errors, covariance = _bodies(examination)
+    turning = slice(body * PER_LINK + 4, (body + 1) * PER_LINK)
+    np.testing.assert_array_equal(relative[turning, 60:], np.eye(6))
+    as_found = np.linalg.inv(
+        np.linalg.inv(covariance)[:60, :60]
+    )  # of the links, had they to follow the payload's
+    held, free = (
+        np.diag(columns @ own @ columns.T)[turning]
+        for columns, own in ((relative[:, :60], as_found), (relative, covariance))
+    )
+    assert (free > held).all() and errors.shape == (66,)
+    errors[:] = 0.0
+    errors[60:] = [0.0, 0.014, 0.003, -0.013, 0.007, 0.0]  # products of inertia without any moment
+    loose = np.diag(np.concatenate([np.full(60, 0.05**2), np.full(6, 0.02**2)]))
+    corrected = corrected_links(robot, [load], relative, errors, loose)
+    assert feasible(corrected.inertials)
+    np.testing.assert_allclose(corrected.inertials[:, 0], robot.inertials[:, 0], rtol=0.02)
 
 
 def test_offsets_beside_a_scale_follow_the_contract() -> None:

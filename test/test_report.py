@@ -16,14 +16,14 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
-from report_cases import examined, fourier_motion, worn
+from report_cases import examined, fourier_motion, rendered, unchanged, worn
 from report_page import Page
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.result import Rival
 from bdnn_ros.report import contents
 from bdnn_ros.report.plots import effort_figure, identification_png
-from bdnn_ros.report.report import render, write_report
+from bdnn_ros.report.report import write_report
 from bdnn_ros.report.view import view
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -70,7 +70,7 @@ def hostile() -> Examination:
 
 @pytest.fixture(scope="module")
 def page(three: Examination) -> Page:
-    return Page(render(three, ["No gap."]))
+    return Page(rendered(three, ["No gap."]))
 
 
 def nothing_found(robot: Robot, verdict: str) -> Examination:
@@ -100,7 +100,7 @@ def test_every_chart_says_in_words_what_it_shows(page: Page, three: Examination)
 
 @pytest.mark.parametrize("case", ["three", "hostile"])
 def test_nothing_is_fetched_and_nothing_runs(case: str, request: pytest.FixtureRequest) -> None:
-    text = render(request.getfixturevalue(case))
+    text = rendered(request.getfixturevalue(case))
     found = Page(text)
     assert not {"script", "img", "iframe", "object", "embed", "form", "base"} & set(found.tags)
     assert not re.search(r"https?:|@import|url\(|srcset|<!--", text)
@@ -110,7 +110,7 @@ def test_nothing_is_fetched_and_nothing_runs(case: str, request: pytest.FixtureR
 
 
 def test_names_from_outside_stay_text(hostile: Examination) -> None:
-    found = Page(render(hostile, [HOSTILE]))
+    found = Page(rendered(hostile, [HOSTILE]))
     assert found.problems == []
     assert re.sub(r"\s+", " ", HOSTILE) in found.words
     assert "49" not in re.findall(r"alert\(1\)>\"' (\S+)", found.words)
@@ -133,7 +133,7 @@ def test_a_report_of_seven_joints_is_small_and_quick(arm: Robot, tmp_path: Path)
     ]
     examination = examined(arm, worn(arm, specs, fourier_motion(arm, 40.0)), specs)
     begin = time.process_time()
-    write_report(examination, tmp_path / "report.html")
+    write_report(examination, unchanged(examination), tmp_path / "report.html")
     assert time.process_time() - begin < 4.0
     assert (tmp_path / "report.html").stat().st_size < 3e6
     found = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
@@ -180,7 +180,7 @@ def test_everything_promised_is_there(page: Page) -> None:
     [("nothing_wrong", "Nothing wrong found"), ("cannot_tell", "no cause stands out")],
 )
 def test_a_report_without_findings_says_so(verdict: str, says: str) -> None:
-    found = Page(render(nothing_found(Robot.bundled("arm2"), verdict)))
+    found = Page(rendered(nothing_found(Robot.bundled("arm2"), verdict)))
     assert found.problems == []
     assert says in found.words and "Evidence for each cause" not in found.words
 
@@ -190,18 +190,18 @@ def test_against_an_earlier_model_it_speaks_of_changes(three: Examination) -> No
         def predict(self, signals: Signals) -> np.ndarray:
             raise AssertionError("the examination has its prediction already")
 
-    words = Page(render(replace(three, model=Earlier()))).words
+    words = Page(rendered(replace(three, model=Earlier()))).words
     assert "3 changes found" in words and "earlier model → extended model" in words
     assert "imulat" not in words
     nothing = replace(nothing_found(Robot.bundled("arm2"), "nothing_wrong"), model=Earlier())
-    assert "Nothing has changed" in Page(render(nothing)).words
+    assert "Nothing has changed" in Page(rendered(nothing)).words
 
 
 def test_a_diagnosis_as_it_is_made_is_reported() -> None:
     robot = Robot.bundled("arm2")
     recording = worn(robot, ["coulomb_friction@arm2_joint2:coulomb=0.2"], fourier_motion(robot, 20.0))
     examination = examine([recording], robot)
-    found = Page(render(examination))
+    found = Page(rendered(examination))
     assert found.problems == []
     assert json.loads("".join(found.pre)) == examination.diagnosis.as_json()
     assert any(finding.joint == "arm2_joint2" for finding in examination.diagnosis.findings)
@@ -229,7 +229,9 @@ def test_a_joint_without_a_sensor_has_no_error() -> None:
     recording = worn(robot, ["coulomb_friction@arm2_joint2:coulomb=0.2"], fourier_motion(robot, 20.0))
     effort = recording.require_effort() * [0.0, 1.0]
     table = (
-        render(examine([replace(recording, effort=effort)], robot)).split('id="gain"')[1].split("</table>")[0]
+        rendered(examine([replace(recording, effort=effort)], robot))
+        .split('id="gain"')[1]
+        .split("</table>")[0]
     )
     absent, measured = (row.split("</tr>")[0] for row in table.split('<tr><th scope="row">')[1:])
     assert absent.count("–") == 5 and "nan" not in table
@@ -250,7 +252,7 @@ def test_a_report_is_written_whole_or_not_at_all(
 
     monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(OSError, match="no space"):
-        write_report(three, path)
+        write_report(three, unchanged(three), path)
     assert path.read_text() == "before" and os.listdir(tmp_path) == ["report.html"]
 
 
@@ -309,7 +311,7 @@ def browse(page: Path, profile: Path, width: int, *options: str) -> subprocess.C
 
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 def test_a_browser_shows_it_without_complaint(three: Examination, tmp_path: Path) -> None:
-    write_report(three, tmp_path / "report.html")
+    write_report(three, unchanged(three), tmp_path / "report.html")
     done = browse(
         tmp_path / "report.html", tmp_path / "profile", 1280, "--enable-logging=stderr", "--dump-dom"
     )
@@ -320,7 +322,7 @@ def test_a_browser_shows_it_without_complaint(three: Examination, tmp_path: Path
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 @pytest.mark.parametrize("case", ["three", "hostile"])
 def test_a_phone_scrolls_no_page_sideways(case: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
-    text = render(request.getfixturevalue(case), ["a" * 300])
+    text = rendered(request.getfixturevalue(case), ["a" * 300])
     text = re.sub(r"<meta http-equiv.*?>", "", text)
     measure = "document.title = [innerWidth, document.documentElement.scrollWidth].join('/')"
     (tmp_path / "report.html").write_text(

@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cli_cases import sliding_arm
-from report_cases import examined, fourier_motion, worn
+from report_cases import examined, fourier_motion, rendered, worn
 from report_page import Page
 from scipy.signal import lfilter
 
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.report import panels
-from bdnn_ros.report.report import render
 from bdnn_ros.report.view import view
 from bdnn_ros.robot import Robot
 
@@ -27,7 +26,7 @@ def test_the_rest_is_drawn_against_what_it_depends_on() -> None:
     found = panels.rest_panels(view(examination))
     assert [panel.title for panel in found] == ["Left at arm7_joint6"]
     assert found[0].x_label == "arm7_joint6 position [rad]"
-    assert "arm7_joint6.position" in Page(render(examination)).words
+    assert "arm7_joint6.position" in Page(rendered(examination)).words
 
 
 @pytest.mark.parametrize(
@@ -70,7 +69,7 @@ def test_a_filtered_velocity_is_shown_by_its_lag() -> None:
     assert shown.causes[0].part is None
     proof = panels.evidence(shown, shown.causes[0])
     assert proof is not None and proof.after is None and proof.against == "acceleration"
-    found = Page(render(examination))
+    found = Page(rendered(examination))
     assert found.problems == [] and "of the velocity's error" in found.words
 
 
@@ -105,7 +104,7 @@ def test_the_error_of_all_joints_has_their_units(sliding: tuple[int, ...], unit:
         before, name, after = urdf.partition(f'name="arm2_joint{joint + 1}"')
         urdf = before + name + after.replace('"revolute"', '"prismatic"', 1)
     robot = Robot.from_urdf(urdf)
-    html = render(examined(robot, worn(robot, [], fourier_motion(robot, 12.0)), []))
+    html = rendered(examined(robot, worn(robot, [], fourier_motion(robot, 12.0)), []))
     tiles = html[html.index('class="tiles"') : html.index("</dl>")]
     assert re.findall('<span class="to">(N.*?)</span>', tiles) == [unit, unit]
 
@@ -144,4 +143,4 @@ def test_a_long_recording_is_drawn_where_the_simulation_errs_most() -> None:
     shown = view(examination)
     begin, end = shown.time[shown.excerpt][[0, -1]]
     assert end - begin <= 40.1 and begin <= 80.1 and end >= 94.9
-    assert "where the simulation errs most" in Page(render(examination)).words
+    assert "where the simulation errs most" in Page(rendered(examination)).words

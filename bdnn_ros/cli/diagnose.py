@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
             extended = extend(examination)
             save_model(place, extended)
             write_model_files(extended, place)
-            write_report(examination, place / REPORT, remarks)
+            write_report(examination, extended, place / REPORT, remarks)
             effort_figure(examination, place / "effort.png")
             examination.diagnosis.save(place / "diagnosis.json")
     print("\n".join(lines))

@@ -23,6 +23,9 @@ from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.robot.urdf import OPEN_VELOCITY
 from bdnn_ros.simulation.excitation import Trajectory
 
+OPEN, BLIND = "may stay open: a longer or wider motion may help", "hardly any motion tells these apart"
+NOTHING = 0.01
+"""Evidence below which more of a motion does not help, either."""
 MOST_SAID = 1000.0
 """Larger expected evidence says no more than that it is large [nats]."""
 CSV, YAML = "trajectory.csv", "trajectory.yaml"
@@ -223,7 +226,7 @@ def _summary(found: Excitation, robot: Robot, case: Case | None) -> list[str]:
     lines = [f"A motion of {seconds:.1f} s; expected evidence ({DECISIVE:g} settles a question):"]
     for one in found.separations:
         pair = f"{one.finding.words(robot)} or {one.rival.words(robot)}"
-        doubt = "" if one.settled else "  (may stay open: a longer or wider motion may help)"
+        doubt = "" if one.settled else f"  ({BLIND if one.evidence < NOTHING else OPEN})"
         evidence = f"{one.evidence:.3g}" if one.evidence < MOST_SAID else f"over {MOST_SAID:g}"
         lines.append(f"  {pair}: {evidence}{doubt}")
     return [*lines, *found.notes]

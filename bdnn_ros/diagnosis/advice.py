@@ -10,6 +10,7 @@ from bdnn_ros.diagnosis.candidates import ANGLES
 from bdnn_ros.diagnosis.identifiability import TIE, Judgement, same_physics
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.friction import DryFriction
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.axes import distances_from_axes, turns_all
 
@@ -49,7 +50,13 @@ def advice(
                 f"Whether the base is tilted or the zero of {joint} is off, no motion of this robot shows, for {joint} turns "
                 "all of it: look with a level."
             )
-        close = [rival for rival in close if rival not in (*touched, *hung, *turned)]
+        uneven = [rival for rival in close if _uneven_alike(term, rival, found, robot)]
+        if uneven:
+            sentences.append(
+                f"Whether dry friction at {place} is uneven or its effort has an offset, no motion shows, for both do the "
+                "same: look at the effort that is measured while the drive is off."
+            )
+        close = [rival for rival in close if rival not in (*touched, *hung, *turned, *uneven)]
         if close:
             sentences.append(_to_tell(term, close, robot, places))
     return sentences
@@ -77,6 +84,16 @@ def _turned_alike(term: Term, rival: Term, robot: Robot) -> bool:
     """Whether one is a tilt of the base and the other the zero of a joint that turns the whole robot."""
     joint = max(term.target, rival.target)
     return {term.effect.name, rival.effect.name} == ANGLES and turns_all(robot, joint)
+
+
+def _uneven_alike(term: Term, rival: Term, found: Sequence[Estimate], robot: Robot) -> bool:
+    """Whether one is an offset beside dry friction and the other, at that joint, friction of another size either way."""
+    joint = term.target
+    dry = robot.coulomb[joint] > 0.0 or any(
+        isinstance(one.term.effect, DryFriction) and one.term.target == joint for one in found
+    )
+    same = {term.effect.name, rival.effect.name} == {"effort_offset", "asymmetric_friction"}
+    return same and dry and rival.target == joint
 
 
 def _hangs_alike(found: Estimate, rival: Term, robot: Robot) -> bool:

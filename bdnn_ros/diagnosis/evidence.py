@@ -302,14 +302,14 @@ class Pool:
 
     def part(self, fit: Fit, chosen: int) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients (k,) and their covariance (k, k) of one term of a fit."""
-        rows = self._rows(fit, chosen)
+        rows = self.rows(fit, chosen)
         return fit.coefficients[rows], fit.covariance[rows, rows]
 
     def coefficients(self, fit: Fit, chosen: int) -> np.ndarray:
         """Coefficients (k,) of one term of a fit."""
-        return fit.coefficients[self._rows(fit, chosen)]
+        return fit.coefficients[self.rows(fit, chosen)]
 
-    def _rows(self, fit: Fit, chosen: int) -> slice:
+    def rows(self, fit: Fit, chosen: int) -> slice:
         if chosen not in fit.terms:
             raise KeyError(chosen)
         before = fit.terms[: fit.terms.index(chosen)]

@@ -39,6 +39,7 @@ class Named:
         weighty: what is large enough, and borne out.
         silent: what is large enough and has none.
         unknown: payloads that are sure and large enough, though their masses are not known.
+        unsaid: share of the simulation's squared error that the model takes away by what has no name.
     """
 
     findings: list[Finding]
@@ -46,6 +47,7 @@ class Named:
     weighty: list[int]
     silent: list[int]
     unknown: list[int]
+    unsaid: float
 
 
 def named(
@@ -101,7 +103,9 @@ def named(
             silent.remove(one)
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())
-    return Named(findings, doubtful, weighty, silent, unknown)
+    lasting = (one for one in (*silent, *unknown) if not found[one].term.effect.timed)
+    unsaid = sum(max(squares(taken[one][0].less, held), 0.0) for one in lasting) / before
+    return Named(findings, doubtful, weighty, silent, unknown, unsaid)
 
 
 def _with_its_sample(estimate: Estimate, equations: Equations) -> bool:

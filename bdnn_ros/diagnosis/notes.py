@@ -49,7 +49,8 @@ BRIEFLY = (
 )
 UNCOMPARED = "No effort of {joints} is compared: none was measured where it moves. Zeros of `effort_rmse` are no errors there."
 ONE_CLOCK = "Times are told on one clock, on which the recordings follow one another: {begin}."
-IN_MODEL = "Not sure enough for a name, but in the extended model, which it helps: {what}."
+IN_MODEL = "Not sure enough for a name, but in the extended model, which it helps: {what}{share}."
+OF_ERROR = " ({share:.0f} % of the {reference}'s squared error)"
 UNKNOWN = (
     "Surely something is there, and the extended model has it, but this motion shows its parameters too badly for a name: "
     "{what}. Record more motion; `bdnn excite` makes one that shows them."
@@ -123,11 +124,18 @@ def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> l
     return [ONE_CLOCK.format(begin=listed(told, 20))]
 
 
-def unnamed(terms: Sequence[tuple[Term, str]]) -> list[str]:
-    """A note on terms, each with its place, that the fit holds and no finding tells of: all but pushes are in the model."""
+def unnamed(terms: Sequence[tuple[Term, str]], share: float, since: bool) -> list[str]:
+    """A note on terms, each with its place, that the fit holds and no finding tells of: all but pushes are in the model.
+
+    Args:
+        share: of the squared error that those in the model remove.
+    """
     pushes = [place for term, place in terms if term.effect.timed]
     others = list(dict.fromkeys(f"{term.title} at {place}" for term, place in terms if not term.effect.timed))
-    told = [IN_MODEL.format(what=listed(others, 20))] if others else []
+    much = (
+        OF_ERROR.format(share=100.0 * min(share, 1.0), reference=reference(since)) if share > SLIGHT else ""
+    )
+    told = [IN_MODEL.format(what=listed(others, 20), share=much)] if others else []
     return told + ([NOT_IN_MODEL.format(where=listed(dict.fromkeys(pushes), 20))] if pushes else [])
 
 

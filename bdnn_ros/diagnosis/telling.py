@@ -20,6 +20,7 @@ from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
     FAR_OFF,
+    SLIGHT,
     THROUGHOUT,
     loads,
     mended,
@@ -90,7 +91,7 @@ def told(
     # what dry friction is named for may hold any effort at rest
     at_rest = () if causes else remainder.resting
     unclear = names.doubtful or bool(names.unknown) or far_off or of_weight or bool(at_rest) or bool(always)
-    of_effort = _verdict(causes, unclear, near)
+    of_effort = _verdict(causes, unclear, near, names.unsaid <= SLIGHT)
     return Diagnosis(
         source=_source(recordings, equations),
         verdict="explained" if of_effort == "nothing_wrong" and findings else of_effort,
@@ -119,7 +120,11 @@ def told(
             *[AT_AN_END] * bool(at_ends),
             *[THROUGHOUT] * bool(always),
             *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
-            *unnamed([(found[one].term, name_of(robot, found[one].term)) for one in names.silent]),
+            *unnamed(
+                [(found[one].term, name_of(robot, found[one].term)) for one in names.silent],
+                names.unsaid,
+                bool(since),
+            ),
             *unknown([(found[one], name_of(robot, found[one].term)) for one in names.unknown]),
             *[FAR_OFF] * far_off,
             *(mostly_links(_by_links(equations, attempt.fitted, held), bool(since)) if causes else ()),
@@ -174,15 +179,16 @@ def _unfit(
     return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | worse)
 
 
-def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool) -> Verdict:
+def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool, said: bool) -> Verdict:
     """That on the effort. Where something large is likely without being sure, nobody can say that nothing is wrong.
 
     Args:
         causes: findings that are of the effort.
         near: whether the extended model's error is no more than the noise.
+        said: whether all of that but little has a name.
     """
     if causes:
-        return "explained" if near else "partly_explained"
+        return "explained" if near and said else "partly_explained"
     return "nothing_wrong" if near and not doubtful else "cannot_tell"
 
 

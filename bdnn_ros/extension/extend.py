@@ -61,10 +61,7 @@ def extend(examination: Examination) -> ExtendedModel:
             stds.append({name: q.std for name, q in finding.parameters.items()})
     found = _tilted_further(robot, found)
     links = equations.rigid.shape[2]
-    # all else stays as it was found: the links move as little as the effort beside that allows
-    errors, covariance = fit.coefficients[:links], np.linalg.inv((fit.factor @ fit.factor.T)[:links, :links])
-    turning = robot.with_inertials(robot.inertials + _own_inertias(robot, examination.estimates))
-    corrected = corrected_links(turning, found, equations.relative, errors, covariance)
+    errors, corrected = fit.coefficients[:links], corrected_links(robot, found, *_bodies(examination))
     if equations.jointwise is not None:
         moved = (equations.jointwise @ errors).reshape(len(COMMON), -1)
         earlier = _offsets_moved(earlier, moved[COMMON.index("effort_offset")])
@@ -148,8 +145,8 @@ def corrected_links(
     """A robot with its links' errors added, feasible together with the effects on its bodies, and without its payloads.
 
     Args:
-        relative: from relative errors to inertial parameters, (n · PER_LINK, U).
-        errors, covariance: belief in the relative errors, (U,) and (U, U).
+        relative: from errors to inertial parameters, (n · PER_LINK, U).
+        errors, covariance: belief in the errors, (U,) and (U, U).
     """
     of_links = [e for e in effects if e.effect.name in IN_BODIES and not _hangs(e)]
     bodies = plant_of(robot, of_links).robot.inertials
@@ -174,14 +171,25 @@ def _told(push: Estimate, examination: Examination) -> bool:
     return any(finding.parameters["start"].value == start for finding in same)
 
 
-def _own_inertias(robot: Robot, estimates: Sequence[Estimate]) -> np.ndarray:
-    """How payloads turn about their own centres, which their values do not say: of the bodies, (n, PER_LINK)."""
-    total = np.zeros_like(robot.inertials)
-    for one in estimates:
-        link = one.term.link
-        if isinstance(one.term.effect, Payload) and link is not None:
-            total[robot.body_of(link)[0], POINT:] += one.coefficients[POINT:]
-    return total
+def _bodies(examination: Examination) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is not known of the bodies, as `corrected_links` takes it: the links' errors, and what payloads' values do not say.
+
+    That is how these turn about their own centres. All else stays as it was found: the bodies move as little as the effort
+    beside that allows, and a link is no surer of how its payload turns than the effort is.
+    """
+    equations, fit, pool = examination.equations, examination.fit, examination.pool
+    columns, rows = [equations.relative], [np.arange(equations.relative.shape[1])]
+    for chosen in fit.terms:
+        effect, link = pool.terms[chosen].effect, pool.terms[chosen].link
+        if isinstance(effect, Payload) and link is not None:
+            body, at = examination.robot.body_of(link)[0], pool.rows(fit, chosen)
+            columns.append(
+                np.eye(len(equations.relative))[:, body * PER_LINK + POINT : (body + 1) * PER_LINK]
+            )
+            rows.append(np.arange(at.start + POINT, at.stop))
+    known = np.concatenate(rows)
+    precision = (fit.factor @ fit.factor.T)[np.ix_(known, known)]
+    return np.concatenate(columns, axis=1), fit.coefficients[known], np.linalg.inv(precision)
 
 
 def _joints_moved(robot: Robot, errors: np.ndarray) -> Robot:

@@ -89,7 +89,7 @@ def extended_urdf(model: ExtendedModel) -> str:
 def _write_bodies(document: UrdfText, model: ExtendedModel) -> None:
     robot = model.robot
     nominal = Robot.from_urdf(model.robot.urdf, model.joints, dict(model.robot.held))
-    wanted = robot.inertials - _payloads(model)
+    wanted = links_of(model)
     members: dict[int, dict[str, np.ndarray]] = {i: {} for i in range(robot.width)}
     for link in robot.links:
         try:
@@ -148,14 +148,14 @@ def _carried(model: ExtendedModel) -> list[Installed]:
     return [effect for effect in named(model, "payload") if effect.values["mass"] > 0.0]
 
 
-def _payloads(model: ExtendedModel) -> np.ndarray:
-    """What the payloads add to the bodies, (n, PER_LINK)."""
-    total = np.zeros_like(model.robot.inertials)
+def links_of(model: ExtendedModel) -> np.ndarray:
+    """Inertial parameters of the moving links as the URDF has them, payloads being links of their own, (n, PER_LINK)."""
+    links = model.robot.inertials.copy()
     for effect in _carried(model):
         coefficients, shape = effect.effect.coefficients(effect.values)
         body, parameters = payload_parameters(model.robot.body_of(str(effect.link)), shape)
-        total[body] += parameters @ coefficients[:POINT]
-    return total
+        links[body] -= parameters @ coefficients[:POINT]
+    return links
 
 
 def _write_payload(document: UrdfText, effect: Installed) -> None:

@@ -13,6 +13,8 @@ from markupsafe import Markup, escape
 import bdnn_ros
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.result import reference
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.urdf import links_of
 from bdnn_ros.report import contents, panels, words
 from bdnn_ros.report.chart import SIZE
 from bdnn_ros.report.view import coverage, link_changes, view
@@ -25,19 +27,22 @@ SHOWN_FIRST = 6
 """Evidence of so many causes is open; that of further ones is folded away."""
 
 
-def write_report(examination: Examination, path: Path, data_check: Sequence[str] = ()) -> None:
+def write_report(
+    examination: Examination, model: ExtendedModel, path: Path, data_check: Sequence[str] = ()
+) -> None:
     """Write the report of an examination, whole or not at all.
 
     Args:
+        model: what the examination makes of the simulation.
         path: the file, usually `report.html`.
         data_check: what the check of the recordings had to say, one sentence each.
     """
-    text = spelled(render(examination, data_check))
+    text = spelled(render(examination, model, data_check))
     with whole(path) as beside:
         beside.write_text(text, encoding="utf-8")
 
 
-def render(examination: Examination, data_check: Sequence[str] = ()) -> str:
+def render(examination: Examination, model: ExtendedModel, data_check: Sequence[str] = ()) -> str:
     """The report's HTML."""
     shown = view(examination)
     diagnosis = examination.diagnosis
@@ -72,7 +77,7 @@ def render(examination: Examination, data_check: Sequence[str] = ()) -> str:
             joints=joints,
             excerpt=None if last - first >= shown.time[-1] - shown.time[0] else (float(first), float(last)),
             parameters=contents.parameter_rows(shown.causes),
-            links=contents.link_rows(link_changes(examination)),
+            links=contents.link_rows(link_changes(examination, links_of(model))),
             links_share=contents.links_share(shown),
             rest=panels.rest_panels(shown),
             coverage=coverage(shown),

@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.rigid import LinkInertia
 from bdnn_ros.robot import PER_LINK
 
 LONGEST = 40.0
@@ -193,7 +194,7 @@ class LinkChange:
     """How far a link's inertial parameters were moved, beside the named causes.
 
     Attributes:
-        nominal, corrected, spread: mass, and the standard deviation of its correction [kg].
+        nominal, corrected, spread: mass, and the standard deviation of its correction and of the scale that it has [kg].
         shift: of the centre of mass, (3,) [m].
     """
 
@@ -205,16 +206,22 @@ class LinkChange:
     shift: np.ndarray
 
 
-def link_changes(examination: Examination) -> list[LinkChange]:
-    """What the fit corrected about every moving link."""
+def link_changes(examination: Examination, links: np.ndarray) -> list[LinkChange]:
+    """What the extended model has otherwise of every moving link.
+
+    Args:
+        links: inertial parameters of the links, as it has them, (n, PER_LINK).
+    """
     robot, equations, fit = examination.robot, examination.equations, examination.fit
     size = equations.rigid.shape[2]
-    change = (equations.relative @ fit.coefficients[:size]).reshape(robot.width, PER_LINK)
-    covariance = equations.relative @ fit.covariance[:size, :size] @ equations.relative.T
+    masses = equations.relative[::PER_LINK]
+    variance = np.sum((masses @ fit.covariance[:size, :size]) * masses, axis=1)
+    for one in examination.estimates:
+        if one.term.effect.name == LinkInertia.name and one.term.link is not None:
+            variance[robot.body_of(one.term.link)[0]] += one.quantities["mass"].std ** 2
     result = []
     for i, joint in enumerate(robot.joints):
-        old, new = robot.inertials[i], robot.inertials[i] + change[i]
-        spread = float(np.sqrt(max(covariance[i * PER_LINK, i * PER_LINK], 0.0)))
+        old, new, spread = robot.inertials[i], links[i], float(np.sqrt(max(variance[i], 0.0)))
         centres = [v[1:4] / v[0] if v[0] > 1e-9 else np.zeros(3) for v in (old, new)]
         link = robot.moving_link(joint)
         result.append(LinkChange(joint, link, float(old[0]), float(new[0]), spread, centres[1] - centres[0]))

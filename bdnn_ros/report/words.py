@@ -25,8 +25,8 @@ TELLING = ("mass", "torque", "start_value", "end_value")
 
 CLAIMS = {
     "nothing_wrong": "The {reference} predicts the measured effort as well as this data can tell.",
-    "explained": "With {these} the model predicts every measured effort down to its noise.",
-    "partly_explained": "{These} {explain} part of the error; a part larger than the noise remains.",
+    "explained": "With {these} and its links corrected the model predicts every measured effort down to its noise.",
+    "partly_explained": "{These} {explain} part of the error; a part larger than the noise has no name.",
     "cannot_tell": "The {reference} errs by more than the noise, but the data supports no single cause.",
 }
 
