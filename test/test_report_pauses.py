@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from report_cases import examined, fourier_motion, worn
+from report_cases import examined, fourier_motion, rendered, worn
+from report_page import Page
 
 from bdnn_ros.cli.identify import _picture
 from bdnn_ros.diagnosis.diagnose import Examination
@@ -57,3 +58,12 @@ def test_what_was_held_out_ends_where_a_pause_begins(paused: Examination) -> Non
     (a, b), (c, d) = held.held_spans()
     assert (a, b, c, d) == pytest.approx((5.0, *PAUSE, shown.time[-1]), abs=0.3)
     assert b <= PAUSE[0] and c >= PAUSE[1]
+
+
+def test_how_much_of_the_time_does_not_count_is_said_where_a_joint_hardly_moves(paused: Examination) -> None:
+    usable = paused.equations.usable.copy()
+    usable[: len(usable) // 4, 1] = False
+    words = Page(rendered(replace(paused, equations=replace(paused.equations, usable=usable)))).words
+    share = round(100 * (1.0 - usable[:, 1].mean()))
+    assert f"{share} % of the time does not count: arm2_joint2" in words.replace("\N{NO-BREAK SPACE}", " ")
+    assert "does not count: arm2_joint1" not in words

@@ -32,7 +32,9 @@ def preamble(urdf: str = "", mjcf: str = "", left_out: Sequence[str] = ()) -> st
     """Which of the files that are there carries what, and what none does, as comments."""
     lines = [f"What {urdf or mjcf} cannot say. Nothing is to be applied twice:"]
     wide = max(len(urdf), len(mjcf), len(THIS))
-    carried = "the links' inertias, payloads, zeros, the base's tilt, damping and friction"
+    carried = (
+        "the links' inertias, payloads, zeros that were identified, the base's tilt, damping and friction"
+    )
     if urdf:
         lines += [
             f"  {urdf:{wide}}  carries {carried}",

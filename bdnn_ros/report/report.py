@@ -23,6 +23,8 @@ from bdnn_ros.written import spelled, whole
 
 SEEN = 0.03
 """A cause whose contribution is this share of the spread of a joint's effort is named there."""
+UNCOUNTED = 0.05
+"""Where a larger share of a joint's rows does not count, that is said beside its charts."""
 SHOWN_FIRST = 6
 """Evidence of so many causes is open; that of further ones is folded away."""
 
@@ -51,6 +53,7 @@ def render(examination: Examination, model: ExtendedModel, data_check: Sequence[
         {
             "name": joint,
             "causes": [c.finding for c in shown.causes if c.joint == j],
+            "uncounted": 1.0 - float(shown.usable[:, j].mean()),
             "others": [c.finding for c in shown.causes if c.joint != j and c.sizes[j] >= SEEN],
             "effort": panels.effort_panel(shown, j),
             "residual": panels.residual_panel(shown, j),
@@ -75,6 +78,7 @@ def render(examination: Examination, model: ExtendedModel, data_check: Sequence[
             proofs=proofs[:SHOWN_FIRST],
             more_proofs=proofs[SHOWN_FIRST:],
             joints=joints,
+            uncounted=UNCOUNTED,
             excerpt=None if last - first >= shown.time[-1] - shown.time[0] else (float(first), float(last)),
             parameters=contents.parameter_rows(shown.causes),
             links=contents.link_rows(link_changes(examination, links_of(model))),
