@@ -10,9 +10,11 @@ import pytest
 import yaml
 from excitation_cases import finding, place, write_diagnosis
 
-from bdnn_ros.cli.excite import csv_lines, yaml_lines
+from bdnn_ros.cli.excite import _summary, csv_lines, yaml_lines
 from bdnn_ros.cli.main import main
+from bdnn_ros.effects.registry import get
 from bdnn_ros.excitation import choice
+from bdnn_ros.excitation.rivals import Suspect
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import save_model
 from bdnn_ros.robot import Robot
@@ -221,3 +223,17 @@ def test_joints_that_hardly_move_are_named(tmp_path: Path, capsys) -> None:
     assert main([*words, "--velocity", "1e-9"]) == 1
     said = capsys.readouterr().err
     assert said.startswith("bdnn: error: Inside these limits every joint travels less than 0.0005 rad")
+
+
+@pytest.mark.parametrize(
+    ("evidence", "said"), [(1e-6, "hardly any motion"), (2.0, "may stay open"), (20.0, "")]
+)
+def test_more_motion_is_promised_only_where_some_may_help(evidence: float, said: str) -> None:
+    robot, none = Robot.bundled("arm2"), np.zeros((1, 2))
+    offset, uneven = (
+        Suspect(get(name), 0, None, None, 0.5) for name in ("effort_offset", "asymmetric_friction")
+    )
+    motion = Trajectory(np.zeros(1), none, none, none)
+    found = choice.Excitation(motion, (choice.Separation(offset, uneven, evidence),), ())
+    line = _summary(found, robot, None)[1]
+    assert said in line and ("(" in line) == bool(said)

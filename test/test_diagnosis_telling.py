@@ -286,3 +286,13 @@ def test_nothing_is_named_where_held_out_errors_grow(extended, named):
     unfit = telling._unfit(equations, np.array([1.0, 0.1]), np.array(extended), near)
     assert not unfit.any() if named else unfit.all()
     assert not telling._unfit(equations, np.array([1.0, 0.1]), np.array(extended), ~near).any()
+
+
+@pytest.mark.parametrize(
+    ("near", "said", "verdict"),
+    [(True, True, "explained"), (True, False, "partly_explained"), (False, True, "partly_explained")],
+)
+def test_causes_explain_a_recording_where_little_is_left_and_little_has_no_name(near, said, verdict):
+    causes = [SimpleNamespace()]
+    assert telling._verdict(causes, False, near, said) == verdict
+    assert telling._verdict([], False, True, said) == "nothing_wrong"
