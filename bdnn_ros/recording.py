@@ -188,7 +188,7 @@ class Recording:
 
 
 def renamed(names: Sequence[str], rules: Iterable[str]) -> tuple[str, ...]:
-    """Joint names after `old=new` and `s/pattern/replacement/` rules, applied in order.
+    """Joint names after `old=new` and `s/pattern/replacement/` rules, applied in order; a slash in one is written \\/.
 
     Of `old=new` in a row each speaks of the names before all of them, so that two may be exchanged; where none of these is
     its, of what one before it made.
@@ -200,8 +200,9 @@ def renamed(names: Sequence[str], rules: Iterable[str]) -> tuple[str, ...]:
     waiting = list(names)  # names that `old=new` in a row have not mapped yet
     for rule in rules:
         before = list(result)
-        if rule.startswith("s/") and rule.count("/") == 3 and rule.endswith("/"):
-            _, pattern, replacement, _ = rule.split("/")
+        parts = [part.replace(r"\/", "/") for part in re.split(r"(?<!\\)/", rule)]
+        if len(parts) == 4 and (parts[0], parts[3]) == ("s", ""):
+            _, pattern, replacement, _ = parts
             try:
                 waiting = result = [re.sub(pattern, replacement, name) for name in result]
             except re.error as error:
@@ -212,7 +213,10 @@ def renamed(names: Sequence[str], rules: Iterable[str]) -> tuple[str, ...]:
             result = [new if one else name for one, name in zip(meant, result, strict=True)]
             waiting = ["" if one else name for one, name in zip(meant, waiting, strict=True)]
         else:
-            raise UsageError(f"--rename {rule} is not a rule.", "Use old=new or s/pattern/replacement/.")
+            raise UsageError(
+                f"--rename {rule} is not a rule.",
+                r"Use old=new or s/pattern/replacement/; a slash in one is \/.",
+            )
         if result == before:
             raise UsageError(f"--rename {rule} matches none of {listed(before, 20)}.", "Check the names.")
     if len(set(result)) != len(result):

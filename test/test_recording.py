@@ -102,6 +102,15 @@ def test_rules_that_lose_a_joint_are_refused(rules: list[str]) -> None:
         renamed(JOINTS, rules)
 
 
+def test_a_slash_in_a_name_is_renamed_by_name_and_by_pattern() -> None:
+    names = ("fr3/joint1", "fr3/joint2")
+    assert renamed(names, [r"s/fr3\///"]) == ("joint1", "joint2")
+    assert renamed(names, [r"s/^fr3\/(.*)/arm\/\1/"]) == ("arm/joint1", "arm/joint2")
+    assert renamed(names, ["fr3/joint1=joint1"]) == ("joint1", "fr3/joint2")
+    with pytest.raises(UsageError, match="is not a rule"):
+        renamed(names, ["s/fr3/arm/g"])
+
+
 def test_rename_by_name_and_by_pattern() -> None:
     names = ("fer_joint1", "fer_joint2", "grip")
     assert renamed(names, ["s/fer_/panda_/", "grip=hand"]) == ("panda_joint1", "panda_joint2", "hand")

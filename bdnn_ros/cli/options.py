@@ -84,7 +84,8 @@ def add_recording_arguments(
         metavar="RULE",
         action="append",
         default=[],
-        help="map joint names of the bag: old=new or s/pattern/replacement/; repeatable: a=b and b=a exchange two",
+        help="map joint names of the bag: old=new or s/pattern/replacement/ (a slash in one: \\/); repeatable: a=b and b=a "
+        "exchange two",
     )
     parser.add_argument(
         "--cutoff",

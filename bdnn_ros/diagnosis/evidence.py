@@ -56,8 +56,8 @@ class Pool:
         free = np.tile([-np.inf, np.inf], (self.base, 1))
         self.lower, self.upper = np.vstack([free, *(t.effect.coefficient_bounds for t in self.terms)]).T
         own = [term.kinds for term in self.terms]
-        self.some = [len(kinds) for kinds in own]
-        most = max(self.some, default=1)
+        self.kinds_of_each = [len(kinds) for kinds in own]
+        most = max(self.kinds_of_each, default=1)
         kinds = (np.broadcast_to(kinds, (most, kinds.shape[1])) for kinds in own)
         self.kinds = np.concatenate([np.ones((most, self.base)), *kinds], axis=1)  # all are of one kind
         self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
@@ -196,7 +196,7 @@ class Pool:
         half = np.zeros((len(index), gram.shape[0]))
         half[:, wanted] = solve_triangular(fit.factor, gram[np.ix_(index, wanted)], lower=True)
         result = np.empty(len(candidates))
-        sizes = [(len(self.slots[c]), self.some[c]) for c in candidates]
+        sizes = [(len(self.slots[c]), self.kinds_of_each[c]) for c in candidates]
         for size, few in sorted(set(sizes)):
             same = [i for i, one in enumerate(sizes) if one == (size, few)]
             slots = np.array([self.slots[candidates[i]] for i in same])

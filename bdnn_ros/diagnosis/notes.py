@@ -37,7 +37,7 @@ USUAL_LEAD = 1.25
 SLIGHT = 0.1
 """What of the squared error the extended model mends without a name is said where that is surely more than this share."""
 MOST = 0.5
-"""Share of the squared error above which that is said."""
+"""Share of the squared error above which that is said of the links, and above which what has no name leaves a verdict open."""
 ALONE = (
     "Only {joint} {does}: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
     "of them is named.{remedy}"
@@ -47,7 +47,10 @@ BRIEFLY = (
     "time, a push or a drift, cannot be told from what differs from place to place, as cogging, so none of them is named. Record "
     "more motion."
 )
-UNCOMPARED = "No effort of {joints} is compared: none was measured where it moves. Zeros of `effort_rmse` are no errors there."
+UNCOMPARED = (
+    "No effort of {joints} is compared: it does not move, or none was measured where it does. Zeros of `effort_rmse` are no "
+    "errors there."
+)
 ONE_CLOCK = "Times are told on one clock, on which the recordings follow one another: {begin}."
 IN_MODEL = "Not sure enough for a name, but in the extended model, which it helps: {what}{share}."
 OF_ERROR = " ({share:.0f} % of the {reference}'s squared error)"

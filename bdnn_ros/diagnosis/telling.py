@@ -20,7 +20,7 @@ from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
     FAR_OFF,
-    SLIGHT,
+    MOST,
     THROUGHOUT,
     loads,
     mended,
@@ -91,7 +91,7 @@ def told(
     # what dry friction is named for may hold any effort at rest
     at_rest = () if causes else remainder.resting
     unclear = names.doubtful or bool(names.unknown) or far_off or of_weight or bool(at_rest) or bool(always)
-    of_effort = _verdict(causes, unclear, near, names.unsaid <= SLIGHT)
+    of_effort = _verdict(causes, unclear, near, names.unsaid <= MOST)
     return Diagnosis(
         source=_source(recordings, equations),
         verdict="explained" if of_effort == "nothing_wrong" and findings else of_effort,
@@ -185,7 +185,7 @@ def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool, said: bool) 
     Args:
         causes: findings that are of the effort.
         near: whether the extended model's error is no more than the noise.
-        said: whether all of that but little has a name.
+        said: whether most of what the extended model mends is not without a name.
     """
     if causes:
         return "explained" if near and said else "partly_explained"
