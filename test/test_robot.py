@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import torch
 from cli_cases import sliding_arm, two_armed
 
 from bdnn_ros.errors import RobotError, UsageError
 from bdnn_ros.robot import BUNDLED, PER_LINK, Robot
 from bdnn_ros.robot.links import link_inertial
+from bdnn_ros.robot.rows import MANY
 from bdnn_ros.robot.state import robot_from_state, robot_state
 from bdnn_ros.robot.urdf import _overheard
 
@@ -486,3 +488,20 @@ def test_zeros_are_taken_over_by_the_joint_s_name():
     robot = Robot.from_urdf(two_link())
     other = replace(Robot.from_urdf(two_link(), ("two", "one")), zeros=np.array([0.2, 0.1]))
     assert robot.set_up_as(other).zeros.tolist() == [0.1, 0.2]
+
+
+@pytest.mark.parametrize("name", ["arm2", "arm7"])
+def test_the_effort_of_many_rows_is_that_of_each_and_leaves_torch_its_threads(name: str) -> None:
+    robot, rng, threads = Robot.bundled(name), np.random.default_rng(0), torch.get_num_threads()
+    q, v, a = rng.normal(size=(3, MANY + 10, robot.width))
+    torch.set_num_threads(3)
+    try:
+        many = robot.rigid_effort(q, v, a)
+        assert torch.get_num_threads() == 3
+    finally:
+        torch.set_num_threads(threads)
+    np.testing.assert_array_equal(many, [robot.rigid_effort(*row) for row in zip(q, v, a, strict=True)])
+    np.testing.assert_array_equal(many[:5], robot.rigid_effort(q[:5], v[:5], a[:5]))
+    alone = Robot.bundled(name, robot.joints[:1])
+    assert alone.rigid_effort(q[:, :1], v[:, :1], a[:, :1]).shape == (MANY + 10, 1)
+    assert robot.rigid_effort(*np.zeros((3, 0, robot.width))).shape == (0, robot.width)

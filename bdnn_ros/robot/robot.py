@@ -15,6 +15,7 @@ import pinocchio as pin
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
 from bdnn_ros.robot.mounting import STANDARD_GRAVITY, gravity_of, turned_back, zeros_of
+from bdnn_ros.robot.rows import rnea
 from bdnn_ros.robot.urdf import (
     NONE_HELD,
     Held,
@@ -140,8 +141,8 @@ class Robot(ReadOnlyArrays):
     ) -> np.ndarray:
         """M q̈ + C q̇ + g of the bodies, without armature or friction, (..., n) [N·m]."""
         rows, shape = self._rows(position, velocity, acceleration)
-        result = pin.rneaInParallel(1, self._memory[get_ident()], *(row.T for row in rows))
-        return np.asarray(result.reshape(self.width, -1)[self._order].T.reshape(shape))
+        result = rnea(self._model, self._memory[get_ident()], rows)
+        return result[:, self._order].reshape(shape)
 
     def drive_effort(
         self, velocity: np.ndarray, acceleration: np.ndarray, direction: np.ndarray
