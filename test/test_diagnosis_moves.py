@@ -238,7 +238,7 @@ def test_what_is_beside_a_wrong_effort_scale_is_told_as_it_acts(spec):
     pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale), terms, 1e-4)
     fit = pool.fit([0, 1])
     assert acting_per_measured(pool, fit, 1) == pytest.approx(0.8, rel=1e-3)
-    assert pool.acting(fit, 0) == 1.0
+    assert acting_per_measured(pool, fit, 0) == 1.0
     (told,) = estimates(pool, fit)[1].quantities.values()
     assert told.value == pytest.approx(0.8 * 0.2, rel=1e-3)
 

@@ -79,6 +79,9 @@ def render(examination: Examination, model: ExtendedModel, data_check: Sequence[
             more_proofs=proofs[SHOWN_FIRST:],
             joints=joints,
             uncounted=UNCOUNTED,
+            unsaid_inputs=[
+                one for one in diagnosis.unexplained_depends_on if one not in diagnosis.unexplained_sentence
+            ],
             excerpt=None if last - first >= shown.time[-1] - shown.time[0] else (float(first), float(last)),
             parameters=contents.parameter_rows(shown.causes),
             links=contents.link_rows(link_changes(examination, links_of(model))),
