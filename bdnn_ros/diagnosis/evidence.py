@@ -310,6 +310,7 @@ class Pool:
         return fit.coefficients[self.rows(fit, chosen)]
 
     def rows(self, fit: Fit, chosen: int) -> slice:
+        """Which of a fit's coefficients are one term's, of those in it; KeyError of another."""
         if chosen not in fit.terms:
             raise KeyError(chosen)
         before = fit.terms[: fit.terms.index(chosen)]
