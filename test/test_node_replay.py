@@ -64,7 +64,7 @@ def test_commands_come_as_recorded_before_their_joint_states(player, tmp_path, m
             {"effort_commands_topic": "/x"},
             "Choose with effort_commands_topic:=/effort_commands, or use an empty effort_commands_topic.",
         ),
-        ({"rename": "[ab]"}, "rename ab is not a rule. Use old=new or s/pattern/replacement/."),
+        ({"rename": "[ab]"}, "rename ab is not a rule. Use old=new or s/pattern/replacement/; a slash"),
     ],
 )
 def test_what_is_wrong_is_told_with_parameters(tmp_path, capfd, parameters, remedy):
