@@ -21,6 +21,10 @@ STILL = 1e-9
 class Predictor(Protocol):
     """What predicts the effort along a motion."""
 
+    @property
+    def leads(self) -> np.ndarray:
+        """How far each joint's effort is ahead of the motion, (n,) [s]: where a motion is not known, neither is that."""
+
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort, (N, n) [N·m], not low-passed."""
 
@@ -126,7 +130,7 @@ def _mean(values: np.ndarray) -> float:
 
 
 def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
-    """Errors of a model's effort, both sides low-passed alike, where it was measured and the filter saw no end.
+    """Errors of a model's effort, both sides low-passed alike, where it was measured and neither filter nor lead saw an end.
 
     Raises:
         RecordingError: a part has no effort, or no sample is left.
@@ -139,7 +143,7 @@ def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
             )
         measured.append(signals.smooth(signals.effort)[signals.interior])
         predicted.append(signals.smooth(model.predict(signals))[signals.interior])
-        seen.append(signals.seen[signals.interior])
+        seen.append((signals.seen & signals.interior_after(model.leads))[signals.interior])
     return score(np.concatenate(measured), np.concatenate(predicted), parts[0].joints, np.concatenate(seen))
 
 
@@ -149,9 +153,20 @@ class _Described:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
 
+    @property
+    def leads(self) -> np.ndarray:
+        """(n,) [s]: a description says nothing of one."""
+        return np.zeros(self._robot.width)
+
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort, (N, n) [N·m]."""
-        return self._robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
+        """Effort, with dry friction as soft as the measured one is, (N, n) [N·m]."""
+        return described_effort(self._robot, signals)
+
+
+def described_effort(robot: Robot, signals: Signals) -> np.ndarray:
+    """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m], dry friction as soft as the effort is."""
+    drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
+    return robot.rigid_effort(signals.position, signals.velocity, signals.acceleration) + drive
 
 
 def score_description(robot: Robot, parts: Sequence[Signals]) -> Scores:

@@ -16,7 +16,6 @@ from _naming_robots import robot_of
 from _naming_tables import NOT_DRAWN
 
 from bdnn_ros import bags
-from bdnn_ros.diagnosis.building import nominal_effort
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
@@ -24,6 +23,7 @@ from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.extension.extended import IN_ROBOT
 from bdnn_ros.robot import Robot
+from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.simulate import Simulated
@@ -155,7 +155,7 @@ def noise_floor(simulated: Simulated, examination: Examination) -> np.ndarray:
     for recording in (noisy, clean):
         signals = flattened(prepare(recording), lower)
         assert signals.effort is not None
-        effort = nominal_effort(real, signals)
+        effort = described_effort(real, signals)
         motion = Motion(signals, real, effort)
         beside = IN_ROBOT | {one.effect.name for one in simulated.effects if one.effect.kinematic}
         effects = [one for one in simulated.effects if one.effect.name not in beside]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.diagnosis.building import build, nominal_effort
+from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.equations import Equations, Noise
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
@@ -17,6 +17,7 @@ from bdnn_ros.effects.registry import EFFECTS, get, parse_spec, variants
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import Signals, flattened, prepare
 from bdnn_ros.simulation.excitation import fourier
 
@@ -31,7 +32,7 @@ def signals_of(robot: str = "arm2", duration: float = 12.0, seed: int = 0) -> Si
     plan = fourier(arm, time, np.random.default_rng(seed))
     recording = Recording(time, arm.joints, plan.position, plan.velocity, np.zeros_like(plan.position))
     signals = flattened(prepare(recording), CUTOFF)
-    return replace(signals, effort=nominal_effort(arm, signals), unmeasured=None)
+    return replace(signals, effort=described_effort(arm, signals), unmeasured=None)
 
 
 def term(spec: str, robot: Robot) -> tuple[Term, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.online.analysis import Analyst, diagnosis_with_stamps, with_stamps
+from bdnn_ros.online.analysis import Analyst, Noticed, diagnosis_with_stamps, with_stamps
 from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.feed import Feed
@@ -77,8 +77,29 @@ def test_times_of_a_diagnosis_are_the_publisher_s_stamps(monkeypatch):
         [values["start"], values["end"]], begun * 1e-9 + np.array([1.5, 3.0]), rtol=0, atol=0.011
     )
     assert values["force_x"] == 7.0
-    merged = analyst.with_change(told)["findings"]
+    merged = analyst.with_changes([Noticed(6.0, told)])["findings"]
     assert merged == [told, told]  # on one clock
+
+
+def test_the_latched_message_holds_all_that_changed_since_the_last_diagnosis(monkeypatch):
+    """Two joints that warm up together were two messages of one change each, and who came late saw the last."""
+    said, ring = queue.Queue[Message](), Ring.create(1000, 6)
+    intake = Intake(ARM.joints, ring)
+    for row in range(500):  # until 4.99 s
+        intake.take(list(ARM.joints), [0.1 * row, 0.0], [], [0.0, 0.0], row * 10_000_000 + 1, 0)
+    old = {"sentence": "old", "share": 0.5, "parameters": {}}
+    plain = {"verdict": "explained", "gain": {"value": 0.5}, "advice": [], "notes": []}
+    monkeypatch.setattr(Analyst, "_answer", lambda self, asked: {"diagnosis": {**plain, "findings": [old]}})
+    analyst = Analyst(said.put)
+    analyst.begin(ARM, Feed(ARM.joints, ring), BEGUN)
+    one, two, three = (
+        {"sentence": name, "share": share} for name, share in zip("abc", (0.1, 0.7, 0.3), strict=True)
+    )
+    analyst.with_changes([Noticed(3.0, one), Noticed(3.0, two)])
+    assert analyst.with_changes([Noticed(6.0, three)])["findings"] == [two, three, one]
+    analyst.ask(0.0, 1)
+    told = said.get(timeout=5.0).info["diagnosis"]
+    assert told["findings"] == [old, three]  # it has seen the first two happen, the third it could not
 
 
 class Overtaken(Ring):

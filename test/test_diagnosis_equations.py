@@ -16,7 +16,6 @@ from bdnn_ros.diagnosis.building import (
     MOST_BLOCKS,
     build,
     least_motion,
-    nominal_effort,
 )
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of, without_trends
@@ -29,6 +28,7 @@ from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import flattened, prepare, usual_cutoff
 from bdnn_ros.simulation.perturbation import wrong_robot
 from bdnn_ros.simulation.simulate import simulate
@@ -71,7 +71,7 @@ def test_errors_of_the_links_are_in_the_rigid_columns():
 
 def test_a_model_in_the_simulations_place(robot):
     signals = signals_of()
-    other = nominal_effort(robot, signals) + 2.0
+    other = described_effort(robot, signals) + 2.0
     np.testing.assert_allclose(build(signals, robot, other).target, -2.0, atol=1e-9)
 
 
@@ -242,7 +242,7 @@ def in_turn() -> Equations:
         position[:, k % arm.width] += 0.3 * (1.0 - np.cos(2.0 * np.pi * since / 1.5))
     recording = Recording(time, arm.joints, position, np.gradient(position, time, axis=0), 0.0 * position)
     signals = flattened(prepare(recording), CUTOFF)
-    return build(replace(signals, effort=nominal_effort(arm, signals), unmeasured=None), arm)
+    return build(replace(signals, effort=described_effort(arm, signals), unmeasured=None), arm)
 
 
 def test_joints_that_move_one_after_the_other_move_in_several_blocks(in_turn):

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.building import IDENTIFIED, build, nominal_effort
+from bdnn_ros.diagnosis.building import IDENTIFIED, build
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.result import Finding
 from bdnn_ros.effects.registry import get, parse_spec
@@ -23,7 +23,7 @@ from bdnn_ros.physical.parameters import Parameters
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of
-from bdnn_ros.scores import score_model
+from bdnn_ros.scores import described_effort, score_model
 from bdnn_ros.signals import Signals, flattened, prepare
 from bdnn_ros.simulation.excitation import fourier
 from bdnn_ros.simulation.scenario import Scenario
@@ -72,7 +72,7 @@ def test_a_model_predicts_steps_of_friction_as_soft_as_the_effort_is(model):
     plain = replace(model, robot=robot, offset=np.zeros(2), breakaway=(0, 0), learned=None, lead=0.0)
     plan = fourier(robot, np.arange(5000) / 500.0, np.random.default_rng(3))
     signals = flattened(prepare(Recording(plan.time, robot.joints, plan.position)), 4.0)
-    error = plain.predict(signals) - nominal_effort(robot, signals)
+    error = plain.predict(signals) - described_effort(robot, signals)
     # some reversals graze zero: which way friction pulls there nobody can say
     usual = np.quantile(np.abs(error[signals.interior]), 0.95, axis=0)
     assert (usual < 0.02 * robot.coulomb).all()

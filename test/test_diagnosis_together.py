@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_cases import signals_of
 
-from bdnn_ros.diagnosis.building import build, nominal_effort
+from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.registry import get
@@ -16,6 +16,7 @@ from bdnn_ros.extension.extend import extend
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of
+from bdnn_ros.scores import described_effort
 from bdnn_ros.simulation.scenario import Scenario
 
 
@@ -93,7 +94,7 @@ def test_what_links_are_off_by_hangs_from_the_tilted_base_as_well() -> None:
     signals = signals_of("arm7", 20.0)
     errors = 0.1 * np.random.default_rng(0).standard_normal(relative_inertials(robot).shape[1])
     off = robot.with_inertials(robot.inertials.ravel() + relative_inertials(robot) @ errors)
-    real = nominal_effort(off.tilted(*angles), signals)
+    real = described_effort(off.tilted(*angles), signals)
     tilt = Term(get("base_tilt"), -1).shaped({"roll_deg": 6.0, "pitch_deg": -5.0})
     left = []
     for known in (None, (angles[0], angles[1])):

@@ -149,6 +149,29 @@ def test_base_tilt_is_the_contracts(robot: Robot) -> None:
     np.testing.assert_allclose([float(x) for x in origin.get("rpy").split()], [roll, pitch, 0.0])
 
 
+@pytest.mark.parametrize("bolt", ["fixed", "revolute"])
+def test_a_world_stays_level_and_the_root_under_a_tilted_base(bolt: str) -> None:
+    """Simulators hold a root of that name in place: under a link of ours the arm would fall."""
+    arm = Robot.bundled("arm7")
+    urdf = arm.urdf
+    if bolt == "fixed":
+        parts = '<link name="world"/><joint name="bolt" type="fixed"><parent link="world"/>'
+        parts += '<child link="arm7_link0"/><origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/></joint>'
+        urdf = urdf.replace("</robot>", parts + "</robot>")
+    else:
+        urdf = urdf.replace('"arm7_link0"', '"world"')
+    standing = Robot.from_urdf(urdf)
+    off = replace(standing, zeros=np.linspace(0.2, -0.3, arm.width))
+    model = model_of(off, "base_tilt:roll_deg=6,pitch_deg=-9")
+    written = extended_urdf(model)
+    tree = ElementTree.fromstring(written)
+    children = {child.get("link") for child in tree.findall("joint/child")}
+    assert [link.get("name") for link in tree.findall("link") if link.get("name") not in children] == [
+        "world"
+    ]
+    same_rigid_effort(model, Robot.from_urdf(written))
+
+
 @pytest.mark.parametrize("name", ["arm7", "sliding"])
 def test_zeros_are_in_the_joints_origins(name: str) -> None:
     arm = sliding_arm() if name == "sliding" else Robot.bundled(name)

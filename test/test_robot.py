@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import gc
 import os
 import threading
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -488,6 +490,30 @@ def test_zeros_are_taken_over_by_the_joint_s_name():
     robot = Robot.from_urdf(two_link())
     other = replace(Robot.from_urdf(two_link(), ("two", "one")), zeros=np.array([0.2, 0.1]))
     assert robot.set_up_as(other).zeros.tolist() == [0.1, 0.2]
+
+
+def test_bindings_without_openmp_have_all_that_a_robot_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of a Linux distribution may be built without: they have neither the loop over rows nor its memory."""
+    many = np.random.default_rng(0).normal(size=(3, MANY, 7))
+    expected = Robot.bundled("arm7").rigid_effort(*many)
+    monkeypatch.delattr(pin, "ModelPool")
+    monkeypatch.delattr(pin, "rneaInParallel")
+    monkeypatch.setattr("bdnn_ros.robot.rows.HAS_LOOP", False)
+    np.testing.assert_array_equal(Robot.bundled("arm7").rigid_effort(*many), expected)
+
+
+def test_a_robot_that_nobody_holds_is_gone_without_the_collector() -> None:
+    """A node has one with each version it serves, and takes what outlives a collection for lasting."""
+    robot, many = Robot.bundled("arm7"), np.zeros((3, MANY, 7))
+    gc.collect()
+    gc.disable()
+    try:
+        robot.rigid_effort(*many), robot.mass_matrix(many[0]), robot.coriolis(many[0], many[1])
+        held = weakref.ref(robot)
+        del robot
+        assert held() is None
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize("name", ["arm2", "arm7"])

@@ -10,6 +10,7 @@ import pytest
 from bag_cases import PENDULUM
 
 from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.rollout import Step, _rosenbrock, _runge_kutta
@@ -22,10 +23,16 @@ from bdnn_ros.scores import (
     without_effort,
 )
 from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.simulation.excitation import fourier
 
 
 class Model(Robot):
     """A robot that predicts along a motion."""
+
+    @property
+    def leads(self) -> np.ndarray:
+        """(n,) [s]."""
+        return np.zeros(self.width)
 
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort, (N, n) [N·m]."""
@@ -90,6 +97,31 @@ def test_the_true_model_scores_well_and_a_wrong_one_as_expected(pendulum: Model)
     assert found.rmse[0] == pytest.approx(0.2 * np.sqrt(np.mean(inside**2)), rel=1e-2)
     with pytest.raises(RecordingError, match="no effort"):
         score_model(pendulum, [replace(signals, effort=None)])
+
+
+def test_a_description_s_dry_friction_is_as_soft_as_the_measured_effort() -> None:
+    """Its steps were sharper than those that both low-passes leave: a right description seemed eight times worse than a model."""
+    robot = Robot.from_urdf(PENDULUM)
+    rough = robot.with_joint_parameters(coulomb=robot.coulomb + 3.0)
+    signals = driven(rough)
+    described = score_description(rough, [signals]).nrmse[0]
+    assert described == pytest.approx(score_model(ExtendedModel(rough, (), np.zeros(1)), [signals]).nrmse[0])
+
+
+@pytest.mark.parametrize("late", [0.15, -0.15])
+def test_where_a_lead_leaves_the_motion_nothing_is_predicted_nor_scored(late: float) -> None:
+    """A spline that went on beyond a piece's first sample grew with the cube of the time to it."""
+    robot, rng = Robot.bundled("arm2"), np.random.default_rng(1)
+    time = np.arange(2400) / 100.0
+    motion = fourier(robot, time, np.random.default_rng(0))
+    position = motion.position + 5e-5 * rng.standard_normal(motion.position.shape)
+    effort = robot.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+    then = np.clip(time - late, 0.0, time[-1])
+    moved = np.stack([np.interp(then, time, column) for column in effort.T], axis=1)
+    recording = Recording(time, robot.joints, position, None, moved).part(time % 4.0 < 3.6)
+    model = ExtendedModel(robot, (), np.zeros(2), lead=-late)
+    assert score_model(model, [prepare(recording)]).nrmse_mean < 0.01
+    assert (np.abs(model.predict(prepare(recording))) < np.abs(effort).max(axis=0) + effort.std(axis=0)).all()
 
 
 def test_the_true_model_rolls_out_along_the_motion(pendulum: Model) -> None:

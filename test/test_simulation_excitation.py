@@ -30,6 +30,19 @@ def test_a_fourier_motion_keeps_all_limits(name, seed):
     assert (np.abs(effort) < 0.8 * limits.effort).all()
 
 
+@pytest.mark.parametrize("name", ["arm2", "arm6"])
+@pytest.mark.parametrize("duration", [500.0, 1000.0])
+def test_a_long_motion_keeps_its_limits_too(name, duration):
+    """It was looked at every two seconds, at the same ten moments of each period."""
+    robot = Robot.bundled(name)
+    for seed in range(3):
+        rng = np.random.default_rng([seed, *b"motion"])
+        motion = fourier(robot, np.arange(round(50.0 * duration)) / 50.0, rng)
+        limits = robot.limits
+        assert (motion.position > limits.lower).all() and (motion.position < limits.upper).all()
+        assert (np.abs(motion.velocity) < 0.8 * limits.velocity).all()
+
+
 @pytest.mark.parametrize("make", [fourier, poor])
 def test_velocity_and_acceleration_are_the_positions_derivatives(make):
     robot = Robot.bundled("arm6")

@@ -51,6 +51,17 @@ DEAF = "time.sleep(600.0)"
 HALF = "os.write(int(sys.argv[2]), bytes(5)); time.sleep(600.0)"
 
 
+def test_a_terminal_s_signals_are_for_the_node_alone():
+    """Sent to all of its session, they broke the trainer off while it was imported, with a traceback."""
+    begun = Supervisor(lambda message: None, list, (sys.executable, "-c", ANSWERS))
+    begun.start()
+    try:
+        wait_until(lambda: begun.pid, 10.0)
+        assert os.getsid(begun.pid) != os.getsid(0)
+    finally:
+        begun.stop()
+
+
 @pytest.fixture
 def session() -> Iterator[Session]:
     session = Session(Settings())

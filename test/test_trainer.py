@@ -15,7 +15,7 @@ from live_support import children, motion, real_robot, wait_until
 
 from bdnn_ros.efforts import COMMAND_AGE
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
-from bdnn_ros.online.analysis import Analyst
+from bdnn_ros.online.analysis import Analyst, Noticed
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.feed import Feed
@@ -162,7 +162,7 @@ def test_a_change_explains_no_more_than_itself(before, verdict):
     if before is not None:
         gain = {"value": 0.2, "interval": [0.1, 0.3]}
         analyst._last = {"verdict": before, "findings": [], "gain": gain, "advice": []}
-    told = analyst.with_change({"share": 0.75})
+    told = analyst.with_changes([Noticed(1.0, {"share": 0.75})])
     assert told["verdict"] == verdict and len(told["findings"]) == 1
     assert told["gain"]["value"] == pytest.approx(0.5 if before is None else 0.2)
     assert bool(told["advice"]) == (before is None)
@@ -317,6 +317,34 @@ def test_a_command_lasts_as_long_in_a_simulation_at_any_pace(pace):
     np.testing.assert_array_equal(read, expected[: len(read)])
     for count in (400, 180):
         np.testing.assert_array_equal(feed.latest(count)[0].effort[:, 0], expected[-count:])
+    states.close()
+    commands.close()
+
+
+@pytest.mark.parametrize("back", [0.3, 2.0, 60.0])
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_clock_that_is_set_back_stops_no_learning(back, stamped):
+    """States of before waited for a command that is sent later by the new time, and got the last one for ever."""
+    states, commands = Ring.create(8192, 6), Ring.create(8192, 2)
+    intake, orders = Intake(ARM.joints, states, needs_effort=False), CommandIntake(ARM.joints, commands)
+    feed, read = Feed(ARM.joints, states, commands), 0
+    start, step, change = 10**18, 2_000_000, 2000
+    for k in range(4000):
+        true = start + k * step
+        wall = true - round(back * 1e9) * (k >= change)
+        orders.take([float(k), 0.0], wall - step // 2)
+        intake.take(list(ARM.joints), [1e-3 * k, 0.0], [], [], true if stamped else wall, wall)
+        if k % 10 == 0:
+            got = feed.read(500)
+            known = np.isfinite(got.effort[:, 0])
+            assert np.count_nonzero(~known) <= 20 or (change <= k <= change + 200 and back < 0.5)
+            np.testing.assert_allclose(got.effort[known, 0], 1e3 * got.position[known, 0], atol=1.01)
+            read += len(got)
+            assert k - read < 50 or (change <= k <= change + 200 and back < 0.5)
+        if k in (change + 300, 3999):
+            whole = feed.recording(0.0)
+            assert k - change - 100 <= len(whole) <= k - change + 1
+            np.testing.assert_allclose(whole.effort[:, 0], 1e3 * whole.position[:, 0], atol=1.01)
     states.close()
     commands.close()
 

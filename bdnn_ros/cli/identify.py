@@ -20,7 +20,7 @@ from bdnn_ros.online.models import Model, load_model, save_model
 from bdnn_ros.physical.parameters import Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.scores import Scores, score_description, score_model
+from bdnn_ros.scores import Scores, described_effort, score_description, score_model
 from bdnn_ros.signals import Signals, usual_cutoff
 
 if TYPE_CHECKING:
@@ -200,8 +200,7 @@ def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) ->
     before = np.concatenate([[0], np.cumsum(inside)])  # so many rows are drawn of those before each
     nominal = None
     if robot is not None:
-        nominal = robot.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)
-        nominal = signals.smooth(nominal)[inside]
+        nominal = signals.smooth(described_effort(robot, signals))[inside]
     identification_png(
         path,
         model.joints,

@@ -14,6 +14,7 @@ from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.recording import further
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import tilt_of
+from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import Signals
 
 ROWS_PER_CUTOFF = 2.5
@@ -74,7 +75,7 @@ def build(
 
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     if simulated is None:
-        simulated = _rigid_effort(robot, signals) + drive
+        simulated = described_effort(robot, signals)
     passing = None
     if np.any(ratios):
         # which way the load goes the effort tells: a simulation that is off may have it go the other way
@@ -170,13 +171,3 @@ def sticks(signals: Signals, widths: float) -> np.ndarray:
         stuck = binary_opening(result[rows], np.ones((int(np.ceil(widths * width)), 1), bool))
         result[rows] = maximum_filter1d(stuck, reach, axis=0)
     return result
-
-
-def nominal_effort(robot: Robot, signals: Signals) -> np.ndarray:
-    """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m]."""
-    drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
-    return np.asarray(_rigid_effort(robot, signals) + drive)
-
-
-def _rigid_effort(robot: Robot, signals: Signals) -> np.ndarray:
-    return robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)

@@ -207,11 +207,11 @@ class Motion:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
-        """Values (N, k) as they will be `lead` seconds later, along each segment; held at its end."""
+        """Values (N, k) as they will be `lead` seconds later, along each segment; held at its ends."""
         result = np.empty_like(values)
         for rows in self.signals.segments:
             time = self.time[rows]
-            later = np.minimum(time + lead, time[-1])
+            later = np.clip(time + lead, time[0], time[-1])
             result[rows] = CubicSpline(time, values[rows])(later) if len(time) > 3 else values[rows]
         return result
 

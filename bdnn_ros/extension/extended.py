@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from bdnn_ros.diagnosis.building import nominal_effort
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.effects.actuation import JointSpring
 from bdnn_ros.effects.drawing import contribution
@@ -23,6 +22,7 @@ from bdnn_ros.extension.state import parts_of, state_of
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import Signals
 
 IN_BODIES = frozenset({"payload", "link_inertia", "base_tilt"})
@@ -102,6 +102,16 @@ class ExtendedModel:
     def joints(self) -> tuple[str, ...]:
         """n joint names, the order of every array."""
         return self.bare.joints
+
+    @property
+    def leads(self) -> np.ndarray:
+        """How far each joint's measured effort is ahead of the motion, (n,) [s]."""
+        return np.asarray(self._planted.delay + self.lead)
+
+    @property
+    def _planted(self) -> Plant:
+        """The robot with what acts all along a motion installed."""
+        return plant_of(self.bare, [e for e in self.effects if e.effect.name in IN_PLANT])
 
     @cached_property
     def plant(self) -> Plant:
@@ -225,7 +235,7 @@ class ExtendedModel:
 
     def predict(self, signals: Signals) -> np.ndarray:
         """Measured effort along a motion, (N, n) [N·m], not low-passed; every effect counts."""
-        plant = plant_of(self.bare, [e for e in self.effects if e.effect.name in IN_PLANT])
+        plant = self._planted
         creep = np.array(self.creep) if self.creep else None
         motion, acting = self._acting(plant, replace(signals, creep=creep))
         measured = np.empty_like(acting)
@@ -248,7 +258,7 @@ class ExtendedModel:
         drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
         if self.beyond is not None:
             known = self.beyond.robot
-            plain = nominal_effort(known, signals) + self.beyond.offset
+            plain = described_effort(known, signals) + self.beyond.offset
             drive = drive + self.beyond.predict(signals) - plain
         own = replace(signals, effort=None)
         motion = Motion(own, robot, rigid + drive, springs=self._springs())

@@ -13,7 +13,7 @@ from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, payload_parameters
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.extension.urdf_text import UrdfText, tag
+from bdnn_ros.extension.urdf_text import Element, UrdfText, tag
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of
@@ -21,6 +21,8 @@ from bdnn_ros.robot.urdf import inertia_of, link_inertia
 
 IN_URDF = frozenset({"payload", "link_inertia", "base_tilt", "coulomb_friction", "viscous_friction"})
 """Effects that a URDF can carry."""
+WORLD = "world"
+"""A root link of this name simulators hold in place; one above it would let it fall."""
 SAME = 1e-12
 """Inertial parameters that differ by less than this share of the body's are not written again."""
 
@@ -81,7 +83,7 @@ def extended_urdf(model: ExtendedModel) -> str:
     document = UrdfText(model.robot.urdf)
     _write_bodies(document, model)
     _write_friction(document, model)
-    _write_zeros(document, model.robot)
+    _write_origins(document, model.robot)
     _write_tilt(document, model.robot.gravity_vector)
     return document.text()
 
@@ -197,35 +199,52 @@ def _write_friction(document: UrdfText, model: ExtendedModel) -> None:
         document.put(joint, "dynamics", tag("dynamics", **attributes))
 
 
-def _write_zeros(document: UrdfText, robot: Robot) -> None:
-    """Origins of joints whose zeros are off, where they have to be for positions as they are reported."""
-    for name, zero, slides in zip(robot.joints, robot.zeros, robot.slides, strict=True):
-        if zero == 0.0:
+def _write_origins(document: UrdfText, robot: Robot) -> None:
+    """Origins of joints whose zeros are off, for positions as they are reported, and of what stands on a tilted world."""
+    zeros = dict(
+        zip(robot.joints, zip(robot.zeros.tolist(), robot.slides.tolist(), strict=True), strict=True)
+    )
+    turn = upright(robot) if document.root_link() == WORLD else np.eye(3)
+    for joint in document.elements("joint"):
+        zero, slides = zeros.get(joint.name, (0.0, False))
+        turned = _parent(joint) == WORLD and not np.array_equal(turn, np.eye(3))
+        if zero == 0.0 and not turned:
             continue
-        joint = document.named("joint", name)
-        rpy, xyz, axis = (
-            np.array(element.attributes.get(key, default).split() if element else default.split(), float)
-            for element, key, default in (
-                (joint.child("origin"), "rpy", "0 0 0"),
-                (joint.child("origin"), "xyz", "0 0 0"),
-                (joint.child("axis"), "xyz", "1 0 0"),
-            )
-        )
+        rotation, xyz = _origin(joint)
+        axis = _vector(joint.child("axis"), "xyz", "1 0 0")
         back = -zero * axis / np.linalg.norm(axis)
-        rotation = pin.rpy.rpyToMatrix(*rpy)
         if slides:
             xyz = xyz + rotation @ back
         else:
             rotation = rotation @ pin.exp3(back)
-        turned = tag("origin", xyz=xyz.tolist(), rpy=pin.rpy.matrixToRpy(rotation).tolist())
-        document.put(joint, "origin", turned)
+        if turned:
+            rotation, xyz = turn @ rotation, turn @ xyz
+        rpy = pin.rpy.matrixToRpy(rotation).tolist()
+        document.put(joint, "origin", tag("origin", xyz=xyz.tolist(), rpy=rpy))
+
+
+def _origin(joint: Element) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and translation (3,) [m] of a joint in its parent's frame."""
+    origin = joint.child("origin")
+    rotation = pin.rpy.rpyToMatrix(*_vector(origin, "rpy", "0 0 0"))
+    return rotation, _vector(origin, "xyz", "0 0 0")
+
+
+def _vector(element: Element | None, key: str, default: str) -> np.ndarray:
+    return np.array((element.attributes.get(key, default) if element else default).split(), float)
+
+
+def _parent(joint: Element) -> str | None:
+    parent = joint.child("parent")
+    return None if parent is None else parent.attributes.get("link")
 
 
 def _write_tilt(document: UrdfText, gravity_vector: np.ndarray) -> None:
-    """A level link under the base, which stands on it turned by Ry(pitch)·Rx(roll)."""
+    """A level link under the base, which stands on it turned by Ry(pitch)·Rx(roll); a world stays level itself."""
     roll, pitch = tilt_of(gravity_vector)
-    if roll == 0.0 and pitch == 0.0:
+    root = document.root_link()
+    if root == WORLD or (roll == 0.0 and pitch == 0.0):
         return
-    root, level = document.root_link(), document.free_name("link", "level")
+    level = document.free_name("link", "level")
     document.append(document.robot, tag("link", name=level))
     _write_fixed_joint(document, f"{level}_to_base", level, root, [0.0, 0.0, 0.0], [roll, pitch, 0.0])

@@ -44,6 +44,14 @@ class _Job:
     epoch: int
 
 
+@dataclass(frozen=True)
+class Noticed:
+    """A change of the robot as a finding, and when it was seen, stream time [s]."""
+
+    seen: float
+    finding: dict[str, Any]
+
+
 class Analyst:
     """Has one diagnosis at a time made, in a process of its own; learning goes on beside it.
 
@@ -65,6 +73,8 @@ class Analyst:
         self._window = 0.0
         self._due = FIRST
         self._last: dict[str, Any] = {}
+        self._changes: list[Noticed] = []
+        self._merging = threading.Lock()
         self.since = 0.0
         self.unlike = False
         threading.Thread(target=self._work, name="analyst", daemon=True).start()
@@ -75,24 +85,35 @@ class Analyst:
         self._epoch = int(info["epoch"])
         self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
         self._due = feed.latest_time() + FIRST
-        self._last, self.unlike = {}, False
+        self._last, self._changes, self.unlike = {}, [], False
         if info["kept"] == info["start"]:  # else the same stream goes on, and what changed in it has changed
             self.since = 0.0
 
-    def with_change(self, finding: dict[str, Any]) -> dict[str, Any]:
-        """The last diagnosis with a change that was noticed since as its first finding.
+    def with_changes(self, changes: Sequence[Noticed]) -> dict[str, Any]:
+        """The last diagnosis with all changes that were noticed since it looked, these too, the largest share first."""
+        with self._merging:
+            self._changes += changes
+            return self._merged()
 
-        All is explained only where all but the change was: of a robot that was not diagnosed yet nobody knows.
-        """
-        gain = 1.0 - float(np.sqrt(1.0 - finding["share"]))
+    def _merged(self) -> dict[str, Any]:
+        """All is explained only where all but the changes was: of a robot that was not diagnosed yet nobody knows."""
+        findings = [change.finding for change in self._changes] + self._last.get("findings", [])
+        findings.sort(key=lambda finding: -finding["share"])
+        gain = 1.0 - float(np.sqrt(1.0 - max(change.finding["share"] for change in self._changes)))
         last = self._last or {"gain": {"value": gain, "interval": [gain, gain]}, "advice": [UNDIAGNOSED]}
         explained = last.get("verdict") in ("nothing_wrong", "explained")
-        return {
-            "verdict": "explained" if explained else "partly_explained",
-            "findings": [finding, *last.get("findings", [])],
-            "gain": last["gain"],
-            "advice": last["advice"],
-        }
+        return {**last, "verdict": "explained" if explained else "partly_explained", "findings": findings}
+
+    def _take(self, told: dict[str, Any], until: float) -> None:
+        """Remember a diagnosis of what came until a stream time [s], and add the changes that were seen later."""
+        self.unlike = told.get("unlike", self.unlike)
+        if "diagnosis" not in told:
+            return
+        with self._merging:
+            self._last = told["diagnosis"]
+            self._changes = [change for change in self._changes if change.seen > until]
+            if self._changes:
+                told["diagnosis"] = self._merged()
 
     def tick(self, time: float) -> None:
         """Diagnose if it is time to, at this stream time [s]."""
@@ -134,6 +155,7 @@ class Analyst:
         while True:
             job = self._jobs.get()
             self._busy.set()
+            until = job.feed.latest_time()
             try:
                 told = self._answer(question(job.feed.recording(job.window), job.robot, job.cutoff))
                 if "diagnosis" in told:
@@ -146,8 +168,7 @@ class Analyst:
             finally:
                 self._busy.clear()
             if job.epoch == self._epoch:  # else it is of a stream that was given up meanwhile
-                self._last = told.get("diagnosis", self._last)
-                self.unlike = told.get("unlike", self.unlike)
+                self._take(told, until)
             self._say(Message("findings", {"request": job.request, "epoch": job.epoch, **told}))
 
     def _answer(self, asked: Message) -> dict[str, Any]:

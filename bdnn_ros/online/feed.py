@@ -16,6 +16,8 @@ AGE = int(COMMAND_AGE * 1e9)
 """[ns]."""
 LONG = 1 << 60
 """Longer than any step of a stream [ns]."""
+SET_BACK = 100_000_000
+"""The clock of a middleware that goes back by more was set back; by less, messages overtook each other [ns]."""
 
 
 @dataclass(frozen=True)
@@ -137,11 +139,14 @@ class Feed:
         return with_derived(live, silent)
 
     def _ready(self, most: int, commands: Chunk) -> int:
-        """How many joint states may be read: those whose commands have come, or are overdue."""
+        """How many joint states may be read: those whose commands have come, or are overdue.
+
+        By a clock that was set back since, those of before would be waited for until it is as late again.
+        """
         chunk = self.states.read(self.next, most)
         if len(chunk) == 0:
             return 0
-        settled = chunk.sent <= self.states.latest(1).sent[0] - AGE
+        settled = np.abs(chunk.sent - self.states.latest(1).sent[0]) >= AGE
         if len(commands):
             settled |= chunk.sent <= commands.sent[-1]
         return int(np.count_nonzero(np.logical_and.accumulate(settled)))
@@ -202,7 +207,8 @@ def _whole(velocity: np.ndarray) -> np.ndarray:
 def commanded(states: Chunk, before: Chunk, commands: Chunk) -> np.ndarray:
     """The last command sent before each joint state, (N, n); NaN where that is too long ago in stream time.
 
-    The middleware's clock says in which step between joint states a command came; a simulation may take long for it.
+    The middleware's clock says in which step between joint states a command came; a simulation may take long for it. Where
+    that clock was set back, it does not say which commands belong to the joint states of before: they have none.
 
     Args:
         before: joint states that came just before these.
@@ -210,12 +216,22 @@ def commanded(states: Chunk, before: Chunk, commands: Chunk) -> np.ndarray:
     effort = np.full((len(states), commands.values.shape[1]), np.nan)
     if len(states) == 0 or len(commands) == 0:
         return effort
-    sent = np.maximum.accumulate(np.concatenate([before.sent, states.sent]))
-    time = np.concatenate([before.time, states.time])
+    told = _since_set_back(commands.sent)
+    ordered, values = commands.sent[told:], commands.values[told:]
+    sent, time = np.concatenate([before.sent, states.sent]), np.concatenate([before.time, states.time])
+    told = _since_set_back(sent)
+    sent, time = np.maximum.accumulate(sent[told:]), time[told:]
     step = np.diff(time, prepend=time[0] - LONG)
-    under = np.minimum(np.searchsorted(sent, commands.sent), len(sent) - 1)
-    since = time[under] - np.minimum(sent[under] - commands.sent, step[under])
-    last = np.maximum(np.searchsorted(commands.sent, states.sent, side="right") - 1, 0)
-    valid = (commands.sent[last] <= states.sent) & (states.time - since[last] <= AGE)
-    effort[valid] = commands.values[last[valid]]
+    under = np.minimum(np.searchsorted(sent, ordered), len(sent) - 1)
+    since = time[under] - np.minimum(sent[under] - ordered, step[under])
+    last = np.maximum(np.searchsorted(ordered, states.sent, side="right") - 1, 0)
+    valid = (ordered[last] <= states.sent) & (states.time - since[last] <= AGE)
+    valid[: max(told - len(before), 0)] = False
+    effort[valid] = values[last[valid]]
     return effort
+
+
+def _since_set_back(sent: np.ndarray) -> int:
+    """Index of the first of some moments [ns], (N,), by the clock as it was set last."""
+    back = np.flatnonzero(np.diff(sent) < -SET_BACK)
+    return int(back[-1]) + 1 if len(back) else 0

@@ -158,8 +158,13 @@ class Supervisor:
             "MALLOC_ARENA_MAX": "1",  # what one thread gave back, the other uses
         }
         command = [*self._command, "--channel", str(descriptor), "--nice", str(self._niceness)]
+        # in a session of its own: a terminal's Ctrl-C is for the node, also before the trainer could say so itself
         self._process = subprocess.Popen(
-            command, pass_fds=[descriptor], env=environment, stdin=subprocess.DEVNULL
+            command,
+            pass_fds=[descriptor],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
         )
 
     def _converse(self, channel: Channel) -> None:

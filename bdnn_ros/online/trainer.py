@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from bdnn_ros.errors import BdnnError, UsageError
-from bdnn_ros.online.analysis import Analyst, with_stamps
+from bdnn_ros.online.analysis import Analyst, Noticed, with_stamps
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message, close_all, leave_signals_to_the_node
 from bdnn_ros.online.feed import Feed
@@ -161,12 +161,17 @@ class Trainer:
         Of a stream in other units, or of another robot, nothing is named.
         """
         assert self.learning is not None and self.feed is not None
-        for change in [] if self.analyst.unlike else self.learning.changes:
+        changes = [] if self.analyst.unlike else self.learning.changes
+        for change in changes:
             if change.explanation.kind != "push":
                 self.analyst.since = change.explanation.start
-            finding = with_stamps(change.finding, self.feed.states)
-            told = {"diagnosis": self.analyst.with_change(finding), "end": self._end(change.seen)}
-            self.say(Message("findings", {"request": 0, "epoch": self.epoch, **told}))
+        if changes:
+            told = [Noticed(change.seen, with_stamps(change.finding, self.feed.states)) for change in changes]
+            end = self._end(max(change.seen for change in changes))
+            diagnosis = self.analyst.with_changes(told)
+            self.say(
+                Message("findings", {"request": 0, "epoch": self.epoch, "diagnosis": diagnosis, "end": end})
+            )
         self.learning.changes.clear()
 
     def _finish(self) -> None:

@@ -71,6 +71,11 @@ class PhysicalModel(ReadOnlyArrays):
         return self.robot.joints
 
     @property
+    def leads(self) -> np.ndarray:
+        """How far each joint's measured effort is ahead of the motion, (n,) [s]."""
+        return np.full(self.robot.width, self.lead)
+
+    @property
     def parameters(self) -> Parameters:
         """What was identified, by kind."""
         robot = self.robot

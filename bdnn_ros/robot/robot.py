@@ -112,12 +112,12 @@ class Robot(ReadOnlyArrays):
 
     @property
     def _data(self) -> pin.Data:
-        return self._memory[get_ident()].getData(0)
+        return self._memory[get_ident()]
 
     @cached_property
-    def _memory(self) -> dict[int, pin.ModelPool]:
+    def _memory(self) -> dict[int, pin.Data]:
         """Pinocchio's working memory of each thread: what one computes no other reads."""
-        return defaultdict(lambda: pin.ModelPool(self._model, 1))
+        return defaultdict(self._model.createData)
 
     @cached_property
     def _order(self) -> np.ndarray:
@@ -141,7 +141,7 @@ class Robot(ReadOnlyArrays):
     ) -> np.ndarray:
         """M q̈ + C q̇ + g of the bodies, without armature or friction, (..., n) [N·m]."""
         rows, shape = self._rows(position, velocity, acceleration)
-        result = rnea(self._model, self._memory[get_ident()], rows)
+        result = rnea(self._model, self._data, rows)
         return result[:, self._order].reshape(shape)
 
     def drive_effort(

@@ -13,18 +13,15 @@ MANY = 200
 
 It sets how many threads OpenMP may have in whichever thread calls it, and torch asks the same OpenMP.
 """
+HAS_LOOP = hasattr(pin, "rneaInParallel")
+"""Bindings that were built without OpenMP, as those of a Linux distribution may be, come without that loop."""
 
 
-def rnea(model: pin.Model, memory: pin.ModelPool, rows: Sequence[np.ndarray]) -> np.ndarray:
-    """Efforts (N, nv) [N·m] of positions, velocities and accelerations in Pinocchio's order, (N, nv) each.
-
-    Args:
-        memory: of this model, for one thread.
-    """
-    if len(rows[0]) < MANY:
-        data = memory.getData(0)
+def rnea(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Efforts (N, nv) [N·m] of positions, velocities and accelerations in Pinocchio's order, (N, nv) each."""
+    if len(rows[0]) < MANY or not HAS_LOOP:
         efforts = [pin.rnea(model, data, *row) for row in zip(*rows, strict=True)]
         return np.array(efforts).reshape(len(rows[0]), model.nv)
     with ThreadPoolExecutor(1) as aside:
-        done = aside.submit(pin.rneaInParallel, 1, memory, *(row.T for row in rows))
+        done = aside.submit(pin.rneaInParallel, 1, pin.ModelPool(model, 1), *(row.T for row in rows))
     return np.asarray(done.result().reshape(model.nv, -1).T)

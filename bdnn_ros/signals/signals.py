@@ -155,10 +155,17 @@ class Signals:
     @cached_property
     def interior(self) -> np.ndarray:
         """Samples two standard deviations of `smooth`'s kernel or more from a segment's end, (N,) bool: no edge to speak of."""
+        return self.interior_after(np.zeros(1))[:, 0]
+
+    def interior_after(self, leads: np.ndarray) -> np.ndarray:
+        """Samples whose motion some times later (n,) [s] is in the interior of their segment, (N, n) bool."""
         margin = int(np.ceil(2.0 * self.kernel_std * self.rate))
-        inside = np.zeros(len(self), bool)
-        for rows in self.segments:
-            inside[rows.start + margin : max(rows.stop - margin, rows.start)] = True
+        steps = np.ceil(np.abs(leads) * self.rate).astype(int)
+        inside = np.zeros((len(self), len(leads)), bool)
+        for joint, (step, later) in enumerate(zip(steps.tolist(), leads > 0.0, strict=True)):
+            before, after = (margin, margin + step) if later else (margin + step, margin)
+            for rows in self.segments:
+                inside[rows.start + before : max(rows.stop - after, rows.start), joint] = True
         return inside
 
     @cached_property

@@ -19,6 +19,8 @@ STEEPNESS = 0.8
 """Amplitudes fall with this power of the frequency: wide slow motion under quick small one."""
 LONGEST_PERIOD = 20.0
 """Base period of the series [s]; a shorter motion has its own duration."""
+LOOKED_AT = 3.0 * LONGEST_PERIOD
+"""A series repeats itself: it is judged by so much of it, at 250 points [s]."""
 BLEND = 1.5
 """The motion swells from rest over so many seconds."""
 POSITION_SHARE, VELOCITY_SHARE, EFFORT_SHARE = 0.8, 0.75, 0.75
@@ -53,7 +55,8 @@ def fourier(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Traject
         UsageError: no series was found that keeps the limits, or they leave a joint no room.
     """
     best, score = None, -np.inf
-    coarse = time[:: max(len(time) // 250, 1)]
+    shown = time[time <= LOOKED_AT]
+    coarse = shown[:: max(len(shown) // 250, 1)]
     for about in (ABOUT_THE_MIDDLE, *[ANYWHERE] * MORE_TRIALS):
         for _ in range(CANDIDATES):
             series = _scaled(robot, coarse, _Series.drawn(robot, float(time[-1]), rng, about))
