@@ -205,7 +205,7 @@ def renamed(names: Sequence[str], rules: Iterable[str]) -> tuple[str, ...]:
             _, pattern, replacement, _ = parts
             try:
                 waiting = result = [re.sub(pattern, replacement, name) for name in result]
-            except re.error as error:
+            except (re.error, IndexError, OverflowError, RecursionError) as error:
                 raise UsageError(f"--rename {rule}: {error}.", "Use s/pattern/replacement/.") from None
         elif rule.count("=") == 1 and all(rule.split("=")):
             old, new = rule.split("=")

@@ -121,7 +121,12 @@ def test_rename_by_name_and_by_pattern() -> None:
 
 
 @pytest.mark.parametrize(
-    "rule", ["a", "=b", "a=", "a=b=c", "s/a/b", "s/a/b/c/", "s/(/x/", "nobody=b", "s/zz/y/", "a=b"]
+    "rule",
+    [
+        *("a", "=b", "a=", "a=b=c", "s/a/b", "s/a/b/c/", "nobody=b", "s/zz/y/", "a=b"),
+        *("s/(/x/", r"s/a/\g<foo>/", r"s/a/\1/", "s/a{99999999999}/b/", f"s/{'(' * 5000}a{')' * 5000}/b/"),
+    ],
+    ids=range(14),
 )
 def test_rules_that_cannot_be_meant(rule: str) -> None:
     with pytest.raises(UsageError, match="--rename"):
