@@ -26,6 +26,7 @@ from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.cli.predict import effort_along
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
 
@@ -103,6 +104,20 @@ def test_effort_along_pieces_of_any_length(pendulum: Pendulum) -> None:
     np.testing.assert_allclose(along[inside], truth[keep][inside], atol=0.02)
     assert np.abs(along - truth[keep]).max() < 0.35 * np.ptp(truth)
     assert told[-1] == (len(pieces), len(pieces))
+
+
+def test_effort_along_a_joint_within_one_turn_is_that_along_its_turns(pendulum: Pendulum) -> None:
+    """Though it leaves its turn shortly before a gap and the end: there the motion is continued."""
+    time = np.arange(0.0, 10.0, 0.005)
+    position = np.pi - 2.0 * (9.9 - time)  # leaves the turn at 9.9, 6.76, 3.62 and 0.48 s
+    kept = (time < 3.68) | (time > 4.2)
+    turning = Recording(time[kept], pendulum.joints, position[kept, None])
+    cut = replace(
+        turning, position=turning.position - 2.0 * np.pi * np.round(turning.position / (2.0 * np.pi))
+    )
+    along = effort_along(pendulum, turning)
+    np.testing.assert_allclose(along, pendulum.gravity(turning.position), atol=0.02)
+    np.testing.assert_allclose(effort_along(pendulum, cut), along, atol=1e-6)
 
 
 def table(path: Path, messages: list[Message], *words: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -28,6 +28,7 @@ from bdnn_ros.signals import (
     without_copies,
 )
 from bdnn_ros.signals.kernels import KERNEL_WIDTHS, gaussian_std
+from bdnn_ros.signals.wraps import without_wraps
 
 ROWS_AT_ONCE = 4096
 PARABOLA_WIDTHS = 8.0
@@ -90,6 +91,7 @@ def effort_along(
     """
     if len(recording) < 2:
         return _unaccelerated(model, recording)
+    recording = without_wraps(recording)  # what is continued at its ends must not jump there
     cutoff = suitable_cutoff(without_copies(recording).rate, cutoff)
     result = np.empty_like(recording.position)
     for rows in recording.segments():
