@@ -174,11 +174,22 @@ WITHOUT_MESSAGES = [IndexType.NONE, IndexType.ALL & ~IndexType.MESSAGE]
 
 
 def write_unindexed(
-    path: Path, messages: Sequence[Message], indexes: IndexType, *, counted: bool = True
+    path: Path,
+    messages: Sequence[Message],
+    indexes: IndexType,
+    *,
+    counted: bool = True,
+    chunked: bool = True,
 ) -> Path:
     """An MCAP file with these indexes."""
     with path.open("wb") as file:
-        writer = McapWriter(file, chunk_size=100_000, index_types=indexes, use_statistics=counted)
+        writer = McapWriter(
+            file,
+            chunk_size=100_000,
+            index_types=indexes,
+            use_statistics=counted,
+            use_chunking=chunked,
+        )
         writer.start(profile="ros2")
         channels: dict[str, int] = {}
         for topic, kind, stamp, data in messages:
@@ -213,6 +224,24 @@ def test_topics_that_no_index_lists_are_told(tmp_path: Path, indexes: IndexType,
         bags.Topic("/chatter", BOOL, 1500),
         bags.Topic("/joint_states", JOINT_STATE, 3000),
     ]
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("indexes", [IndexType.ALL, *WITHOUT_MESSAGES])
+def test_messages_need_not_be_in_the_order_of_their_log_times(
+    tmp_path: Path, indexes: IndexType, chunked: bool
+) -> None:
+    """Those of two topics overtake each other: files without chunks, as rosbag2's fastwrite makes them, were called damaged."""
+    recording = motion(joints=ARM)
+    sent = [
+        ("/u", MULTI_ARRAY, message[2] - 1000, command(row))
+        for message, row in zip(states(recording), 2.0 * recording.require_effort(), strict=True)
+    ]
+    messages = [message for pair in zip(states(recording), sent, strict=True) for message in pair]
+    path = write_unindexed(tmp_path / "a.mcap", messages, indexes, chunked=chunked)
+    assert_equal(bags.read(path), recording)
+    twice = replace(recording, effort=2.0 * recording.require_effort())
+    assert_equal(bags.read(path, effort="command"), twice)
 
 
 @pytest.mark.parametrize("indexes", WITHOUT_MESSAGES)

@@ -98,7 +98,7 @@ class Storage:
             if part.suffix != ".mcap" or not foreign:
                 raise
         else:
-            if not _skips(reader):
+            if not _lacks_index(reader):
                 return reader
         return self._stack.enter_context(Reader(self._copies.of(part, _of_those_read)))
 
@@ -132,10 +132,12 @@ def _of_those_read(part: Path, directory: Path) -> Path:
     return of_ros(part, directory, READ)
 
 
-def _skips(reader: Reader) -> bool:
-    """Whether rosbags passes over chunks of an MCAP file: it looks for messages only where an index names their channels."""
-    storage = reader.storage
-    return isinstance(storage, McapReader) and any(not chunk.channel_count for chunk in storage.chunks)
+def _lacks_index(reader: Reader) -> bool:
+    """Whether no index tells of messages in an MCAP file: rosbags passes over such chunks, or asks that all come in order."""
+    if not isinstance(reader.storage, McapReader):
+        return False
+    chunks = reader.storage.chunks
+    return any(not chunk.channel_count for chunk in chunks) if chunks else reader.message_count > 0
 
 
 @contextmanager
