@@ -532,6 +532,14 @@ def test_effort_of_zero_throughout_is_no_measurement(tmp_path: Path) -> None:
     assert "every effort is zero" in again.notes[0]
 
 
+def test_commands_of_zero_throughout_are_efforts(tmp_path: Path) -> None:
+    """A controller that adds gravity is asked for nothing else; none was said to be recorded."""
+    recording = replace(motion(joints=ARM), effort=np.zeros((600, 3)))
+    path = bags.write(recording, tmp_path / "bag", commands=(recording.time, np.zeros((600, 3))))
+    assert_equal(bags.read(path, effort="command"), recording)
+    assert not bags.read_every(path, effort="command").effort.any()
+
+
 def test_effort_that_one_joint_does_not_report_is_named(tmp_path: Path) -> None:
     recording = motion(joints=ARM)
     messages = [

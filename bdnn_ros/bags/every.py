@@ -11,7 +11,7 @@ import numpy as np
 from bdnn_ros import stamps
 from bdnn_ros.bags.clock import told
 from bdnn_ros.bags.reading import Progress, samples_of
-from bdnn_ros.bags.reported import reported_effort, reported_velocity, with_derived
+from bdnn_ros.bags.reported import reported_velocity, with_derived
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.readings import credible, refuse_all_left_out
 from bdnn_ros.recording import Recording
@@ -112,21 +112,20 @@ def read_every(
     row[shows] = which
     shown = samples.part(np.flatnonzero(shows)[first])
     velocity, silent, more = reported_velocity(name, shown.joints, shown.position, shown.velocity)
-    acting, also = reported_effort(name, samples)
     motion = Recording(
         (moments - samples.epoch) * 1e-9,
         samples.joints,
         shown.position,
         _if_credible(velocity),
-        None if acting is None else _if_credible(shown.effort),
+        _if_credible(shown.effort),
         name=name,
         urdf=urdf,
-        notes=(*notes, *more, *also),
+        notes=(*notes, *more),
         epoch=samples.epoch,
     )
     motion = with_derived(motion, silent)
-    nothing = np.full(samples.position.shape, np.nan)
-    return EveryState(stamp, samples.position, nothing if acting is None else acting, motion, row)
+    acting = np.full(samples.position.shape, np.nan) if samples.effort is None else samples.effort
+    return EveryState(stamp, samples.position, acting, motion, row)
 
 
 def _if_credible(values: np.ndarray | None) -> np.ndarray | None:

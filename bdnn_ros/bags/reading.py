@@ -126,10 +126,11 @@ def samples_of(
     samples, notes = _samples(
         name, states, dict(zip(new, old, strict=True)), wanted, bool(joints), commands, every
     )
-    if commands is not None:
+    if commands is None:
+        samples, more = reported_effort(name, samples)
+    else:
         samples, more = commands.aligned(samples, [tuple(joints), described, main], every)
-        notes += more
-    return samples, urdf, notes
+    return samples, urdf, [*notes, *more]
 
 
 def _collect(
@@ -275,9 +276,7 @@ def recording_of(
         if absent.any() and not absent.all():
             which = listed(np.array(samples.joints)[absent])
             also.append(f"{name}: no effort is reported for {which} (NaN throughout): not measured there.")
-            samples = replace(samples, effort=np.where(absent, 0.0, effort))
-        effort, unmeasured = reported_effort(name, samples)
-        also += unmeasured
+            effort = np.where(absent, 0.0, effort)
     recording = cleaned(
         (samples.stamp - samples.epoch) * 1e-9,
         samples.joints,

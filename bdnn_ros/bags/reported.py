@@ -83,8 +83,8 @@ def _fresh(time: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(differs), np.cumsum(differs) - 1
 
 
-def reported_effort(name: str, samples: Samples) -> tuple[np.ndarray | None, list[str]]:
-    """The effort, (N, n), or None where the messages do not report it: a driver without one may say zero."""
+def reported_effort(name: str, samples: Samples) -> tuple[Samples, list[str]]:
+    """The samples, without an effort that the messages do not report, and a note: a driver without one may say zero."""
     if samples.effort is None or np.nan_to_num(samples.effort).any():
-        return samples.effort, []
-    return None, [f"{name}: every effort is zero or NaN; taken as not measured."]
+        return samples, []
+    return replace(samples, effort=None), [f"{name}: every effort is zero or NaN; taken as not measured."]
