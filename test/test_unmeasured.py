@@ -50,6 +50,48 @@ def test_runs_at_an_extreme_are_a_limit_and_a_short_one_is_a_peak():
     assert not cut_off(effort)[:, 1].any()
 
 
+TIME = np.arange(10000) / 500.0
+SQUARE = np.sign(np.sin(1.6 * np.pi * TIME + 1e-9))
+HEIGHTS = np.random.default_rng(0).uniform(1.0, 2.0, 20)
+STEPS = {
+    "square": np.where((TIME > 0.1) & (TIME < 19.7), SQUARE, 0.0),
+    "reversing": np.tile(np.repeat([0.0, 1.0, 0.0, -1.0], [3, 250, 3, 250]), 20),
+    "random": np.pad(np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 400), 25), 50),
+    "rest": np.pad(np.where(TIME > 8.0, (SQUARE > 0.0).astype(float), 0.0), 5000),
+    "step": (TIME > 1.0).astype(float),
+    "pulses": np.concatenate([np.repeat([0.0, height], [950, 50]) for height in HEIGHTS]),
+    "after sines": np.concatenate([0.8 * np.sin(TIME + 0.05 * TIME**2), SQUARE]),
+}
+
+
+@pytest.mark.parametrize("steps", STEPS.values(), ids=STEPS)
+def test_an_effort_that_goes_in_steps_is_at_no_limit(steps):
+    """As commands without noise may: nearly all of them were called cut off."""
+    assert not cut_off(steps[:, None]).any()
+
+
+SINES = np.sin(1.9 * TIME) + 0.7 * np.sin(4.8 * TIME + 1.0) + 0.3 * np.sin(12.0 * TIME)
+CUT = {
+    "smooth": SINES,
+    "noisy": SINES + np.random.default_rng(0).normal(0.0, 0.02, len(SINES)),
+    "in steps of a sensor": 0.02 * np.round(SINES / 0.02),
+    "held": np.repeat(SINES[::5], 5),
+    "slow": SINES[::10],
+    "quick": np.sin(12.0 * TIME[::10]),
+    "soon all of it": np.concatenate([np.linspace(0.0, 0.8, 5), np.ones(300)]),
+}
+
+
+@pytest.mark.parametrize("share", [0.4, 0.65])
+@pytest.mark.parametrize("effort", CUT.values(), ids=CUT)
+def test_an_effort_that_would_have_gone_on_is_at_its_limit(effort, share):
+    limit = share * np.abs(effort).max()
+    at = np.abs(effort) > limit
+    found = cut_off(np.clip(effort, -limit, limit)[:, None])[:, 0]
+    assert not found[np.abs(effort) < limit].any()
+    assert found[at].mean() > 0.9
+
+
 @pytest.mark.parametrize("each", [1, 3])
 def test_efforts_are_held_where_they_stay_longer_than_usual(each):
     effort = np.repeat(np.random.default_rng(0).standard_normal((300, 2)), each, axis=0)

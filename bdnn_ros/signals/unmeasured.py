@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 PLATEAU = 5
 """So many equal samples in a row at a joint's extreme effort are a plateau: the effort was cut off."""
 CROWDED = 5.0
 """And so many times as many are there as at the next value: a smooth peak in steps of a sensor has two or three times as many."""
+LASTING = 3.0
+"""And so many times as long it lasts as the runs around it: where these last as long, the effort goes in steps."""
+FEW = 10
+"""An effort of fewer values, none of them seldom, goes in steps throughout, as commands may: no extreme of it is a limit."""
 HELD = 3.0
 """Efforts of all joints that stay for so many times as long as they usually do are held by their driver."""
 
@@ -28,24 +30,26 @@ def absent(effort: np.ndarray) -> np.ndarray:
 
 
 def cut_off(effort: np.ndarray) -> np.ndarray:
-    """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort, (N, n) bool."""
+    """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort on its way beyond, (N, n) bool."""
     result = np.zeros(effort.shape, bool)
     for k, column in enumerate(effort.T):
         values, counts = np.unique(column[np.isfinite(column)], return_counts=True)
-        for at, beside in ((0, 1), (-1, -2)) if len(values) > 1 else ():
+        if len(values) < 2 or (len(values) < FEW and counts.min() >= PLATEAU):
+            continue
+        first, lasts = _runs(column[:, None])
+        beyond = (lasts >= PLATEAU) & (lasts > LASTING * _around(lasts))
+        for at, beside in ((0, 1), (-1, -2)):
             if counts[at] > CROWDED * counts[beside]:
-                for start, stop in _runs(column == values[at]):
-                    result[start:stop, k] |= stop - start >= PLATEAU
+                result[:, k] |= np.repeat(beyond & (column[first] == values[at]), lasts)
     return result
 
 
 def held(effort: np.ndarray) -> np.ndarray:
     """Samples that repeat the efforts of all joints for much longer than is usual here, (N,) bool."""
-    fresh = np.flatnonzero(np.append(True, (np.diff(effort, axis=0) != 0.0).any(axis=1)))
-    usual = np.percentile(np.diff(fresh), 90.0) if len(fresh) > 1 else len(effort)
-    lasts = np.diff(np.append(fresh, len(effort)))
+    first, lasts = _runs(effort)
+    usual = np.percentile(lasts[:-1], 90.0) if len(first) > 1 else len(effort)
     result = np.repeat(lasts > max(PLATEAU, HELD * usual), lasts)
-    result[fresh] = False
+    result[first] = False
     return result
 
 
@@ -58,7 +62,13 @@ def at_limit(effort: np.ndarray, limits: np.ndarray) -> np.ndarray:
     return (cut_off(effort) & ~stopped) | (np.abs(effort) >= AT_LIMIT * limits)
 
 
-def _runs(inside: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Rows [start, stop) of each run of True, of (N,) bool."""
-    edges = np.diff(np.concatenate([[0], inside.astype(int), [0]]))
-    yield from zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)
+def _runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First row and length of each run of equal rows of (N, k), (K,) each."""
+    first = np.flatnonzero(np.append(True, (np.diff(values, axis=0) != 0.0).any(axis=1)))
+    return first, np.diff(np.append(first, len(values)))
+
+
+def _around(lasts: np.ndarray) -> np.ndarray:
+    """Median length of the two runs before and after each, (K,); beyond the ends as before them."""
+    padded = np.pad(lasts, 2, mode="reflect")
+    return np.asarray(np.median([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]], axis=0))
