@@ -3,6 +3,7 @@
 from bdnn_ros.bags.copies import copies_kept
 from bdnn_ros.bags.every import EveryState, read_every
 from bdnn_ros.bags.playing import Played, read_to_play
+from bdnn_ros.bags.positions import read_positions
 from bdnn_ros.bags.reading import Progress, read, topics
 from bdnn_ros.bags.storage import Topic
 from bdnn_ros.bags.writing import refuse_existing, write
@@ -15,6 +16,7 @@ __all__ = [
     "copies_kept",
     "read",
     "read_every",
+    "read_positions",
     "read_to_play",
     "refuse_existing",
     "topics",

@@ -109,16 +109,8 @@ def samples_of(
         UsageError, BagError: as `read`.
     """
     name = str(path)
-    if effort not in ("measured", "command"):
-        raise UsageError(f"The effort is measured or command, not {effort!r}.", "Choose one of these.")
-    with Storage(Path(path)) as storage:
-        available = storage.topics
-        _require_joint_states(name, joint_states, available)
-        commands = Commands(name, effort_commands, available) if effort == "command" else None
-        states, urdf = _collect(storage, joint_states, commands, progress)
+    states, commands, urdf = collected(path, joint_states, effort_commands, effort, progress)
     old = states.joints
-    if not old:
-        raise _none(name, states, joint_states)
     new = renamed(old, rename)
     described = tuple(robot_joints) or movable_joints(urdf)
     wanted = _wanted(name, states.groups, dict(zip(old, new, strict=True)), joints, described)
@@ -130,6 +122,27 @@ def samples_of(
         samples, more = commands.aligned(samples, [tuple(joints), described, main], every)
         notes += more
     return samples, urdf, notes
+
+
+def collected(
+    path: str | Path, joint_states: str, effort_commands: str | None, effort: str, progress: Progress | None
+) -> tuple[JointStates, Commands | None, str | None]:
+    """The joint states of a bag, at least one; the commands, where they are the effort; the robot description.
+
+    Raises:
+        UsageError, BagError: as `read`.
+    """
+    name = str(path)
+    if effort not in ("measured", "command"):
+        raise UsageError(f"The effort is measured or command, not {effort!r}.", "Choose one of these.")
+    with Storage(Path(path)) as storage:
+        available = storage.topics
+        _require_joint_states(name, joint_states, available)
+        commands = Commands(name, effort_commands, available) if effort == "command" else None
+        states, urdf = _collect(storage, joint_states, commands, progress)
+    if not states.joints:
+        raise _none(name, states, joint_states)
+    return states, commands, urdf
 
 
 def _collect(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -14,8 +13,8 @@ from bdnn_ros.cli.describing import described_robot, unusable, with_joints, with
 from bdnn_ros.cli.fitness import require_motion
 from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
-from bdnn_ros.errors import BdnnError, RobotError, UsageError, listed
-from bdnn_ros.left_out import disturbing
+from bdnn_ros.errors import RobotError, UsageError, listed
+from bdnn_ros.left_out import beside, disturbing
 from bdnn_ros.online.models import KnowsTimes
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -61,13 +60,9 @@ def load(
     recordings = [_read(path, args, held, given.joints if given else ()) for path in args.bags]
     robot = given or described_robot(recordings, args.robot, needs_robot)
     chosen = required or _common_joints(recordings, robot)
-    whole = recordings
-    if robot is not None:
-        every = with_mimics(robot)
-        if set(chosen) < set(every) and (required or every != robot.joints):
-            whole = _of_all_joints(args, robot)
-        if not required:
-            chosen = without_led(robot, chosen, whole or recordings)
+    whole = recordings if robot is None else _of_all_joints(args, recordings, robot)
+    if robot is not None and not required:
+        chosen = without_led(robot, chosen, whole)
     recordings = [_with_notes(recording.select(chosen)) for recording in recordings]
     for recording in recordings:
         for note in recording.notes:
@@ -81,15 +76,12 @@ def load(
     return [convention.applied(one, commanded) if convention else one for one in recordings], robot
 
 
-def disturbed(args: argparse.Namespace, robot: Robot | None) -> bool:
+def disturbed(args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot | None) -> bool:
     """Whether joints that a robot leaves out move in the bags so that its own feel it: no convention shows in efforts then."""
     if robot is None:
         return False
-    every = with_mimics(Robot.from_urdf(robot.urdf))
-    if set(robot.joints) == set(every):
-        return False
-    complete = Robot.from_urdf(robot.urdf, every)
-    return any(disturbing(whole, complete, robot) for whole in _of_all_joints(args, complete))
+    complete = Robot.from_urdf(robot.urdf, with_mimics(Robot.from_urdf(robot.urdf)))
+    return any(disturbing(whole, complete, robot) for whole in _of_all_joints(args, recordings, complete))
 
 
 def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EveryState:
@@ -108,8 +100,7 @@ def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EverySta
     for note in _with_notes(every.motion).notes[len(every.motion.notes) :]:
         say(f"For the motion alone, {note}")
     if robot is not None:
-        fewer = set(joints) < set(with_mimics(robot))
-        whole = _of_all_joints(args, robot) if fewer else [every.motion]
+        whole = _of_all_joints(args, [every.motion], robot)
         robot = _fitted(robot, joints, whole, False, given is not None or args.add_gravity)
     convention = _convention(args, [every.motion], robot)
     if convention is None:
@@ -176,13 +167,20 @@ def _fitted(
         return None
 
 
-def _of_all_joints(args: argparse.Namespace, robot: Robot) -> list[Recording]:
-    """What the bags hold of all joints of the URDF, but for those bags where they cannot be read: a gripper may say NaN."""
-    found = []
-    for path in args.bags:
-        with suppress(BdnnError):
-            found.append(_read(path, args, (), with_mimics(robot)))
-    return found
+def _of_all_joints(
+    args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot
+) -> list[Recording]:
+    """The recordings of the bags with the positions of all joints of the URDF that these hold, whoever tells them."""
+    return [_with_others(path, args, one, robot) for path, one in zip(args.bags, recordings, strict=True)]
+
+
+def _with_others(path: Path, args: argparse.Namespace, recording: Recording, robot: Robot) -> Recording:
+    others = [joint for joint in with_mimics(robot) if joint not in recording.joints]
+    if not others:
+        return recording
+    with progress(f"reading {path.name}") as show:
+        found = bags.read_positions(path, args.joint_states, show, rename=args.rename, joints=others)
+    return beside(recording, found)
 
 
 def _convention(
