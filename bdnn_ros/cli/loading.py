@@ -15,7 +15,8 @@ from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import RobotError, UsageError, listed
 from bdnn_ros.left_out import beside, disturbing
-from bdnn_ros.online.models import KnowsTimes
+from bdnn_ros.online.likeness import description_of
+from bdnn_ros.online.models import KnowsTimes, Model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import with_mimics
@@ -28,7 +29,7 @@ Known = TypeVar("Known")
 def load(
     args: argparse.Namespace,
     *,
-    joints: Sequence[str] = (),
+    model: Model | None = None,
     moves: bool = True,
     needs_robot: bool = True,
     undisturbed: bool = False,
@@ -37,11 +38,11 @@ def load(
     """The recordings that the arguments ask for, all with the same joints, and their robot.
 
     The robot is that of --urdf, else of the (first) bag's description, else of --robot; None without any.
-    Its joints and the recordings' are `joints`, else --joints, else those of the robot that every bag has.
+    Its joints and the recordings' are the model's, else --joints, else those of the robot that every bag has.
     What is left out or repaired is said on stderr.
 
     Args:
-        joints: joints that must be there, in this order (a model's).
+        model: its joints must be there.
         moves: refuse recordings in which no joint moves.
         needs_robot: a description in a bag that does not fit is an error; otherwise it counts as none.
         undisturbed: refuse recordings in which joints that are left out move so that the others feel it.
@@ -50,15 +51,14 @@ def load(
     Raises:
         BdnnError: as `bags.read` and `Robot.from_urdf`; or the robot and the bag share no joint.
     """
-    required = tuple(joints) or args.joints
-    if not picks:
-        _require_models_joints(args, joints)
+    required = model.joints if model else args.joints
+    if model and not picks:
+        _require_models_joints(args, model.joints)
     needs_robot |= args.add_gravity
     say_unread_commands(args)
-    given = _given(args)
-    held = _held(args, required)
-    recordings = [_read(path, args, held, given.joints if given else ()) for path in args.bags]
-    robot = given or described_robot(recordings, args.robot, needs_robot)
+    robot = _robot(args, needs_robot)
+    held, every = _held(args, required), _every_joint(robot, model)
+    recordings = [_read_with(bags.read, path, args, held, every) for path in args.bags]
     chosen = required or _common_joints(recordings, robot)
     whole = recordings if robot is None else _of_all_joints(args, recordings, robot)
     if robot is not None and not required:
@@ -70,7 +70,7 @@ def load(
         if moves:
             require_motion(recording)
     if robot is not None:
-        robot = _fitted(robot, chosen, whole, undisturbed, given is not None or needs_robot)
+        robot = _fitted(robot, chosen, whole, undisturbed, args.urdf is not None or needs_robot)
     convention = _convention(args, recordings, robot)
     commanded = args.effort == "command"
     return [convention.applied(one, commanded) if convention else one for one in recordings], robot
@@ -84,24 +84,23 @@ def disturbed(args: argparse.Namespace, recordings: Sequence[Recording], robot: 
     return any(disturbing(whole, complete, robot) for whole in _of_all_joints(args, recordings, complete))
 
 
-def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EveryState:
-    """Every joint state of the bag that the arguments ask for, with these joints; what is left out is said on stderr.
+def load_every(args: argparse.Namespace, model: Model) -> bags.EveryState:
+    """Every joint state of the bag that the arguments ask for, with a model's joints; what is left out is said on stderr.
 
     Raises:
         BdnnError: as `bags.read_every` and `Robot.from_urdf`.
     """
     say_unread_commands(args)
-    given = _given(args)
+    robot, joints = _robot(args, args.add_gravity), model.joints
     held = _held(args, joints)
-    every = _read_with(bags.read_every, args.bags[0], args, held, ()).select(joints)
-    robot = given or described_robot([every.motion], args.robot, needed=args.add_gravity)
+    every = _read_with(bags.read_every, args.bags[0], args, held, _every_joint(robot, model)).select(joints)
     for note in every.motion.notes:
         say(note)
     for note in _with_notes(every.motion).notes[len(every.motion.notes) :]:
         say(f"For the motion alone, {note}")
     if robot is not None:
         whole = _of_all_joints(args, [every.motion], robot)
-        robot = _fitted(robot, joints, whole, False, given is not None or args.add_gravity)
+        robot = _fitted(robot, joints, whole, False, args.urdf is not None or args.add_gravity)
     convention = _convention(args, [every.motion], robot)
     if convention is None:
         return every
@@ -148,11 +147,24 @@ def _require_models_joints(args: argparse.Namespace, joints: Sequence[str]) -> N
         )
 
 
-def _given(args: argparse.Namespace) -> Robot | None:
-    """The robot of --urdf. A --robot that is no bundled one is refused before any bag is read."""
+def _robot(args: argparse.Namespace, needed: bool) -> Robot | None:
+    """The robot of --urdf, else of the bags, else of --robot; it says which joints joint states are then read for.
+
+    Raises:
+        BdnnError: as `Robot.from_file` and `describing.described_robot`, or a bag cannot be read.
+    """
     if args.robot is not None:
         Robot.bundled(args.robot)
-    return Robot.from_file(args.urdf) if args.urdf else None
+    if args.urdf:
+        return Robot.from_file(args.urdf)
+    described = {str(path): bags.read_description(path, args.joint_states) for path in args.bags}
+    return described_robot(described, args.robot, needed)
+
+
+def _every_joint(robot: Robot | None, model: Model | None) -> Sequence[str]:
+    """All joints of the robot, else of that which the model is of; none where neither is known."""
+    robot = robot or description_of(model)
+    return Robot.from_urdf(robot.urdf).joints if robot else ()
 
 
 def _fitted(
@@ -205,12 +217,6 @@ def say_unusable(recordings: Sequence[Recording]) -> None:
     problem = unusable(recordings)
     if problem:
         say(problem)
-
-
-def _read(
-    path: Path, args: argparse.Namespace, joints: Sequence[str], robot_joints: Sequence[str]
-) -> Recording:
-    return _read_with(bags.read, path, args, joints, robot_joints)
 
 
 def _read_with(
