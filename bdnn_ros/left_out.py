@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,10 +12,32 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import mimicking, ratios
 from bdnn_ros.robot.urdf import Held
 from bdnn_ros.signals import prepare
+from bdnn_ros.signals.wraps import without_wraps
 
 MATTERS = 0.02
 """Others' motion counts where it changes what bodies ask of a joint by this share of the spread of its effort."""
 MOST_ROWS = 500
+
+
+def beside(recording: Recording, others: Sequence[Recording]) -> Recording:
+    """A recording with other joints' positions at its times, linear between their samples and held at their ends.
+
+    Of these joints there is no effort (zero), and of none a velocity.
+
+    Args:
+        others: by the same clock.
+    """
+    if not others:
+        return recording
+    positions, joints = [recording.position], recording.joints
+    for other in map(without_wraps, others):
+        time = recording.time + (recording.epoch - other.epoch) * 1e-9
+        positions += [np.interp(time, other.time, column)[:, None] for column in other.position.T]
+        joints += other.joints
+    position, effort = np.concatenate(positions, axis=1), recording.effort
+    if effort is not None:
+        effort = np.pad(effort, ((0, 0), (0, len(joints) - recording.width)))
+    return replace(recording, joints=joints, position=position, velocity=None, effort=effort)
 
 
 def standing(recordings: Sequence[Recording], joints: Sequence[str], urdf: str) -> Held:

@@ -13,6 +13,7 @@ from bag_cases import MULTI_ARRAY, Message, command, motion, states, write_bag
 from bdnn_ros import bags
 from bdnn_ros.errors import BagError
 from bdnn_ros.recording import Recording
+from bdnn_ros.signals import prepare
 
 SIX = ("a", "b", "c", "d", "e", "f")
 WHOLE = motion(joints=SIX)
@@ -58,6 +59,18 @@ def test_streams_that_are_not_synchronous_are_interpolated(tmp_path: Path, rate:
         np.testing.assert_allclose(getattr(again, field), getattr(expected, field), atol=2e-3)
     assert f"from {rate:g} Hz they are interpolated" in again.notes[0]
     assert "have no others beside them; left out" in again.notes[1]
+
+
+def test_a_wheel_that_is_told_within_one_turn_goes_on_between_its_samples(tmp_path: Path) -> None:
+    time = WHOLE.time + 0.004
+    position = (2.0 * time[:, None] + np.pi) % (2.0 * np.pi) - np.pi
+    wheel = replace(smooth(time, ["f"]), position=position, velocity=None)
+    again = bags.read(bag(tmp_path, smooth(WHOLE.time, SIX[:5]), wheel), robot_joints=SIX)
+    signals = prepare(again)
+    np.testing.assert_allclose(signals.velocity[:, 5], 2.0, atol=1e-3)
+    np.testing.assert_allclose(signals.acceleration[:, 5], 0.0, atol=0.1)
+    assert again.velocity is not None
+    np.testing.assert_allclose(again.velocity[:, 5], 2.0, atol=1e-3)
 
 
 def test_nothing_is_interpolated_over_a_gap(tmp_path: Path) -> None:

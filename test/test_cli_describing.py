@@ -128,14 +128,14 @@ def test_what_needs_none_goes_on_and_says_so(
 
 
 def test_the_first_description_that_can_be_used_counts(capsys: pytest.CaptureFixture[str]) -> None:
-    broken, whole = recording("broken"), recording("whole", ARM2.urdf)
-    robot = describing.described_robot([broken, whole], None, needed=True)
+    broken = {"broken": "no description"}
+    robot = describing.described_robot({**broken, "whole": ARM2.urdf}, None, needed=True)
     assert robot is not None and robot.urdf == ARM2.urdf
     assert "The description in broken is left out and that of whole taken" in capsys.readouterr().err
-    assert describing.described_robot([recording(urdf=None)], None, needed=True) is None
-    assert describing.described_robot([broken], None, needed=False) is None
+    assert describing.described_robot({"bag": None}, None, needed=True) is None
+    assert describing.described_robot(broken, None, needed=False) is None
     with pytest.raises(RobotError, match=r"^broken: "):
-        describing.described_robot([broken], None, needed=True)
+        describing.described_robot(broken, None, needed=True)
 
 
 def test_a_diagnosis_names_the_description_that_was_used(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals.wraps import without_wraps
+from bdnn_ros.signals.wraps import between, without_wraps
 from bdnn_ros.simulation.simulate import simulate
 
 
@@ -99,3 +99,28 @@ def test_noise_and_a_wrong_reading_do_not_hide_a_turn():
     told[700, 0] = 50.0
     again = without_wraps(replace(recording, position=told)).position
     assert np.abs(np.delete(again - recording.position, 700, axis=0)).max() < 0.1
+
+
+@pytest.mark.parametrize("lowest", [-np.pi, 0.0])
+@pytest.mark.parametrize("speed", [2.0, -9.0])
+def test_between_two_samples_a_joint_goes_on_not_back_through_its_turn(lowest, speed):
+    time = np.arange(0.0, 20.0, 0.05)
+    true = np.stack([speed * time, np.sin(time)], axis=1)
+    position = np.stack([(true[:, 0] - lowest) % (2.0 * np.pi) + lowest, true[:, 1]], axis=1)
+    share = np.random.default_rng(0).uniform(0.0, 1.0, (len(time) - 1, 1))
+    seen = np.where(np.arange(len(time))[:, None] == 7, np.nan, position)
+    found = between(seen[:-1], seen[1:], share, seen)
+    known = np.isfinite(found[:, 0])
+    assert known.sum() == len(time) - 3
+    expected = true[:-1] + share * np.diff(true, axis=0)
+    turns = (found - expected)[known] / (2.0 * np.pi)
+    np.testing.assert_allclose(turns[:, 0], np.round(turns[:, 0]), atol=1e-9)
+    np.testing.assert_allclose(turns[:, 1], 0.0, atol=1e-9)
+    assert found[known, 0].min() > lowest - 0.1 and found[known, 0].max() < lowest + 2.0 * np.pi + 0.1
+
+
+def test_a_quick_slide_is_no_turn():
+    """What goes on further than a turn was not recorded within one."""
+    slide = np.arange(10.0)[:, None] * 2.0 * np.pi
+    found = between(slide[:-1], slide[1:], np.full((9, 1), 0.5), slide)
+    np.testing.assert_allclose(found, slide[:-1] + np.pi)

@@ -1,10 +1,56 @@
-"""What a robot description says of its joints, by its text alone."""
+"""The robot description of a bag, and what it says of its joints, by its text alone."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from pathlib import Path
+
+from bdnn_ros.bags.cdr import MalformedMessage, decode_string
+from bdnn_ros.bags.storage import STRING, Storage, Topic
+from bdnn_ros.errors import BagError
 
 MOVABLE = ("revolute", "continuous", "prismatic")
+
+
+class Descriptions:
+    """The robot descriptions of a bag.
+
+    Attributes:
+        topics: those that have one, that beside the joint states first: of several robots' in one bag it is theirs.
+    """
+
+    def __init__(self, joint_states: str, available: Sequence[Topic]) -> None:
+        names = [joint_states.rpartition("/")[0] + "/robot_description", "/robot_description"]
+        there = {topic.name for topic in available if topic.type == STRING}
+        self.topics = [name for name in names if name in there]
+        self._found: dict[str, str] = {}
+
+    def add(self, topic: str, data: bytes) -> None:
+        """Takes one message: the last that is not empty counts."""
+        self._found[topic] = decode_string(data) or self._found.get(topic, "")
+
+    @property
+    def theirs(self) -> str | None:
+        """That of the joint states, or else another; empty where all are; None without any."""
+        found = [self._found[topic] for topic in self.topics if topic in self._found]
+        return next(filter(None, found), "" if found else None)
+
+
+def read_description(path: str | Path, joint_states: str = "/joint_states") -> str | None:
+    """The robot description of a bag as `read` has it, without its joint states.
+
+    Raises:
+        UsageError, BagError: as `read`.
+    """
+    with Storage(Path(path)) as storage:
+        descriptions = Descriptions(joint_states, storage.topics)
+        for topic, _, data in storage.messages(descriptions.topics):
+            try:
+                descriptions.add(topic, data)
+            except MalformedMessage as error:
+                raise BagError(f"{path}: {topic} cannot be decoded.", error.problem) from None
+    return descriptions.theirs
 
 
 def movable_joints(urdf: str | None) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from bdnn_ros.bags.joint_states import Samples
 from bdnn_ros.errors import BagError, listed
 from bdnn_ros.recording import GAP_FACTOR
 from bdnn_ros.signals import usual_cutoff
+from bdnn_ros.signals.wraps import between
 from bdnn_ros.stamps import runs
 
 COINCIDE = 0.02
@@ -40,10 +41,17 @@ class _Places:
         """The other stream's values (M, k) at these stamps, linear between its own, (N, k); NaN where it is not there."""
         if values is None:
             return None
-        share = self.share[:, None]
         before, after = values[self.before], values[self.after]
-        between = before + share * (after - before)
-        values = np.where(share == 0.0, before, np.where(share == 1.0, after, between))
+        return self._found(before, after, before + self.share[:, None] * (after - before))
+
+    def of_position(self, position: np.ndarray) -> np.ndarray:
+        """The same of its position, where one that was recorded within a turn is not led back through all of it."""
+        before, after = position[self.before], position[self.after]
+        return self._found(before, after, between(before, after, self.share[:, None], position))
+
+    def _found(self, before: np.ndarray, after: np.ndarray, interpolated: np.ndarray) -> np.ndarray:
+        share = self.share[:, None]
+        values = np.where(share == 0.0, before, np.where(share == 1.0, after, interpolated))
         return np.where(self.known[:, None], values, np.nan)
 
 
@@ -116,8 +124,8 @@ def _merged(first: Samples, others: Sequence[tuple[Samples, _Places]], joints: S
             :, order
         ]
 
-    position = column("position")
-    assert position is not None
+    positions = [first.position, *(places.of_position(other.position) for other, places in others)]
+    position = np.concatenate(positions, axis=1)[:, order]
     return Samples(tuple(chosen), first.log, first.stamp, position, column("velocity"), column("effort"))
 
 

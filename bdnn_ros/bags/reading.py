@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bdnn_ros.bags.cdr import MalformedMessage, decode_string
+from bdnn_ros.bags.cdr import MalformedMessage
 from bdnn_ros.bags.clock import begun, stamped
 from bdnn_ros.bags.commands import Commands
-from bdnn_ros.bags.description import movable_joints
+from bdnn_ros.bags.description import Descriptions, movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
 from bdnn_ros.bags.merging import together
 from bdnn_ros.bags.reported import reported_effort, reported_velocity, with_derived
-from bdnn_ros.bags.storage import JOINT_STATE, STRING, Storage, Topic
+from bdnn_ros.bags.storage import JOINT_STATE, Storage, Topic
 from bdnn_ros.errors import BagError, UsageError, listed
 from bdnn_ros.recording import Recording, cleaned, renamed
 
@@ -109,16 +109,8 @@ def samples_of(
         UsageError, BagError: as `read`.
     """
     name = str(path)
-    if effort not in ("measured", "command"):
-        raise UsageError(f"The effort is measured or command, not {effort!r}.", "Choose one of these.")
-    with Storage(Path(path)) as storage:
-        available = storage.topics
-        _require_joint_states(name, joint_states, available)
-        commands = Commands(name, effort_commands, available) if effort == "command" else None
-        states, urdf = _collect(storage, joint_states, commands, progress)
+    states, commands, urdf = collected(path, joint_states, effort_commands, effort, progress)
     old = states.joints
-    if not old:
-        raise _none(name, states, joint_states)
     new = renamed(old, rename)
     described = tuple(robot_joints) or movable_joints(urdf)
     wanted = _wanted(name, states.groups, dict(zip(old, new, strict=True)), joints, described)
@@ -133,13 +125,32 @@ def samples_of(
     return samples, urdf, [*notes, *more]
 
 
+def collected(
+    path: str | Path, joint_states: str, effort_commands: str | None, effort: str, progress: Progress | None
+) -> tuple[JointStates, Commands | None, str | None]:
+    """The joint states of a bag, at least one; the commands, where they are the effort; the robot description.
+
+    Raises:
+        UsageError, BagError: as `read`.
+    """
+    name = str(path)
+    if effort not in ("measured", "command"):
+        raise UsageError(f"The effort is measured or command, not {effort!r}.", "Choose one of these.")
+    with Storage(Path(path)) as storage:
+        available = storage.topics
+        _require_joint_states(name, joint_states, available)
+        commands = Commands(name, effort_commands, available) if effort == "command" else None
+        states, urdf = _collect(storage, joint_states, commands, progress)
+    if not states.joints:
+        raise _none(name, states, joint_states)
+    return states, commands, urdf
+
+
 def _collect(
     storage: Storage, joint_states: str, commands: Commands | None, progress: Progress | None
 ) -> tuple[JointStates, str | None]:
-    states, urdfs = JointStates(), dict[str, str]()
-    descriptions = [joint_states.rpartition("/")[0] + "/robot_description", "/robot_description"]
-    wanted = {joint_states} | ({commands.topic} if commands else set())
-    wanted |= {t.name for t in storage.topics if t.name in descriptions and t.type == STRING}
+    states, descriptions = JointStates(), Descriptions(joint_states, storage.topics)
+    wanted = {joint_states, *descriptions.topics} | ({commands.topic} if commands else set())
     total = sum(t.count for t in storage.topics if t.name in wanted)
     for count, (topic, log, data) in enumerate(storage.messages(wanted)):
         if topic == joint_states:
@@ -149,7 +160,7 @@ def _collect(
                 if commands is not None and topic == commands.topic:
                     commands.add(log, data)
                 else:
-                    urdfs[topic] = decode_string(data) or urdfs.get(topic, "")
+                    descriptions.add(topic, data)
             except MalformedMessage as error:
                 raise BagError(f"{storage.path}: {topic} cannot be decoded.", error.problem) from None
         if progress is not None and count % REPORT_EVERY == 0:
@@ -157,9 +168,7 @@ def _collect(
     states.flush()
     if progress is not None:
         progress(total, total)
-    # of several robots' in one bag, that which is beside the joint states is theirs
-    found = [urdfs[topic] for topic in descriptions if topic in urdfs]
-    return states, next(filter(None, found), "" if found else None)
+    return states, descriptions.theirs
 
 
 def _require_joint_states(name: str, topic: str, available: Sequence[Topic]) -> None:

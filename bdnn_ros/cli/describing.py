@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from bdnn_ros.cli.options import say
 from bdnn_ros.errors import RobotError, UsageError, listed
@@ -12,30 +12,33 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import held_mimics, standing_still, with_mimics
 
 
-def described_robot(recordings: Sequence[Recording], name: str | None, needed: bool) -> Robot | None:
+def described_robot(bags: Mapping[str, str | None], name: str | None, needed: bool) -> Robot | None:
     """The robot that the bags describe, else the bundled one of that name; None without either.
 
-    The first description that can be used counts. One that cannot counts as none, which is said; without another
-    it is an error where a robot is needed.
+    Args:
+        bags: the description in each of some bags, None where there is none.
+        needed: refuse descriptions of which none can be used; otherwise they count as none.
+
+    The first description that can be used counts. Those before it that cannot are said.
 
     Raises:
         RobotError: a robot is needed, and none of the descriptions can be used.
         UsageError: there is no bundled robot of that name.
     """
     bundled = Robot.bundled(name) if name is not None else None
-    described = [recording for recording in recordings if recording.urdf is not None]
+    described = {bag: urdf for bag, urdf in bags.items() if urdf is not None}
     left_out: list[tuple[str, RobotError]] = []
-    for recording in described:
+    for bag, urdf in described.items():
         try:
-            robot = Robot.from_urdf(recording.urdf or "")
+            robot = Robot.from_urdf(urdf)
         except RobotError as reason:
-            left_out.append((recording.name, reason))
+            left_out.append((bag, reason))
             continue
-        _say_left_out(left_out, f"that of {recording.name}")
+        _say_left_out(left_out, f"that of {bag}")
         if bundled:
-            say(f"--robot {name} is not needed: {recording.name} holds a robot description.")
-        if len({recording.urdf for recording in described}) > 1:
-            say(f"The bags hold different robot descriptions; that of {recording.name} is taken.")
+            say(f"--robot {name} is not needed: {bag} holds a robot description.")
+        if len({*described.values()}) > 1:
+            say(f"The bags hold different robot descriptions; that of {bag} is taken.")
         return robot
     if bundled:
         _say_left_out(left_out, f"--robot {name}")

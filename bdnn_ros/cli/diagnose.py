@@ -79,8 +79,7 @@ def run(args: argparse.Namespace) -> int:
     earlier = load_model(args.model) if args.model else None
     if earlier is not None and (args.urdf or args.robot):
         options.say(f"the recording is compared with {args.model}, not with {args.urdf or args.robot}.")
-    joints = earlier.joints if earlier else ()
-    recordings, robot = loading.load(args, joints=joints, needs_robot=earlier is None, undisturbed=True)
+    recordings, robot = loading.load(args, model=earlier, needs_robot=earlier is None, undisturbed=True)
     if earlier is not None:
         robot = getattr(earlier, "robot", None)
         if not isinstance(robot, Robot):

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     """Score the model, and the URDF where there is one, on the same samples."""
     model = load_model(args.model)
     joints = loading.shown(args, model.joints)
-    (recording,), robot = loading.load(args, joints=model.joints, needs_robot=False, picks=True)
+    (recording,), robot = loading.load(args, model=model, needs_robot=False, picks=True)
     if robot is None:
         loading.say_unusable([recording])
     fitness.require_measured(recording)

@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
         save_model(place / path.name, model)
         _write(place / "metrics.json", {key: value.as_json() for key, value in metrics.items()})
         if args.prior == "urdf" and robot is not None:
-            disturbed = loading.disturbed(args, robot)
+            disturbed = loading.disturbed(args, recordings, robot)
             content, told = _parameters(robot, model, training, args.cutoff, spread, disturbed)
             _write(place / PARAMETERS, content)
         _picture(place / "effort.png", model, robot, tested[0])

@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         joints = excitation(mended(recording), signals, limits)
         report["excitation"] = [joint.as_json() for joint in joints]
         fitness.require_length([recording])
-        told = replace(signals, effort=None) if loading.disturbed(args, robot) else signals
+        told = replace(signals, effort=None) if loading.disturbed(args, [recording], robot) else signals
         report["concerns"] = [
             *of_the_unheld(absent),
             *concerns(recording, joints),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -14,9 +13,10 @@ from bdnn_ros.cli.describing import described_robot, unusable, with_joints, with
 from bdnn_ros.cli.fitness import require_motion
 from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
-from bdnn_ros.errors import BdnnError, RobotError, UsageError, listed
-from bdnn_ros.left_out import disturbing
-from bdnn_ros.online.models import KnowsTimes
+from bdnn_ros.errors import RobotError, UsageError, listed
+from bdnn_ros.left_out import beside, disturbing
+from bdnn_ros.online.likeness import description_of
+from bdnn_ros.online.models import KnowsTimes, Model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import with_mimics
@@ -29,7 +29,7 @@ Known = TypeVar("Known")
 def load(
     args: argparse.Namespace,
     *,
-    joints: Sequence[str] = (),
+    model: Model | None = None,
     moves: bool = True,
     needs_robot: bool = True,
     undisturbed: bool = False,
@@ -38,11 +38,11 @@ def load(
     """The recordings that the arguments ask for, all with the same joints, and their robot.
 
     The robot is that of --urdf, else of the (first) bag's description, else of --robot; None without any.
-    Its joints and the recordings' are `joints`, else --joints, else those of the robot that every bag has.
+    Its joints and the recordings' are the model's, else --joints, else those of the robot that every bag has.
     What is left out or repaired is said on stderr.
 
     Args:
-        joints: joints that must be there, in this order (a model's).
+        model: its joints must be there.
         moves: refuse recordings in which no joint moves.
         needs_robot: a description in a bag that does not fit is an error; otherwise it counts as none.
         undisturbed: refuse recordings in which joints that are left out move so that the others feel it.
@@ -51,23 +51,18 @@ def load(
     Raises:
         BdnnError: as `bags.read` and `Robot.from_urdf`; or the robot and the bag share no joint.
     """
-    required = tuple(joints) or args.joints
-    if not picks:
-        _require_models_joints(args, joints)
+    required = model.joints if model else args.joints
+    if model and not picks:
+        _require_models_joints(args, model.joints)
     needs_robot |= args.add_gravity
     say_unread_commands(args)
-    given = _given(args)
-    held = _held(args, required)
-    recordings = [_read(path, args, held, given.joints if given else ()) for path in args.bags]
-    robot = given or described_robot(recordings, args.robot, needs_robot)
+    robot = _robot(args, needs_robot)
+    held, every = _held(args, required), _every_joint(robot, model)
+    recordings = [_read_with(bags.read, path, args, held, every) for path in args.bags]
     chosen = required or _common_joints(recordings, robot)
-    whole = recordings
-    if robot is not None:
-        every = with_mimics(robot)
-        if set(chosen) < set(every) and (required or every != robot.joints):
-            whole = _of_all_joints(args, robot)
-        if not required:
-            chosen = without_led(robot, chosen, whole or recordings)
+    whole = recordings if robot is None else _of_all_joints(args, recordings, robot)
+    if robot is not None and not required:
+        chosen = without_led(robot, chosen, whole)
     recordings = [_with_notes(recording.select(chosen)) for recording in recordings]
     for recording in recordings:
         for note in recording.notes:
@@ -75,42 +70,37 @@ def load(
         if moves:
             require_motion(recording)
     if robot is not None:
-        robot = _fitted(robot, chosen, whole, undisturbed, given is not None or needs_robot)
+        robot = _fitted(robot, chosen, whole, undisturbed, args.urdf is not None or needs_robot)
     convention = _convention(args, recordings, robot)
     commanded = args.effort == "command"
     return [convention.applied(one, commanded) if convention else one for one in recordings], robot
 
 
-def disturbed(args: argparse.Namespace, robot: Robot | None) -> bool:
+def disturbed(args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot | None) -> bool:
     """Whether joints that a robot leaves out move in the bags so that its own feel it: no convention shows in efforts then."""
     if robot is None:
         return False
-    every = with_mimics(Robot.from_urdf(robot.urdf))
-    if set(robot.joints) == set(every):
-        return False
-    complete = Robot.from_urdf(robot.urdf, every)
-    return any(disturbing(whole, complete, robot) for whole in _of_all_joints(args, complete))
+    complete = Robot.from_urdf(robot.urdf, with_mimics(Robot.from_urdf(robot.urdf)))
+    return any(disturbing(whole, complete, robot) for whole in _of_all_joints(args, recordings, complete))
 
 
-def load_every(args: argparse.Namespace, joints: Sequence[str]) -> bags.EveryState:
-    """Every joint state of the bag that the arguments ask for, with these joints; what is left out is said on stderr.
+def load_every(args: argparse.Namespace, model: Model) -> bags.EveryState:
+    """Every joint state of the bag that the arguments ask for, with a model's joints; what is left out is said on stderr.
 
     Raises:
         BdnnError: as `bags.read_every` and `Robot.from_urdf`.
     """
     say_unread_commands(args)
-    given = _given(args)
+    robot, joints = _robot(args, args.add_gravity), model.joints
     held = _held(args, joints)
-    every = _read_with(bags.read_every, args.bags[0], args, held, ()).select(joints)
-    robot = given or described_robot([every.motion], args.robot, needed=args.add_gravity)
+    every = _read_with(bags.read_every, args.bags[0], args, held, _every_joint(robot, model)).select(joints)
     for note in every.motion.notes:
         say(note)
     for note in _with_notes(every.motion).notes[len(every.motion.notes) :]:
         say(f"For the motion alone, {note}")
     if robot is not None:
-        fewer = set(joints) < set(with_mimics(robot))
-        whole = _of_all_joints(args, robot) if fewer else [every.motion]
-        robot = _fitted(robot, joints, whole, False, given is not None or args.add_gravity)
+        whole = _of_all_joints(args, [every.motion], robot)
+        robot = _fitted(robot, joints, whole, False, args.urdf is not None or args.add_gravity)
     convention = _convention(args, [every.motion], robot)
     if convention is None:
         return every
@@ -157,11 +147,24 @@ def _require_models_joints(args: argparse.Namespace, joints: Sequence[str]) -> N
         )
 
 
-def _given(args: argparse.Namespace) -> Robot | None:
-    """The robot of --urdf. A --robot that is no bundled one is refused before any bag is read."""
+def _robot(args: argparse.Namespace, needed: bool) -> Robot | None:
+    """The robot of --urdf, else of the bags, else of --robot; it says which joints joint states are then read for.
+
+    Raises:
+        BdnnError: as `Robot.from_file` and `describing.described_robot`, or a bag cannot be read.
+    """
     if args.robot is not None:
         Robot.bundled(args.robot)
-    return Robot.from_file(args.urdf) if args.urdf else None
+    if args.urdf:
+        return Robot.from_file(args.urdf)
+    described = {str(path): bags.read_description(path, args.joint_states) for path in args.bags}
+    return described_robot(described, args.robot, needed)
+
+
+def _every_joint(robot: Robot | None, model: Model | None) -> Sequence[str]:
+    """All joints of the robot, else of that which the model is of; none where neither is known."""
+    robot = robot or description_of(model)
+    return Robot.from_urdf(robot.urdf).joints if robot else ()
 
 
 def _fitted(
@@ -176,13 +179,20 @@ def _fitted(
         return None
 
 
-def _of_all_joints(args: argparse.Namespace, robot: Robot) -> list[Recording]:
-    """What the bags hold of all joints of the URDF, but for those bags where they cannot be read: a gripper may say NaN."""
-    found = []
-    for path in args.bags:
-        with suppress(BdnnError):
-            found.append(_read(path, args, (), with_mimics(robot)))
-    return found
+def _of_all_joints(
+    args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot
+) -> list[Recording]:
+    """The recordings of the bags with the positions of all joints of the URDF that these hold, whoever tells them."""
+    return [_with_others(path, args, one, robot) for path, one in zip(args.bags, recordings, strict=True)]
+
+
+def _with_others(path: Path, args: argparse.Namespace, recording: Recording, robot: Robot) -> Recording:
+    others = [joint for joint in with_mimics(robot) if joint not in recording.joints]
+    if not others:
+        return recording
+    with progress(f"reading {path.name}") as show:
+        found = bags.read_positions(path, args.joint_states, show, rename=args.rename, joints=others)
+    return beside(recording, found)
 
 
 def _convention(
@@ -207,12 +217,6 @@ def say_unusable(recordings: Sequence[Recording]) -> None:
     problem = unusable(recordings)
     if problem:
         say(problem)
-
-
-def _read(
-    path: Path, args: argparse.Namespace, joints: Sequence[str], robot_joints: Sequence[str]
-) -> Recording:
-    return _read_with(bags.read, path, args, joints, robot_joints)
 
 
 def _read_with(

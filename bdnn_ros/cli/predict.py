@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         outputs.require_file(args.out)
     model = load_model(args.model)
     joints = loading.shown(args, model.joints)
-    every = loading.load_every(args, model.joints)
+    every = loading.load_every(args, model)
     model = loading.along(model, every.motion)
     with options.progress("predicting") as show:
         along = effort_along(model, every.motion, args.cutoff, show)

@@ -56,7 +56,7 @@ def require_arm(model: Dynamics, robot: Robot, name: str) -> None:
     Raises:
         ModelFileError: it is of another.
     """
-    own = _description(model)
+    own = description_of(model)
     if own is None or own.urdf == robot.urdf:
         return
     # what both leave out stands alike: where it stood does not make another arm of it
@@ -70,13 +70,13 @@ def require_arm(model: Dynamics, robot: Robot, name: str) -> None:
             )
 
 
-def _description(model: object) -> Robot | None:
+def description_of(model: object) -> Robot | None:
     """The robot that a model holds, or that its prior does; None where there is none."""
     for held in (model, getattr(model, "robot", None)):
         if isinstance(held, Robot):
             return held
     prior = getattr(getattr(model, "core", None), "prior", None)
-    return None if prior is None else _description(prior)
+    return None if prior is None else description_of(prior)
 
 
 def _seats(urdf: str, joints: Sequence[str]) -> list[Seat]:

@@ -26,14 +26,42 @@ def wraps(position: np.ndarray) -> np.ndarray:
     Args:
         position: [rad], (N, n).
     """
-    turns = np.diff(position, axis=0, prepend=position[:1]) / (2.0 * np.pi)
+    return _turns(np.diff(position, axis=0, prepend=position[:1]), position)
+
+
+def between(before: np.ndarray, after: np.ndarray, share: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Positions that lie a share (N, 1) of the way from some to others, (N, n): not across the turn that they are recorded in.
+
+    Args:
+        before, after: of `position`, (N, n).
+        position: what there is of them, (M, n) [rad] ([m]), NaN where nothing is known.
+    """
+    steps = after - before
+    turns = _turns(steps, position)
+    result = before + share * (steps - 2.0 * np.pi * turns)
+    for column in np.flatnonzero(turns.any(axis=0)).tolist():
+        middle = sum(_ends(position[:, column])) / 2.0
+        here, turned = result[:, column], result[:, column] + 2.0 * np.pi * turns[:, column]
+        result[:, column] = np.where(np.abs(turned - middle) < np.abs(here - middle), turned, here)
+    return result
+
+
+def _turns(steps: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Whole turns in steps (N, n) between positions (M, n); zero where it is no jump by whole turns, as in `wraps`."""
+    turns = np.where(np.isfinite(steps), steps, 0.0) / (2.0 * np.pi)
     whole = np.round(turns)
     jumps = np.where(np.abs(turns - whole) < NEAR, whole, 0.0)
-    if not jumps.any():
-        return jumps
-    low, high = np.percentile(position, (ODD, 100.0 - ODD), axis=0)
-    within = high - low < 2.0 * np.pi * (np.abs(jumps).max(axis=0) + NOISE)
-    return np.where(within, jumps, 0.0)
+    for column in np.flatnonzero(jumps.any(axis=0)).tolist():
+        low, high = _ends(position[:, column])
+        if high - low >= 2.0 * np.pi * (np.abs(jumps[:, column]).max() + NOISE):
+            jumps[:, column] = 0.0
+    return jumps
+
+
+def _ends(position: np.ndarray) -> tuple[float, float]:
+    """What positions (N,) lie between, but for a few that are read wrong."""
+    low, high = np.percentile(position[np.isfinite(position)], (ODD, 100.0 - ODD))
+    return float(low), float(high)
 
 
 def without_wraps(recording: Recording) -> Recording:
