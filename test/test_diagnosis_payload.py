@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.diagnose import diagnose, examine
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import rms
 from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.robot import Robot
@@ -44,12 +45,36 @@ def test_a_payload_is_weighed_though_its_link_turns_about_its_origin():
 
 def test_a_payload_is_within_reach_or_not_known_to_be_beyond_it():
     payload = get("payload")
-    at = np.array([0.1, 0.0, 0.0, 0.2])
+    at = np.array([0.1, 0.0, 0.0, 0.4])
     assert not payload.believable(at)
     assert not payload.believable(at, np.array([0.1, 0.0, 0.0, 0.0]))
     assert payload.believable(at, np.array([0.2, 0.0, 0.0, 0.0]))
     values = payload.values(at, {})
-    assert values["com_z"] == pytest.approx(0.5) and values["mass"] == pytest.approx(0.4)
+    assert values["com_z"] == pytest.approx(1.0) and values["mass"] == pytest.approx(0.4)
+
+
+def test_a_long_tool_is_a_payload_however_the_links_seem_without_it():
+    """Beyond reach it was none, and the links' masses that made up for it left the next payload no spread at all."""
+    robot = Robot.bundled("arm6")
+    tool = ("payload@arm6_link6:mass=1,com_z=0.6,com_x=0.02",)
+    simulated, _ = Scenario(robot, effects=tool, seed=4, wrong=0.03, duration=12.0, rate=200.0).run()
+    (found,) = diagnose([simulated.recording], robot).findings
+    assert (found.effect, found.link) == ("payload", "arm6_link6")
+    assert found.parameters["mass"].value == pytest.approx(1.0, rel=0.05)
+    assert found.parameters["com_z"].value == pytest.approx(0.6, rel=0.05)
+
+
+def test_a_payload_is_expected_by_what_the_robot_weighs_as_described():
+    payload, robot = get("payload"), Robot.bundled("arm2")
+    signals = prepare(simulate(robot, [], seed=1, duration=4.0, noise=QUIET).recording)
+    spreads = [
+        payload.spread(
+            np.ones(10), Motion(signals, robot.with_inertials(size * robot.inertials), signals.effort), 0
+        )
+        for size in (1.0, -2.0)
+    ]
+    np.testing.assert_array_equal(*spreads)
+    assert (spreads[0] > 0.0).all()
 
 
 @pytest.mark.parametrize("worn", [False, True])

@@ -205,3 +205,13 @@ def test_what_lies_far_from_nothing_in_one_direction_is_shown():
     assert estimate._distance(covariance) == pytest.approx(1.0 / np.sqrt(0.002))
     assert estimate.clear and not estimate.shown  # alike both ways it is Coulomb friction
     assert of(uneven, np.array([0.4, 0.6]), covariance).shown
+
+
+def test_a_tilt_across_the_plane_of_an_arm_is_to_either_side():
+    """It takes of the weight, as much to the left as to the right: the sign that a search began with was told as known."""
+    found = draws(["base_tilt:roll_deg=-8,pitch_deg=4"], std=0.005, count=6, refine=True)
+    for (estimate,) in found:
+        roll, pitch = (estimate.quantities[name] for name in ("roll_deg", "pitch_deg"))
+        assert roll.std > abs(roll.value) and not get("base_tilt").parameters[0].seen(roll.value, roll.std)
+        assert abs(pitch.value - 4.0) < 3.0 * pitch.std < 3.0
+        assert estimate.clear

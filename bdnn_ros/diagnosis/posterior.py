@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import expit
 
 from bdnn_ros.diagnosis.candidates import acting_per_measured
 from bdnn_ros.diagnosis.evidence import Pool
@@ -41,6 +42,7 @@ class Estimate:
         doubting: by the noise model, of a body with the links' errors believed twice as large as they seem: how large those
             are the same motion told. Of other terms the same as `covariance`.
         acting: what acts per coefficient; see `Pool.acting`.
+        mirrored: variance of each coefficient by what its other side does as well, (k,); None for none.
     """
 
     term: Term
@@ -49,6 +51,7 @@ class Estimate:
     robust: np.ndarray
     doubting: np.ndarray
     acting: float = 1.0
+    mirrored: np.ndarray | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -97,7 +100,11 @@ class Estimate:
     @cached_property
     def quantities(self) -> dict[str, Quantity]:
         """Parameters with standard deviations, by linear propagation: the largest by all covariances."""
-        values, stds = self.values, self._stds(self.covariance, self.robust, self.doubting)
+        known = (self.covariance, self.robust, self.doubting)
+        if self.mirrored is not None:
+            sides = np.diag(np.pad(self.mirrored, (0, len(self.covariance) - len(self.mirrored))))
+            known = (self.covariance + sides, self.robust + sides, self.doubting + sides)
+        values, stds = self.values, self._stds(*known)
         kept = self.term.effect.kept or {}
         return {
             p.name: Quantity(values[p.name], 0.0 if p.name in kept else float(std), p.unit)
@@ -182,9 +189,34 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
         third = doubting if term.effect.on_body else covariance
         own, scattered, doubted = (pick @ one @ pick.T + beyond for one in (covariance, robust, third))
         result.append(
-            Estimate(term, coefficients, own, scattered, doubted, acting_per_measured(pool, fit, chosen))
+            Estimate(
+                term,
+                coefficients,
+                own,
+                scattered,
+                doubted,
+                acting_per_measured(pool, fit, chosen),
+                _mirrored(pool, fit, term, coefficients),
+            )
         )
         start += len(pool.slots[chosen])
+    return result
+
+
+def _mirrored(pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray) -> np.ndarray | None:
+    """Variance of each angle of a base (k,) by how likely it is the same to the other side; None of other terms.
+
+    Across the plane in which an arm moves a tilt takes of its weight alone, to whichever side.
+    """
+    if term.effect.on != "base":
+        return None
+    equations, left, result = pool.equations, pool.white_residual(fit), np.zeros(len(coefficients))
+    for one, angle in enumerate(coefficients):
+        turned = np.where(np.arange(len(coefficients)) == one, -coefficients, coefficients)
+        other = term.shaped(term.effect.relinearised(turned, dict(term.shape)))
+        change = equations.made(term) @ coefficients - equations.made(other) @ turned
+        moved = left + equations.whiten(change, pool.noise)
+        result[one] = (2.0 * angle) ** 2 * expit(0.5 * float(np.sum(left**2) - np.sum(moved**2)))
     return result
 
 

@@ -16,7 +16,7 @@ from bdnn_ros.effects.base import NONE_HELD, Effect, Held, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.robot.links import described_inertial, link_inertial, link_mass, needed_link
+from bdnn_ros.robot.links import described_inertial, described_mass, link_inertial, link_mass, needed_link
 from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.units import shown_as
 
@@ -30,7 +30,7 @@ HEAVY = 3.0
 """Light arms carry up to so many times that, which turns no harder: with little mass such an inertia is a rotor's."""
 GYRATION = 0.1
 """And what they carry has up to such a radius of gyration about its own centre [m]: that of a box of 25 cm."""
-REACH = 0.5
+REACH = 1.0
 """Nothing is carried further than this from its link's origin [m]."""
 WEIGHED = 1.5
 """A payload has a mass of so many standard deviations. What is of a first moment alone is a centre of mass that is elsewhere,
@@ -135,7 +135,8 @@ class Payload(OnBody):
         return body, parameters
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
-        mass = CARRIED * float(motion.robot.inertials[:, 0].sum())
+        # a fit may have corrected the motion's robot, link by link, to less than nothing
+        mass = CARRIED * described_mass(motion.robot)
         own = GYRATION**2 * np.array([1.0, 0.5, 1.0, 0.5, 0.5, 1.0])
         return mass * np.array([1.0, OFF_CENTRE, OFF_CENTRE, OFF_CENTRE, *own])
 

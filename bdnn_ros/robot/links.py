@@ -57,6 +57,11 @@ def link_mass(robot: Robot, link: str, carried: float = 0.0) -> float:
     return float(max(described[0] + more - carried, LIGHTEST * described[0]))
 
 
+def described_mass(robot: Robot) -> float:
+    """Mass of all bodies that move by the description, whatever the robot's own may have become [kg]."""
+    return float(_bodies(robot.urdf, robot.joints, robot.held)[:, 0].sum())
+
+
 def needed_link(link: str | None) -> str:
     """The link an effect was given.
 
