@@ -9,12 +9,14 @@ import pytest
 from diagnosis_cases import check_contract
 from scipy.signal import lfilter
 
+from bdnn_ros.checks.data import odd_velocity
 from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
 from bdnn_ros.simulation.excitation import fourier
 from bdnn_ros.simulation.scenario import Scenario
 from bdnn_ros.simulation.sensors import Noise
@@ -86,6 +88,24 @@ def test_a_noisy_velocity_is_not_a_filtered_one():
     assert recording.velocity is not None
     noise = 0.05 * np.random.default_rng(1).standard_normal(recording.velocity.shape)
     assert reported_velocity([replace(recording, velocity=recording.velocity + noise)]) == []
+
+
+@pytest.mark.parametrize("gain", [-1.0, -0.3])
+@pytest.mark.parametrize("speed", [8.0, 20.0])
+def test_a_velocity_of_the_wrong_sign_is_not_a_filtered_one(gain, speed):
+    """A low-pass that lets nothing through would err less than none, and says nothing."""
+    time, robot = np.arange(0.0, 20.0, 0.005), Robot.bundled("arm2")
+    angle = speed * time[:, None] * [1.0, 1.3] + 0.4 * np.sin(0.5 * time)[:, None]
+    rate = speed * np.array([1.0, 1.3]) + 0.2 * np.cos(0.5 * time)[:, None]
+    velocity = 0.5 * rate * np.cos(angle)
+    noise = 2e-5 * np.random.default_rng(0).standard_normal(angle.shape)
+    recording = Recording(
+        time, robot.joints, 0.5 * np.sin(angle) + noise, gain * velocity, np.ones_like(angle)
+    )
+    assert reported_velocity([recording]) == []
+    assert reported_velocity([recording], before=np.array([5.0, 2.0])) == []
+    said = [remark.problem for remark in odd_velocity(recording, prepare(recording))]
+    assert len(said) == 2 and all(f"{gain:.2f} times its position's derivative" in one for one in said)
 
 
 @pytest.mark.parametrize("rule", ["zero-order hold", "backward Euler", "bilinear"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -225,6 +226,15 @@ def test_friction_that_was_found_is_not_in_what_an_effort_scale_scales():
     scale = get("effort_scale")
     np.testing.assert_allclose(scale.columns(found, 1, {}), scale.columns(motion, 1, {}), atol=1e-12)
     assert np.abs(found.load - motion.load).max() > 0.2
+
+
+def test_a_gear_carries_what_acts_and_not_what_is_measured_of_it():
+    """What bends it, and the side on which it lies where it is loose, follow the sign and size of that."""
+    motion = equations_of().motion
+    drive, scale = 0.3 * motion.signals.sign, np.array([0.6, 1.5])
+    measured = replace(motion, signals=replace(motion.signals, effort=motion.signals.effort / scale))
+    known = measured.with_load(motion.load, drive, scale)
+    np.testing.assert_allclose(known.gear_load, motion.signals.effort - drive, atol=1e-12)
 
 
 @pytest.mark.parametrize(

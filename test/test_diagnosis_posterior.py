@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_cases import coloured, equations_of, term
+from diagnosis_cases import coloured, equations_of, signals_of, term
 
+from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.posterior import Estimate, estimates, excesses
+from bdnn_ros.diagnosis.result import Quantity
+from bdnn_ros.diagnosis.settling import settled
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.base import Effect
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 
@@ -98,6 +103,37 @@ def excess_of(one: Term, spec: str, seed: int) -> float:
     )
     pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.02)), [one], LINK_ERROR)
     return excesses(pool)[0]
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.5])
+@pytest.mark.parametrize(
+    "spec",
+    [
+        f"effort_delay@{J1}:delay=0.03",
+        "effort_delay:delay=0.03",
+        f"joint_elasticity@{J1}:stiffness=400",
+    ],
+)
+def test_what_is_made_of_an_effort_in_the_wrong_unit_is_told_as_without_it(spec, scale):
+    plain, scaled = (told_beside_a_scale(spec, one) for one in (1.0, scale))
+    assert abs(plain.value - float(spec.split("=")[1])) < plain.std
+    assert scaled.value == pytest.approx(plain.value, rel=0.02)
+    assert scaled.std == pytest.approx(plain.std, rel=0.1)
+
+
+def told_beside_a_scale(spec: str, scale: float) -> Quantity:
+    """What a fit tells of an effect beside a scale of the first joint's effort, where measured(t) = acting(t + delay) / scale."""
+    robot, signals = Robot.bundled("arm2"), signals_of()
+    (one, coefficients), per = term(spec, robot), np.array([scale, 1.0])
+    motion = Motion(signals, robot, signals.effort)
+    for _ in range(4):  # the load that bends a gear holds what its bending adds
+        added = one.effect.columns(motion, one.target, dict(one.shape), one.link) @ coefficients
+        motion = replace(motion, signals=replace(signals, effort=signals.effort + added))
+    equations = build(replace(signals, effort=motion.signals.effort / per), robot)
+    terms = [one] if scale == 1.0 else [one, Term(get("effort_scale"), 0)]
+    noise = Noise(np.zeros((2, 1)), 1e-3 * np.std(signals.effort, axis=0) / per)
+    pool = settled(Candidates.of(robot), equations, Pool(equations, noise, terms, 1e-3))
+    return next(iter(estimates(pool, pool.whole)[0].quantities.values()))
 
 
 def test_an_unknown_shape_widens_its_coefficients():

@@ -139,8 +139,9 @@ class Candidates:
         before, after = (pool.replacing(chosen, one).fit(fit.terms).evidence for one in (term, moved))
         return moved if after > before else term
 
-    def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """Effort that really acts by the fit, and what drives take of it before the gear, at the working rate, (N, n) [N·m]."""
+    def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Effort that really acts by the fit, what drives take of it before the gear, at the working rate, (N, n) [N·m] each,
+        and how much acts per measured, (n,)."""
         motion = equations.motion
         links = equations.rigid.shape[2]
         # what sticks turns round late: part of the load, so that a delay puts it ahead like all else
@@ -157,7 +158,7 @@ class Candidates:
             base = base + equations.passed(part)
             if term.effect.in_drive:
                 drive += part
-        return np.asarray(base), drive
+        return np.asarray(base), drive, effort_scales(pool, fit)
 
     def bodies(self, equations: Equations, pool: Pool, fit: Fit) -> Robot:
         """The robot as the fit has it: its links corrected, payloads and scaled links on it.
@@ -183,11 +184,18 @@ def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:
     much more or less. An offset counts in the effort that acts.
     """
     term = pool.terms[chosen]
-    for other in fit.terms if term.effect.in_drive or term.effect.name == "effort_offset" else ():
-        scale = pool.terms[other]
-        if scale.effect.name == "effort_scale" and scale.target == term.target:
-            return float(scale.effect.values(pool.coefficients(fit, other), {})["scale"])
-    return 1.0
+    measured = term.effect.in_drive or term.effect.name == "effort_offset"
+    return float(effort_scales(pool, fit)[term.target]) if measured else 1.0
+
+
+def effort_scales(pool: Pool, fit: Fit) -> np.ndarray:
+    """The effort scale of each joint in a fit, 1 where it has none, (n,)."""
+    result = np.ones(pool.equations.width)
+    for chosen in fit.terms:
+        term = pool.terms[chosen]
+        if term.effect.name == "effort_scale":
+            result[term.target] = term.effect.values(pool.coefficients(fit, chosen), {})["scale"]
+    return result
 
 
 def _as_change(term: Term, robot: Robot, since: Sequence[Installed] | None) -> Term:

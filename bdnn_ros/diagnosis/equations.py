@@ -217,10 +217,10 @@ class Equations:
         blur = self.motion.signals.kernel_std**2
         return np.array([0.5 * self.hold, blur, blur, *(STICKING_LEAD * self.effort_scale)])
 
-    def relieve(self, load: np.ndarray, drive: np.ndarray, robot: Robot | None = None) -> None:
-        """Take better estimates of the load and of what the drives take of it, (N, n) each, and of the bodies."""
+    def relieve(self, *acting: np.ndarray, robot: Robot | None = None) -> None:
+        """Take better estimates of the load and of what belongs to it, as `Motion.with_load` does, and of the bodies."""
         motion = self.motion if robot is None else self.motion.with_robot(robot)
-        self.take(motion.with_load(load, drive))
+        self.take(motion.with_load(*acting))
 
     def take(self, motion: Motion) -> None:
         """Take another estimate of what acts along the same motion; columns made from the old one are forgotten."""

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
 from bdnn_ros.diagnosis.result import Finding, Quantity
+from bdnn_ros.effects.sensing import VelocityFilter
 from bdnn_ros.recording import Recording, further
 from bdnn_ros.signals import Signals
 
@@ -18,8 +19,8 @@ SAMPLES_OF_LAG = 1.5
 HALF_SAMPLE = 1.0 / np.sqrt(12.0)
 """Standard deviation of a lag in sample periods: how a driver's filter takes the samples is not known, ± half a period."""
 BLOCKS = 12
-FASTEST = 1000.0
-"""A low-pass that lets more through is none [Hz]."""
+CUTOFF = VelocityFilter.parameters[0]
+"""A low-pass that lets more through than it may is none, and one that lets less through is something else."""
 
 
 def reported_velocity(
@@ -66,9 +67,11 @@ def _filtered(signals: Signals, joint: int, known: float) -> Finding | None:
     reported = signals.reported_velocity[rows, joint]
     before = float(np.mean((reported - _delayed(signals, joint, lag_of(known))[rows]) ** 2))
     after = float(np.mean((reported - _delayed(signals, joint, lag)[rows]) ** 2))
-    if after > 0.5 * before:
+    nothing = float(np.mean(reported**2))
+    # a velocity of the wrong sign, or of another joint, is foretold best by none at all
+    if after > 0.5 * min(before, nothing) or lag > lag_of(CUTOFF.lower):
         return None
-    lag = max(lag, lag_of(FASTEST))
+    lag = max(lag, lag_of(CUTOFF.upper))
     cutoff = 1.0 / (2.0 * np.pi * lag)
     unknown = cutoff * float(np.hypot(std, HALF_SAMPLE / signals.raw_rate)) / lag
     name = signals.joints[joint]

@@ -123,7 +123,7 @@ class EffortDelay(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         lead, where = shape["at"], slice(None) if target < 0 else slice(target, target + 1)
-        load = motion.load[:, where]
+        load = motion.measured_load[:, where]
         change = (
             motion.load_rate[:, where] if abs(lead) < 1e-4 else (motion.advanced(load, lead) - load) / lead
         )

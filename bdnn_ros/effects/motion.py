@@ -37,6 +37,7 @@ class Motion:
         level: the robot whose bodies a tilt turns, where errors of `robot`'s bodies are counted as it stands already; else
             None, and a tilt turns all of them.
         springs: stiffness of springs across the joints, behind their gears, (n,) [N·m/rad], if known.
+        scale: effort that really acts per measured effort, (n,), if known.
     """
 
     signals: Signals
@@ -45,6 +46,7 @@ class Motion:
     drive: np.ndarray | None = None
     level: Robot | None = None
     springs: np.ndarray | None = None
+    scale: np.ndarray | None = None
 
     @property
     def time(self) -> np.ndarray:
@@ -82,9 +84,14 @@ class Motion:
         return np.maximum(way, 0.0), np.minimum(way, 0.0)
 
     @cached_property
+    def measured_load(self) -> np.ndarray:
+        """The load in the units of its sensors, (N, n) [N·m]."""
+        return self.load if self.scale is None else self.load / self.scale
+
+    @cached_property
     def load_rate(self) -> np.ndarray:
-        """Time derivative of the load, (N, n) [N·m/s]."""
-        return self.derivative(self.load)
+        """Time derivative of the load in the units of its sensors, (N, n) [N·m/s]."""
+        return self.derivative(self.measured_load)
 
     @cached_property
     def link_load(self) -> np.ndarray:
@@ -100,7 +107,8 @@ class Motion:
         effort = self.signals.effort
         if effort is None:
             return self.link_load
-        return effort if self.drive is None else effort - self.drive
+        acting = effort if self.scale is None else self.scale * effort
+        return acting if self.drive is None else acting - self.drive
 
     def carried(self, target: int) -> np.ndarray:
         """What a joint's gear carries, (N,) [N·m]: as `gear_load`, and smooth where the joint may stick.
@@ -260,9 +268,12 @@ class Motion:
         """The same motion with another estimate of the robot's bodies."""
         return self._handing_on(replace(self, robot=robot), OF_MOTION)
 
-    def with_load(self, load: np.ndarray, drive: np.ndarray | None = None) -> Motion:
-        """The same motion with another estimate of the load, and of the drives' share of it (None keeps)."""
-        other = replace(self, load=load, drive=self.drive if drive is None else drive)
+    def with_load(
+        self, load: np.ndarray, drive: np.ndarray | None = None, scale: np.ndarray | None = None
+    ) -> Motion:
+        """The same motion with another estimate of the load, the drives' share of it, and its sensors' scales (None keeps)."""
+        drive, scale = self.drive if drive is None else drive, self.scale if scale is None else scale
+        other = replace(self, load=load, drive=drive, scale=scale)
         return self._handing_on(other, OF_MOTION + OF_BODIES)
 
     def _handing_on(self, other: Motion, names: tuple[str, ...]) -> Motion:

@@ -46,7 +46,8 @@ class JointElasticity(Effect):
     coefficient_bounds = ((0.0, 1e6),)
 
     def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float, float]:
-        inertia, cutoff = float(motion.usual_inertia[target]), self._cutoff(motion, target, shape)
+        scale = 1.0 if motion.scale is None else motion.scale[target]
+        inertia, cutoff = float(scale * motion.usual_inertia[target]), self._cutoff(motion, target, shape)
         # how much a change is, the shape that it keeps does not tell
         return inertia, 0.0 if self.kept is not None else shape["compliance"], cutoff
 
