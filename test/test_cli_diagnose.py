@@ -228,6 +228,19 @@ def test_what_drifts_is_not_put_together_with_what_else_drifts():
     assert _together(groups[0]).startswith("Drifting Coulomb friction at 3 places, ")
 
 
+@pytest.mark.parametrize(
+    ("interval", "said"),
+    [((0.07, 0.29), "The simulation agrees with"), ((0.9, 0.97), "No cause is needed to explain")],
+)
+def test_a_simulation_that_needs_corrections_is_not_said_to_agree(interval: tuple[float, float], said: str):
+    lag = Finding(
+        "velocity_filter", "a", None, {"cutoff": Quantity(9.0, 0.1, "Hz")}, 0.9, 0.99, (), "It lags."
+    )
+    diagnosis = Diagnosis({}, "explained", (lag,), {}, 0.95, interval, 0.0, (), "Nothing is left.", (), ())
+    first, *_ = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None))
+    assert first.startswith(said) and first.endswith("of a reported velocity only:")
+
+
 @pytest.mark.parametrize(("end", "left_out"), [(9.0, True), (11.0, False)])
 def test_a_gain_without_the_push_is_said_to_be_so(end: float, left_out: bool):
     time = np.arange(0.0, 30.0, 0.1)

@@ -184,10 +184,25 @@ def test_a_filtered_velocity_is_no_cause_of_the_efforts_error() -> None:
     viscous, filtered = finding("viscous_friction", viscous=1.0), finding("velocity_filter", cutoff=9.0)
 
     def told(*findings: Finding, verdict: str = "explained") -> tuple[str, str]:
-        diagnosis = SimpleNamespace(findings=findings, verdict=verdict)
+        diagnosis = SimpleNamespace(findings=findings, verdict=verdict, gain=0.0, gain_interval=(-0.1, 0.1))
         return words.headline(diagnosis), words.claim(diagnosis)
 
     assert told(viscous, filtered) == told(viscous)
     headline, claim = told(filtered)
     assert headline.startswith("One root cause: ") and claim.startswith("The simulation predicts")
     assert told(filtered, verdict="cannot_tell")[0] == "The simulation is off, and no cause stands out"
+
+
+@pytest.mark.parametrize("findings", [(), (finding("velocity_filter", cutoff=9.0),)])
+def test_a_simulation_that_needs_corrections_without_a_name_is_not_called_right(
+    findings: tuple[Finding, ...],
+) -> None:
+    """Links a tenth off were most of the error, and the lead said that the simulation predicts the effort."""
+    verdict = "explained" if findings else "nothing_wrong"
+    off = SimpleNamespace(findings=findings, verdict=verdict, gain=0.958, gain_interval=(0.95, 0.96))
+    assert "predicts" not in words.claim(off)
+    assert words.claim(off).startswith("No cause is needed beyond")
+    assert words.claim(off).endswith("takes 95.8\N{NO-BREAK SPACE}% off the simulation's error.")
+    assert "earlier model's error" in words.claim(off, since=True)
+    right = SimpleNamespace(findings=findings, verdict=verdict, gain=0.2, gain_interval=(0.07, 0.29))
+    assert words.claim(right).startswith("The simulation predicts")

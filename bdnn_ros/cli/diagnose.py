@@ -22,7 +22,7 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import certainty, change, kind
+from bdnn_ros.report.words import certainty, change, corrected, kind
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
@@ -46,6 +46,7 @@ CHANGES = {
 }
 """The verdicts where the model is one identified earlier."""
 AGREES = "The {reference} agrees with the measured efforts."
+NO_CAUSE = "No cause is needed to explain the measured efforts."
 OF_A_SENSOR = "What is found is of a reported velocity only:"
 """What follows the verdict on the efforts, where no finding is of them."""
 
@@ -125,8 +126,9 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
     diagnosis = examination.diagnosis
     lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
     if diagnosis.findings and all(finding.of_velocity for finding in diagnosis.findings):
-        agrees = AGREES.format(reference=reference(examination.model is not None))
-        lines[0] = f"{lines[0] if diagnosis.verdict == 'cannot_tell' else agrees} {OF_A_SENSOR}"
+        agrees = NO_CAUSE if corrected(diagnosis) else AGREES
+        of_effort = agrees.format(reference=reference(examination.model is not None))
+        lines[0] = f"{lines[0] if diagnosis.verdict == 'cannot_tell' else of_effort} {OF_A_SENSOR}"
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
         said = group[0].sentence if len(group) == 1 else _together(group)
         lines.append(f" {number}. {said} ({_share(group)}, probability {_probability(group)})")

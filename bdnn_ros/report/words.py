@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from bdnn_ros.diagnosis.identifiability import TIE
+from bdnn_ros.diagnosis.notes import SLIGHT
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, place, reference
 from bdnn_ros.effects.base import Change, Parameter
 from bdnn_ros.effects.drift import Drift
@@ -29,6 +30,11 @@ CLAIMS = {
     "partly_explained": "{These} {explain} part of the error; a part larger than the noise has no name.",
     "cannot_tell": "The {reference} errs by more than the noise, but the data supports no single cause.",
 }
+CORRECTED = (
+    "No cause is needed beyond what the extended model corrects without a name, as errors of the links or of stamps: that takes "
+    "{gain} off the {reference}'s error."
+)
+"""What takes the place of the claim that nothing is wrong, where what it is compared with is `corrected`."""
 
 
 def title(effect: str) -> str:
@@ -75,9 +81,16 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     count = len(_causes(diagnosis))
     of_effort = "nothing_wrong" if diagnosis.verdict == "explained" and not count else diagnosis.verdict
     these, explain = ("this cause", "explains") if count == 1 else (f"these {count} causes", "explain")
+    if of_effort == "nothing_wrong" and corrected(diagnosis):
+        return CORRECTED.format(gain=percent(diagnosis.gain, 1), reference=reference(since))
     return CLAIMS[of_effort].format(
         these=these, These=these.capitalize(), explain=explain, reference=reference(since)
     )
+
+
+def corrected(diagnosis: Diagnosis) -> bool:
+    """Whether the extended model surely mends more of the simulation than a right one leaves: a held effort leads a little."""
+    return diagnosis.gain_interval[0] >= SLIGHT
 
 
 def kinds(findings: Sequence[Finding]) -> str:
