@@ -161,7 +161,7 @@ def _unseen(examination: Examination, finding: Finding) -> bool:
 
 
 def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
-    """Findings of a kind and its units that many joints have as one, in the order of what they remove together."""
+    """Findings of a kind and its units that many joints have as one, in the order of the sums of their shares."""
     kinds: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:
         units = (quantity.unit for quantity in finding.parameters.values())
@@ -173,17 +173,18 @@ def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
 
 
 def _share(group: Sequence[Finding]) -> str:
-    """What the findings of a kind remove together; of a filtered velocity that is each joint's own error."""
+    """What would come back without each of a kind, which does not add up; of a filtered velocity its own joint's error."""
     shares = [100.0 * finding.share for finding in group]
-    if group[0].of_velocity:
-        return f"{min(shares):.1f} % of the velocity's squared error"
-    return f"{sum(shares):.1f} % of the squared error"
+    low, high = (f"{end(shares):.1f}" for end in (min, max))
+    whole = "velocity's squared error" if group[0].of_velocity else "squared error"
+    return f"{low if low == high else f'{low} to {high}'} % of the {whole}{' each' * (len(group) > 1)}"
 
 
 def _probability(group: Sequence[Finding]) -> str:
-    """How sure the least sure of them is; and of its place, or that it is no more, where others would do for that."""
+    """How sure the least sure of them is; and of its place, or that it is no more, of the one that others would most do for."""
     least = min(group, key=lambda finding: finding.probability)
-    sure, of_that = certainty(least)
+    of_that = certainty(least)[1]
+    sure = min(certainty(finding)[0] for finding in group)
     return f"{sure:.2f}, {least.probability:.2f} {of_that}" if of_that else f"{sure:.2f}"
 
 
