@@ -21,7 +21,7 @@ from report_page import Page
 from bdnn_ros import bags
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
-from bdnn_ros.cli.diagnose import _grouped, _probability, _share, _together, verdict_lines
+from bdnn_ros.cli.diagnose import _grouped, _probability, _rivals, _share, _together, verdict_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, CUTOFFS
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
@@ -209,6 +209,13 @@ def test_a_kind_is_no_surer_than_its_least_sure_and_its_shares_do_not_add_up():
     assert _probability(rubs[:1]) == "0.99, 0.60 that it is no more than that"
     assert _share(rubs) == "80.0 % of the squared error each"
     assert _share(rubs[:1]) == "80.0 % of the squared error"
+
+
+def test_what_else_may_drift_is_told_apart():
+    rival = Rival("drift", "a", None, 0.19, "viscous")
+    ends = {"start_value": Quantity(1.0, 0.1, "N*m"), "end_value": Quantity(4.0, 0.1, "N*m")}
+    drifts = Finding("drift", "a", None, ends, 0.1, 0.8, (rival,), "", "coulomb")
+    assert _rivals(drifts).strip() == "drift (coulomb) at a could also be: drift (viscous) at a 0.19"
 
 
 def test_its_help_says_behind_which_low_pass_it_compares(capsys):

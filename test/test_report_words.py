@@ -90,6 +90,17 @@ def test_what_may_be_part_of_more_is_there_in_any_case() -> None:
         assert words.certainty(replace(named, rivals=(other,))) == (0.11, "")
 
 
+def test_another_that_drifts_at_the_same_joint_leaves_no_doubt_of_the_place() -> None:
+    rival = Rival("drift", "j2", None, 0.19, "viscous")
+    drifts = replace(finding("drift", "j2"), variant="coulomb", probability=0.8, rivals=(rival,))
+    assert words.certainty(drifts) == (pytest.approx(0.99), "that it is Coulomb friction")
+    assert [words.named(one) for one in (drifts, rival)] == [
+        "Drifting Coulomb friction at j2",
+        "Drifting viscous friction at j2",
+    ]
+    assert words.certainty(replace(drifts, rivals=(replace(rival, joint="j3"),)))[1] == "that it is here"
+
+
 def test_amounts_name_the_parameter_where_there_are_several_or_no_unit() -> None:
     assert words.amounts(finding("coulomb_friction", coulomb=1.3)) == ["1.300 ± 0.020 N·m"]
     assert words.amounts(finding("load_dependent_friction", ratio=0.1)) == ["ratio 0.100 ± 0.020"]

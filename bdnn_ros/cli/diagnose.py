@@ -22,7 +22,7 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import certainty, change, corrected, kind
+from bdnn_ros.report.words import cause, certainty, change, corrected
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
@@ -196,7 +196,7 @@ def _together(group: Sequence[Finding]) -> str:
     ]
     names = ", ".join(f"{name} [{printed(quantity.unit)}]" for name, quantity in group[0].parameters.items())
     than = " than the model" if {*map(change, group)} != {"more"} else ""
-    return f"{kind(*group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
+    return f"{cause(*group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
 
 
 def _close(finding: Finding) -> list[Rival]:
@@ -205,9 +205,14 @@ def _close(finding: Finding) -> list[Rival]:
 
 def _rivals(finding: Finding) -> str:
     others = ", ".join(
-        f"{rival.effect} at {rival.where} {rival.probability:.2f}" for rival in _close(finding)
+        f"{_called(rival)} at {rival.where} {rival.probability:.2f}" for rival in _close(finding)
     )
-    return f"    {finding.effect} at {finding.where} could also be: {others}"
+    return f"    {_called(finding)} at {finding.where} could also be: {others}"
+
+
+def _called(one: Finding | Rival) -> str:
+    """An effect as diagnosis.json calls it, with which of its name where there are several."""
+    return f"{one.effect} ({one.variant})" if one.variant else one.effect
 
 
 def _completed(examination: Examination, args: argparse.Namespace, remarks: Sequence[str]) -> Diagnosis:
