@@ -172,6 +172,8 @@ def test_what_is_less_than_described_is_called_so() -> None:
     assert words.cause(finding("joint_spring", "joint", stiffness=-3.0, rest=-11.9)) == "Less spring"
     assert words.cause(found(-0.3), found(-0.1)) == "Less viscous friction"
     assert words.cause(found(-0.3), found(0.2)) == "More or (negative) less viscous friction"
+    gap = finding("backlash", gap=-0.01, crossing=0.01)  # how far it is across is no amount of it
+    assert words.cause(gap) == "Less backlash"
     both = finding("asymmetric_friction", positive=-0.116, negative=0.711)
     assert words.cause(both) == "More or (negative) less asymmetric Coulomb friction"
     assert words.kinds([found(-0.3), found(-0.1), found(0.2)]) == (

@@ -298,8 +298,9 @@ class Effect(ABC):
         return changed
 
     def change(self, values: Values) -> Change:
-        """Whether there is more of it than a model has, or less: values of its first parameter's kind below nothing."""
-        alike = [p for p in self.parameters if p.unit == self.parameters[0].unit and p.lower >= 0.0]
+        """Whether there is more of it than a model has, or less: amounts of its first parameter's kind below nothing."""
+        amounts = [p for p in self.parameters if p.name not in self.shape_bounds and p.lower >= 0.0]
+        alike = [p for p in amounts if p.unit == self.parameters[0].unit]
         beyond = [values.get(p.name, p.lower) - p.lower for p in alike]
         if not any(one < 0.0 for one in beyond):
             return "more"
