@@ -310,7 +310,9 @@ class Effect(ABC):
         """The finding in words, one sentence with its numbers."""
         known = ((p, shown_as(values[p.name])) for p in self.parameters if p.name in values)
         numbers = ", ".join(f"{p.name} {one} {printed(p.unit_at(self.slides))}".rstrip() for p, one in known)
-        of = "of " * self.title.startswith(("a ", "an "))
-        less, both = f"has less {of}{self.title} than the model", f"differs from the model in {self.title}"
-        told = {"more": f"has {self.title} that the model leaves out", "less": less, "both": both}
+        than = f"{'of ' * self.title.startswith(('a ', 'an '))}{self.title} than the model"
+        # of a payload there is already the body that carries it
+        again = self.may_be_gone and not self.on_body
+        more = f"has more {than}" if again else f"has {self.title} that the model leaves out"
+        told = {"more": more, "less": f"has less {than}", "both": f"differs from the model in {self.title}"}
         return f"{where} {told[self.change(values)]} ({numbers})."
