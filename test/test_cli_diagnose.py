@@ -21,7 +21,7 @@ from report_page import Page
 from bdnn_ros import bags
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
-from bdnn_ros.cli.diagnose import _grouped, _together, verdict_lines
+from bdnn_ros.cli.diagnose import _grouped, _probability, _rivals, _share, _together, verdict_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, CUTOFFS
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
@@ -192,9 +192,30 @@ def test_a_cause_that_many_joints_have_is_said_in_one_line():
     read = ("2 samples were left out.",)  # said when it was read
     _, first, second, doubt, *rest = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None), read)
     assert "The links are far off." in rest and "2 samples were left out." not in rest
-    assert "3 places" in first and "a 0.3; b 0.1; c 0.1" in first and "50.0 %" in first
+    assert "3 places" in first and "a 0.3; b 0.1; c 0.1" in first
+    assert first.endswith("(10.0 to 30.0 % of the squared error each, probability 0.90)")
     assert "quadratic_drag at a." in second and "40.0 %" in second
     assert "viscous_friction at a 0.30" in doubt
+
+
+def test_a_kind_is_no_surer_than_its_least_sure_and_its_shares_do_not_add_up():
+    """One that may be part of more was told with its own certainty for all; single removals came to 230 %."""
+    more, other = Rival("stribeck_friction", "a", None, 0.39), Rival("hysteresis", "b", None, 0.14)
+    rubs = [
+        Finding("coulomb_friction", joint, None, {"coulomb": Quantity(1.0, 0.1, "N*m")}, 0.8, own, rivals, "")
+        for joint, own, rivals in (("a", 0.60, (more,)), ("b", 0.85, (other,)), ("c", 0.99, ()))
+    ]
+    assert _probability(rubs) == "0.85, 0.60 that it is no more than that"
+    assert _probability(rubs[:1]) == "0.99, 0.60 that it is no more than that"
+    assert _share(rubs) == "80.0 % of the squared error each"
+    assert _share(rubs[:1]) == "80.0 % of the squared error"
+
+
+def test_what_else_may_drift_is_told_apart():
+    rival = Rival("drift", "a", None, 0.19, "viscous")
+    ends = {"start_value": Quantity(1.0, 0.1, "N*m"), "end_value": Quantity(4.0, 0.1, "N*m")}
+    drifts = Finding("drift", "a", None, ends, 0.1, 0.8, (rival,), "", "coulomb")
+    assert _rivals(drifts).strip() == "drift (coulomb) at a could also be: drift (viscous) at a 0.19"
 
 
 def test_its_help_says_behind_which_low_pass_it_compares(capsys):
@@ -226,6 +247,19 @@ def test_what_drifts_is_not_put_together_with_what_else_drifts():
     groups = _grouped(drifts)
     assert [[finding.joint for finding in group] for group in groups] == [["a", "b", "c"], ["d"], ["e"]]
     assert _together(groups[0]).startswith("Drifting Coulomb friction at 3 places, ")
+
+
+@pytest.mark.parametrize(
+    ("interval", "said"),
+    [((0.07, 0.29), "The simulation agrees with"), ((0.9, 0.97), "No cause is needed to explain")],
+)
+def test_a_simulation_that_needs_corrections_is_not_said_to_agree(interval: tuple[float, float], said: str):
+    lag = Finding(
+        "velocity_filter", "a", None, {"cutoff": Quantity(9.0, 0.1, "Hz")}, 0.9, 0.99, (), "It lags."
+    )
+    diagnosis = Diagnosis({}, "explained", (lag,), {}, 0.95, interval, 0.0, (), "Nothing is left.", (), ())
+    first, *_ = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None))
+    assert first.startswith(said) and first.endswith("of a reported velocity only:")
 
 
 @pytest.mark.parametrize(("end", "left_out"), [(9.0, True), (11.0, False)])

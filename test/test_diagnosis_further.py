@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from pathlib import Path
 
@@ -136,6 +137,40 @@ def test_what_is_told_beside_some_of_it_is_told_as_so_much_further(spec, alone, 
         (further or alone, changed(get(name), known)),
     ):
         assert effect.sentence(JOINT, values).endswith(said)
+
+
+@pytest.mark.parametrize(
+    ("known", "values", "said"),
+    [
+        ("effort_offset:offset=0.81", {"offset": -0.801}, "{} no longer has the effort offset of the model, 0.81 N·m."),
+        ("effort_offset:offset=0.81", {"offset": -0.5}, "The effort offset of {} differs from the model's by -0.5 N·m."),
+        ("", {"offset": -0.5}, "{} has an effort offset that the model leaves out (offset -0.5 N·m)."),
+        (
+            "cogging:amplitude=0.2,periods_per_rev=12,phase=0.4",
+            {"amplitude": 0.199, "periods_per_rev": 11.999, "phase": 0.41 - math.pi},
+            "{} no longer has the cogging of the model, of 0.2 N·m.",
+        ),
+        (
+            "cogging:amplitude=0.2,periods_per_rev=12,phase=0.4",
+            {"amplitude": 0.2, "periods_per_rev": 24.0, "phase": 0.4 - math.pi},
+            "{} differs from the model in cogging (amplitude 0.2 N·m, periods_per_rev 24, phase -2.74 rad).",
+        ),
+        (
+            "cogging:amplitude=0.2,periods_per_rev=12,phase=0.4",
+            {"amplitude": 0.1, "periods_per_rev": 12.0, "phase": 0.4},
+            "{} differs from the model in cogging (amplitude 0.1 N·m, periods_per_rev 12, phase 0.4 rad).",
+        ),
+        ("quadratic_drag:drag=0.2", {"drag": 0.1}, "{} has more quadratic drag than the model (drag 0.1 N·m·s²/rad²)."),
+        ("quadratic_drag:drag=0.2", {"drag": -0.2}, "{} has less quadratic drag than the model (drag -0.2 N·m·s²/rad²)."),
+    ],
+)  # fmt: skip
+def test_what_the_earlier_model_has_is_not_told_as_what_it_leaves_out(known, values, said):
+    """An offset that was gone was told as being there, and so was a ripple."""
+    name, _, numbers = known.partition(":")
+    had = {key: float(value) for key, _, value in (one.partition("=") for one in numbers.split(",") if one)}
+    held = (Installed(get(name), BODY, None, had),) if known else ()
+    effect = changed(get(name or "effort_offset"), ExtendedModel(ARM, held, np.full(2, 0.01)).compared())
+    assert effect.sentence(JOINT, values) == said.format(JOINT)
 
 
 RUBS = 2.0

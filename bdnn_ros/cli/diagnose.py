@@ -22,7 +22,7 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import certainty, change, kind
+from bdnn_ros.report.words import cause, certainty, change, corrected
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
@@ -46,6 +46,7 @@ CHANGES = {
 }
 """The verdicts where the model is one identified earlier."""
 AGREES = "The {reference} agrees with the measured efforts."
+NO_CAUSE = "No cause is needed to explain the measured efforts."
 OF_A_SENSOR = "What is found is of a reported velocity only:"
 """What follows the verdict on the efforts, where no finding is of them."""
 
@@ -125,8 +126,9 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
     diagnosis = examination.diagnosis
     lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
     if diagnosis.findings and all(finding.of_velocity for finding in diagnosis.findings):
-        agrees = AGREES.format(reference=reference(examination.model is not None))
-        lines[0] = f"{lines[0] if diagnosis.verdict == 'cannot_tell' else agrees} {OF_A_SENSOR}"
+        agrees = NO_CAUSE if corrected(diagnosis) else AGREES
+        of_effort = agrees.format(reference=reference(examination.model is not None))
+        lines[0] = f"{lines[0] if diagnosis.verdict == 'cannot_tell' else of_effort} {OF_A_SENSOR}"
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
         said = group[0].sentence if len(group) == 1 else _together(group)
         lines.append(f" {number}. {said} ({_share(group)}, probability {_probability(group)})")
@@ -159,7 +161,7 @@ def _unseen(examination: Examination, finding: Finding) -> bool:
 
 
 def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
-    """Findings of a kind and its units that many joints have as one, in the order of what they remove together."""
+    """Findings of a kind and its units that many joints have as one, in the order of the sums of their shares."""
     kinds: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:
         units = (quantity.unit for quantity in finding.parameters.values())
@@ -171,17 +173,18 @@ def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
 
 
 def _share(group: Sequence[Finding]) -> str:
-    """What the findings of a kind remove together; of a filtered velocity that is each joint's own error."""
+    """What would come back without each of a kind, which does not add up; of a filtered velocity its own joint's error."""
     shares = [100.0 * finding.share for finding in group]
-    if group[0].of_velocity:
-        return f"{min(shares):.1f} % of the velocity's squared error"
-    return f"{sum(shares):.1f} % of the squared error"
+    low, high = (f"{end(shares):.1f}" for end in (min, max))
+    whole = "velocity's squared error" if group[0].of_velocity else "squared error"
+    return f"{low if low == high else f'{low} to {high}'} % of the {whole}{' each' * (len(group) > 1)}"
 
 
 def _probability(group: Sequence[Finding]) -> str:
-    """How sure the least sure of them is; and of its place, or that it is no more, where others would do for that."""
+    """How sure the least sure of them is; and of its place, or that it is no more, of the one that others would most do for."""
     least = min(group, key=lambda finding: finding.probability)
-    sure, of_that = certainty(least)
+    of_that = certainty(least)[1]
+    sure = min(certainty(finding)[0] for finding in group)
     return f"{sure:.2f}, {least.probability:.2f} {of_that}" if of_that else f"{sure:.2f}"
 
 
@@ -193,7 +196,7 @@ def _together(group: Sequence[Finding]) -> str:
     ]
     names = ", ".join(f"{name} [{printed(quantity.unit)}]" for name, quantity in group[0].parameters.items())
     than = " than the model" if {*map(change, group)} != {"more"} else ""
-    return f"{kind(*group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
+    return f"{cause(*group)}{than} at {len(group)} places, {names}: {'; '.join(values)}."
 
 
 def _close(finding: Finding) -> list[Rival]:
@@ -202,9 +205,14 @@ def _close(finding: Finding) -> list[Rival]:
 
 def _rivals(finding: Finding) -> str:
     others = ", ".join(
-        f"{rival.effect} at {rival.where} {rival.probability:.2f}" for rival in _close(finding)
+        f"{_called(rival)} at {rival.where} {rival.probability:.2f}" for rival in _close(finding)
     )
-    return f"    {finding.effect} at {finding.where} could also be: {others}"
+    return f"    {_called(finding)} at {finding.where} could also be: {others}"
+
+
+def _called(one: Finding | Rival) -> str:
+    """An effect as diagnosis.json calls it, with which of its name where there are several."""
+    return f"{one.effect} ({one.variant})" if one.variant else one.effect
 
 
 def _completed(examination: Examination, args: argparse.Namespace, remarks: Sequence[str]) -> Diagnosis:

@@ -7,13 +7,17 @@ The effort that acts is `scale · measured(t - delay) + offset`, so the measured
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from copy import copy
 from types import MappingProxyType
 
 import numpy as np
 
-from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.base import NONE_HELD, Change, Effect, Held, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
+from bdnn_ros.robot import Robot
+from bdnn_ros.robot.units import printed
 
 GAUTIER = (
     "Gautier, Briot, Global identification of joint drive gains and dynamic parameters of "
@@ -28,6 +32,10 @@ BLURRED = 4.0
 """At a joint's usual speed the ripple may come so many times as often as the low-pass lets through: slow moments show it."""
 SHORTEST = 1e-3
 """No stroke counts as shorter [rad, m], and no speed as slower [rad/s, m/s]: of a joint that stands a spring is an offset."""
+HARDLY = 0.05
+"""What of either sign there was is gone where a change leaves no more than this share of it."""
+SAME_RIPPLE = 0.002
+"""Ripples are the same where their periods differ by no more than this share."""
 
 
 class EffortOffset(Effect):
@@ -55,6 +63,14 @@ class EffortOffset(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["offset"]]), {}
+
+    def sentence(self, where: str, values: Values) -> str:
+        if not self.before:
+            return super().sentence(where, values)
+        (had,), change, unit = self.before, values["offset"], printed(self.parameters[0].unit_at(self.slides))
+        if abs(had + change) <= HARDLY * abs(had):
+            return f"{where} no longer has the effort offset of the model, {had:.3g} {unit}."
+        return f"The effort offset of {where} differs from the model's by {change:+.3g} {unit}."
 
 
 class EffortScale(Effect):
@@ -175,6 +191,8 @@ class Cogging(Effect):
     )
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
     shape_bounds = MappingProxyType({"periods_per_rev": (3.0, FINEST)})
+    known: Sequence[Values] | None = None
+    """What an earlier model has of it at its place, by name; None where none takes the simulation's place."""
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         amplitude, periods, phase = values["amplitude"], values["periods_per_rev"], values["phase"]
@@ -203,6 +221,26 @@ class Cogging(Effect):
         sine = values["amplitude"] * math.cos(values["phase"])
         cosine = values["amplitude"] * math.sin(values["phase"])
         return np.array([sine, cosine]), {"periods_per_rev": values["periods_per_rev"]}
+
+    def since(self, robot: Robot, target: int, link: str | None, held: Held = NONE_HELD) -> Effect:
+        changed = copy(super().since(robot, target, link, held))
+        assert isinstance(changed, Cogging)
+        changed.known = held.get(self.name, ())
+        return changed
+
+    def change(self, values: Values) -> Change:
+        # an identified model may have a ripple without its name
+        return "more" if self.known is None else "both"
+
+    def sentence(self, where: str, values: Values) -> str:
+        found, shape = self.coefficients(values)
+        for one in self.known or ():
+            had, other = self.coefficients(one)
+            same = math.isclose(*(each["periods_per_rev"] for each in (shape, other)), rel_tol=SAME_RIPPLE)
+            if same and np.linalg.norm(had + found) <= HARDLY * np.linalg.norm(had):
+                unit = printed(self.parameters[0].unit_at(self.slides))
+                return f"{where} no longer has the cogging of the model, of {one['amplitude']:.3g} {unit}."
+        return super().sentence(where, values)
 
 
 def _along(motion: Motion, target: int) -> list[float]:

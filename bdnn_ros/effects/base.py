@@ -298,8 +298,9 @@ class Effect(ABC):
         return changed
 
     def change(self, values: Values) -> Change:
-        """Whether there is more of it than a model has, or less: values of its first parameter's kind below nothing."""
-        alike = [p for p in self.parameters if p.unit == self.parameters[0].unit and p.lower >= 0.0]
+        """Whether there is more of it than a model has, or less: amounts of its first parameter's kind below nothing."""
+        amounts = [p for p in self.parameters if p.name not in self.shape_bounds and p.lower >= 0.0]
+        alike = [p for p in amounts if p.unit == self.parameters[0].unit]
         beyond = [values.get(p.name, p.lower) - p.lower for p in alike]
         if not any(one < 0.0 for one in beyond):
             return "more"
@@ -309,7 +310,9 @@ class Effect(ABC):
         """The finding in words, one sentence with its numbers."""
         known = ((p, shown_as(values[p.name])) for p in self.parameters if p.name in values)
         numbers = ", ".join(f"{p.name} {one} {printed(p.unit_at(self.slides))}".rstrip() for p, one in known)
-        of = "of " * self.title.startswith(("a ", "an "))
-        less, both = f"has less {of}{self.title} than the model", f"differs from the model in {self.title}"
-        told = {"more": f"has {self.title} that the model leaves out", "less": less, "both": both}
+        than = f"{'of ' * self.title.startswith(('a ', 'an '))}{self.title} than the model"
+        # of a payload there is already the body that carries it
+        again = self.may_be_gone and not self.on_body
+        more = f"has more {than}" if again else f"has {self.title} that the model leaves out"
+        told = {"more": more, "less": f"has less {than}", "both": f"differs from the model in {self.title}"}
         return f"{where} {told[self.change(values)]} ({numbers})."

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from bdnn_ros.diagnosis.identifiability import TIE
+from bdnn_ros.diagnosis.notes import SLIGHT
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, place, reference
 from bdnn_ros.effects.base import Change, Parameter
 from bdnn_ros.effects.drift import Drift
@@ -29,12 +30,20 @@ CLAIMS = {
     "partly_explained": "{These} {explain} part of the error; a part larger than the noise has no name.",
     "cannot_tell": "The {reference} errs by more than the noise, but the data supports no single cause.",
 }
+CORRECTED = (
+    "No cause is needed beyond what the extended model corrects without a name, as errors of the links or of stamps: that takes "
+    "{gain} off the {reference}'s error."
+)
+"""What takes the place of the claim that nothing is wrong, where what it is compared with is `corrected`."""
 
 
-def title(effect: str) -> str:
-    """What a list calls an effect: its title without article, first letter large."""
+def title(effect: str, variant: str = "") -> str:
+    """What a list calls an effect: its title without article, first letter large; of a drift, what drifts."""
+    own = get(effect, variant) if variant else None
+    if isinstance(own, Drift):
+        return f"Drifting {own.title}"
     same = [known for known in ALL if known.name == effect]
-    # A name with variants (what drifts, what pushes) stands for all of them; the sentence tells which.
+    # A name with variants (what pushes) stands for all of them; the sentence tells which.
     text = same[0].title if len(same) == 1 else effect.replace("_", " ")
     for article in ("a ", "an "):
         text = text.removeprefix(article)
@@ -49,7 +58,7 @@ def at(joint: str | None, link: str | None, effect: str) -> str:
 
 def named(one: Finding | Rival) -> str:
     """An effect with its place: "Coulomb friction at panda_joint4"."""
-    return f"{title(one.effect)} {at(one.joint, one.link, one.effect)}".rstrip()
+    return f"{title(one.effect, one.variant)} {at(one.joint, one.link, one.effect)}".rstrip()
 
 
 def _causes(diagnosis: Diagnosis) -> list[Finding]:
@@ -75,28 +84,29 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     count = len(_causes(diagnosis))
     of_effort = "nothing_wrong" if diagnosis.verdict == "explained" and not count else diagnosis.verdict
     these, explain = ("this cause", "explains") if count == 1 else (f"these {count} causes", "explain")
+    if of_effort == "nothing_wrong" and corrected(diagnosis):
+        return CORRECTED.format(gain=percent(diagnosis.gain, 1), reference=reference(since))
     return CLAIMS[of_effort].format(
         these=these, These=these.capitalize(), explain=explain, reference=reference(since)
     )
 
 
+def corrected(diagnosis: Diagnosis) -> bool:
+    """Whether the extended model surely mends more of the simulation than a right one leaves: a held effort leads a little."""
+    return diagnosis.gain_interval[0] >= SLIGHT
+
+
 def kinds(findings: Sequence[Finding]) -> str:
     """The kinds of many findings in one line: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
-    counts = Counter(map(kind, findings))
+    counts = Counter(map(cause, findings))
     parts = [f"{decapitalised(name)} at {n} place{'s' if n > 1 else ''}" for name, n in counts.most_common()]
     text = ", ".join(parts)
     return text[:1].upper() + text[1:]
 
 
-def kind(*findings: Finding) -> str:
-    """What a list calls findings of one kind: their `cause`; of a drift, what drifts."""
-    own = get(findings[0].effect, findings[0].variant)
-    return f"Drifting {own.title}" if isinstance(own, Drift) else cause(*findings)
-
-
 def cause(*findings: Finding) -> str:
     """What a list calls findings of one kind: their effect's title, after "Less" where there is less of it than the model has."""
-    plain, changes = title(findings[0].effect), set(map(change, findings))
+    plain, changes = title(findings[0].effect, findings[0].variant), set(map(change, findings))
     if changes == {"more"}:
         return plain
     return f"{'Less' if changes == {'less'} else 'More or (negative) less'} {decapitalised(plain)}"
@@ -198,12 +208,20 @@ def percent(share: float, digits: int = 0) -> str:
 def certainty(finding: Finding) -> tuple[float, str]:
     """Probability that its effect is there at all, and what the finding's own is the probability of; nothing for the same.
 
-    The effect may be there, but at another place; or with more, as Coulomb friction is in Stribeck friction.
+    The effect may be there, but at another place, or another of its name (what drifts); or with more, as Coulomb friction is
+    in Stribeck friction.
     """
-    away = _likely(rival for rival in finding.rivals if rival.effect == finding.effect)
-    with_more = _likely(rival for rival in finding.rivals if _contains(rival, finding))
-    said = "that it is here" if away >= with_more else "that it is no more than that"
-    return min(finding.probability + away + with_more, 1.0), said if away + with_more else ""
+    alike = [rival for rival in finding.rivals if rival.effect == finding.effect]
+    others = {
+        "that it is here": [rival for rival in alike if not _same_place(rival, finding)],
+        f"that it is {get(finding.effect, finding.variant).title}": [
+            rival for rival in alike if _same_place(rival, finding)
+        ],
+        "that it is no more than that": [rival for rival in finding.rivals if _contains(rival, finding)],
+    }
+    likely = {said: _likely(rivals) for said, rivals in others.items()}
+    there = sum(likely.values())
+    return min(finding.probability + there, 1.0), max(likely, key=likely.__getitem__) if there else ""
 
 
 def _likely(rivals: Iterable[Rival]) -> float:
@@ -213,8 +231,11 @@ def _likely(rivals: Iterable[Rival]) -> float:
 
 
 def _contains(rival: Rival, finding: Finding) -> bool:
-    at_its_place = (rival.joint, rival.link) == (finding.joint, finding.link)
-    return at_its_place and finding.effect in get(rival.effect, rival.variant).contains
+    return _same_place(rival, finding) and finding.effect in get(rival.effect, rival.variant).contains
+
+
+def _same_place(rival: Rival, finding: Finding) -> bool:
+    return (rival.joint, rival.link) == (finding.joint, finding.link)
 
 
 def probability(p: float) -> str:
