@@ -101,6 +101,18 @@ def test_a_point_that_all_links_of_a_wrist_turn_about_is_on_any_of_them():
     assert found.probability + sum(rivals.values()) > 0.95 and min(rivals.values()) > 0.05
 
 
+def test_a_tool_on_the_axis_of_a_flange_hangs_there_as_likely_as_on_the_link_before():
+    """That its centre is seen to be on that axis spoke against the flange alone: 0.95 said the link before, with no rival."""
+    robot = Robot.bundled("arm6")
+    tool = ("payload@arm6_link6:mass=1,com_z=0.05",)
+    simulated, _ = Scenario(robot, effects=tool, seed=7, wrong=0.05, duration=15.0, rate=200.0).run()
+    (found,) = (f for f in diagnose([simulated.recording], robot).findings if f.effect == "payload")
+    each = {found.link: found.probability} | {
+        r.link: r.probability for r in found.rivals if r.effect == "payload"
+    }
+    assert each["arm6_link6"] > 0.3 and sum(each.values()) > 0.9
+
+
 def test_what_an_arm_carries_is_not_believed_smaller_where_only_its_wrist_shows_it():
     """A kilogram is twenty times what a light wrist does, and a twentieth of what the arm is."""
     robot, masses = Robot.bundled("arm7"), []

@@ -28,6 +28,8 @@ TIE = 0.1
 """A rival at least this probable makes the finding a tie, and earns advice."""
 SLIGHT = 0.01
 """What does less than this share of the effort beyond a part of it, where it does anything, is that part."""
+ALIKE = 6.0
+"""Loads on two links that leave the same but for so much may be one load on either [nats]."""
 SAME_PHYSICS = {
     "payload": "link_inertia",
     "link_inertia": "payload",
@@ -243,8 +245,19 @@ def _weighed(
                 score = search.score_beside(pool, base, c)
             more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
             scores[c] = max(scores.get(c, -np.inf), score - more)
+    costs, loss = search.costs(pool, rest), fit_both.loss
+    for c in [c for c in scores if _hang(term, pool.terms[c])]:
+        # how well a motion shows that a load's centre is on an axis speaks against neither link that turns about it
+        behind = pool.fit([*rest, c]).loss - loss
+        if behind < ALIKE:
+            scores[c] = own + costs[one] - costs[c] - behind
     cost = doubt(pool)
     return own - cost, search.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
+
+
+def _hang(term: Term, rival: Term) -> bool:
+    """Whether both are payloads, on two links."""
+    return term.effect.name == rival.effect.name == "payload"
 
 
 def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
