@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.diagnose import diagnose, examine
 from bdnn_ros.diagnosis.identifiability import Judgement
-from bdnn_ros.diagnosis.notes import loads, mostly_links, unnamed
+from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.diagnosis.telling import _unexplained_sentence
@@ -218,3 +219,24 @@ def test_a_joint_is_told_to_be_alone_where_it_moves_alone_or_is_measured_alone(m
     told = " ".join(diagnose([made], Robot.bundled("arm2")).notes)
     assert ("Only arm2_joint1 moves" in told and "Move several" in told) == measured
     assert ("Record the efforts of arm2_joint2, too" in told) != measured
+
+
+def test_a_joint_that_moves_briefly_is_not_told_to_stand():
+    """Of 100 s it moved for two, none of which was held out."""
+    usable = np.ones((1000, 2), dtype=bool)
+    usable[34:, 1] = False
+    signals = SimpleNamespace(at_rest=~usable, cutoff=5.0, raw_rate=100.0, rate=10.0)
+    equations = SimpleNamespace(
+        motion=SimpleNamespace(signals=signals), usable=usable, alone=0, moving=np.array([100.0, 3.4])
+    )
+    arm = Robot.bundled("arm2")
+    (alone,) = of_recording(arm, equations)
+    assert alone.startswith("Only arm2_joint1 has an effort that was measured in motion for more than 5 %")
+    held = usable & (np.arange(1000) >= 800)[:, None]
+    (brief,) = uncompared(arm, usable, held)
+    assert "arm2_joint2" in brief and "too briefly" in brief and "does not move" not in brief
+    usable[:, 1] = False
+    (still,) = uncompared(arm, usable, held & usable)
+    assert "arm2_joint2 is compared: it does not move" in still
+    assert of_recording(arm, equations)[0].startswith("Only arm2_joint1 moves: ")
+    assert uncompared(arm, usable[:, :1], usable[:, :1]) == []

@@ -51,6 +51,10 @@ UNCOMPARED = (
     "No effort of {joints} is compared: it does not move, or none was measured where it does. Zeros of `effort_rmse` are no "
     "errors there."
 )
+NOT_HELD_OUT = (
+    "No effort of {joints} is compared: it was measured in motion too briefly for any of that to be held out, so that its gain "
+    "is not known. Zeros of `effort_rmse` are no errors there."
+)
 ONE_CLOCK = "Times are told on one clock, on which the recordings follow one another: {begin}."
 IN_MODEL = "Not sure enough for a name, but in the extended model, which it helps: {what}{share}."
 OF_ERROR = " ({share:.0f} % of the {reference}'s squared error)"
@@ -109,13 +113,25 @@ def _alone(robot: Robot, equations: Equations, joint: int) -> str:
     if unmeasured:
         does = "has a measured effort while it moves"
         remedy = f" Record the efforts of {listed(unmeasured, 20)}, too."
+    if np.count_nonzero(equations.usable.any(axis=0)) > 1:
+        does = f"has an effort that was measured in motion for more than {100.0 * HARDLY_USABLE:.0f} % of the time"
     return ALONE.format(joint=robot.joints[joint], does=does, remedy=remedy)
 
 
-def uncompared(robot: Robot, held: np.ndarray) -> list[str]:
-    """A note on joints that have no rows among those that errors are of, (R, n) bool: their errors are no zeros."""
-    none = [robot.joints[k] for k in np.flatnonzero(~held.any(axis=0))]
-    return [UNCOMPARED.format(joints=listed(none, 20))] if none else []
+def uncompared(robot: Robot, usable: np.ndarray, held: np.ndarray) -> list[str]:
+    """A note on joints that have no rows among those that errors are of: their errors are no zeros.
+
+    Args:
+        usable: rows that count, (R, n) bool.
+        held: those of them that errors are of, (R, n) bool.
+    """
+    none, brief = ~usable.any(axis=0), usable.any(axis=0) & ~held.any(axis=0)
+    told = ((UNCOMPARED, none), (NOT_HELD_OUT, brief))
+    return [
+        note.format(joints=listed([robot.joints[k] for k in np.flatnonzero(joints)], 20))
+        for note, joints in told
+        if joints.any()
+    ]
 
 
 def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> list[str]:

@@ -115,7 +115,7 @@ def told(
         notes=(
             *(note for recording in recordings for note in recording.notes),
             *of_recording(robot, equations),
-            *uncompared(robot, held),
+            *uncompared(robot, equations.usable, held),
             *one_clock(recordings, findings),
             *[AT_AN_END] * bool(at_ends),
             *[THROUGHOUT] * bool(always),
