@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,12 +21,17 @@ STILL = 1e-9
 class Predictor(Protocol):
     """What predicts the effort along a motion."""
 
-    @property
-    def leads(self) -> np.ndarray:
-        """How far each joint's effort is ahead of the motion, (n,) [s]: where a motion is not known, neither is that."""
-
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort, (N, n) [N·m], not low-passed."""
+
+
+@runtime_checkable
+class Ahead(Protocol):
+    """What predicts an effort that is ahead of the motion, or behind: beyond the motion's ends nothing is known of it."""
+
+    @property
+    def leads(self) -> np.ndarray:
+        """How far each joint's effort is ahead, (n,) [s]."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +148,10 @@ def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
             )
         measured.append(signals.smooth(signals.effort)[signals.interior])
         predicted.append(signals.smooth(model.predict(signals))[signals.interior])
-        seen.append((signals.seen & signals.interior_after(model.leads))[signals.interior])
+        known = signals.seen
+        if isinstance(model, Ahead):
+            known = known & signals.interior_after(model.leads)
+        seen.append(known[signals.interior])
     return score(np.concatenate(measured), np.concatenate(predicted), parts[0].joints, np.concatenate(seen))
 
 
@@ -152,11 +160,6 @@ class _Described:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-
-    @property
-    def leads(self) -> np.ndarray:
-        """(n,) [s]: a description says nothing of one."""
-        return np.zeros(self._robot.width)
 
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort, with dry friction as soft as the measured one is, (N, n) [N·m]."""

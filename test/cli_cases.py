@@ -15,11 +15,6 @@ class Pendulum(Robot):
 
     kind = "pendulum"
 
-    @property
-    def leads(self) -> np.ndarray:
-        """(1,) [s]."""
-        return np.zeros(1)
-
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort along a motion, (N, 1) [N·m]."""
         return self.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)

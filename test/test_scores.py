@@ -29,11 +29,6 @@ from bdnn_ros.simulation.excitation import fourier
 class Model(Robot):
     """A robot that predicts along a motion."""
 
-    @property
-    def leads(self) -> np.ndarray:
-        """(n,) [s]."""
-        return np.zeros(self.width)
-
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort, (N, n) [N·m]."""
         return self.inverse_dynamics(signals.position, signals.velocity, signals.acceleration)

@@ -50,11 +50,6 @@ class BDNN:
         """n joint names, the order of every array."""
         return self.core.joints
 
-    @property
-    def leads(self) -> np.ndarray:
-        """How far each joint's effort is ahead of the motion, (n,) [s]: not at all."""
-        return np.zeros(len(self.joints))
-
     # -- both directions ---------------------------------------------------------------------------------
 
     def inverse_dynamics(

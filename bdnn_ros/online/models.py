@@ -20,10 +20,6 @@ class Model(Dynamics, Protocol):
 
     kind: ClassVar[str]
 
-    @property
-    def leads(self) -> np.ndarray:
-        """How far each joint's measured effort is ahead of the motion, (n,) [s]."""
-
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort along a motion, (N, n) [N·m], not low-passed."""
 
