@@ -156,7 +156,9 @@ def test_a_world_stays_level_and_the_root_under_a_tilted_base(bolt: str) -> None
     urdf = arm.urdf
     if bolt == "fixed":
         parts = '<link name="world"/><joint name="bolt" type="fixed"><parent link="world"/>'
-        parts += '<child link="arm7_link0"/><origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/></joint>'
+        parts += (
+            '<child link="arm7_link0"/><origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/><axis xyz="0 0 0"/></joint>'
+        )
         urdf = urdf.replace("</robot>", parts + "</robot>")
     else:
         urdf = urdf.replace('"arm7_link0"', '"world"')

@@ -211,12 +211,10 @@ def _write_origins(document: UrdfText, robot: Robot) -> None:
         if zero == 0.0 and not turned:
             continue
         rotation, xyz = _origin(joint)
-        axis = _vector(joint.child("axis"), "xyz", "1 0 0")
-        back = -zero * axis / np.linalg.norm(axis)
-        if slides:
-            xyz = xyz + rotation @ back
-        else:
-            rotation = rotation @ pin.exp3(back)
+        if zero:  # a fixed joint may have an axis of nothing
+            axis = _vector(joint.child("axis"), "xyz", "1 0 0")
+            back = -zero * axis / np.linalg.norm(axis)
+            xyz, rotation = (xyz + rotation @ back, rotation) if slides else (xyz, rotation @ pin.exp3(back))
         if turned:
             rotation, xyz = turn @ rotation, turn @ xyz
         rpy = pin.rpy.matrixToRpy(rotation).tolist()
