@@ -108,7 +108,7 @@ class ExtendedModel:
         """How far each joint's measured effort is ahead of the motion, (n,) [s]."""
         return np.asarray(self._planted.delay + self.lead)
 
-    @property
+    @cached_property
     def _planted(self) -> Plant:
         """The robot with what acts all along a motion installed."""
         return plant_of(self.bare, [e for e in self.effects if e.effect.name in IN_PLANT])
@@ -235,11 +235,10 @@ class ExtendedModel:
 
     def predict(self, signals: Signals) -> np.ndarray:
         """Measured effort along a motion, (N, n) [N·m], not low-passed; every effect counts."""
-        plant = self._planted
+        plant, leads = self._planted, self.leads
         creep = np.array(self.creep) if self.creep else None
         motion, acting = self._acting(plant, replace(signals, creep=creep))
         measured = np.empty_like(acting)
-        leads = plant.delay + self.lead
         for lead in np.unique(leads):
             later = motion.advanced(acting, float(lead)) if lead else acting
             measured[:, leads == lead] = later[:, leads == lead]
