@@ -195,7 +195,7 @@ def test_replacing_a_shape_is_rebuilding(pool, terms):
     before = pool.fit((STRIBECK,)).evidence
     moved = terms[STRIBECK].shaped({"velocity": 0.3})
     rebuilt = Pool(pool.equations, pool.noise, [*terms[:STRIBECK], moved], LINK_ERROR)
-    same(pool.replacing(STRIBECK, moved), rebuilt, (), (STRIBECK,), (VISCOUS, STRIBECK))
+    same(pool.replacing({STRIBECK: moved}), rebuilt, (), (STRIBECK,), (VISCOUS, STRIBECK))
     assert pool.fit((STRIBECK,)).evidence == before and pool.terms[STRIBECK] == terms[STRIBECK]
 
 
@@ -289,7 +289,7 @@ def test_a_shape_is_sought_beside_others_as_they_are_with_it():
     assert pool.coefficients(pool.fit([1]), 1) == 0.0 < pool.coefficients(pool.whole, 1)
 
     def lost(breakaway: float) -> float:
-        return -pool.replacing(0, pool.terms[0].shaped({"breakaway": breakaway})).whole.evidence
+        return -pool.replacing({0: pool.terms[0].shaped({"breakaway": breakaway})}).whole.evidence
 
     best = minimize_scalar(lost, bounds=(0.01, 0.2), method="bounded").x
     found = Candidates.of(equations.motion.robot).refined(equations, pool, pool.whole, 0)

@@ -178,7 +178,7 @@ def test_a_shape_that_only_seems_to_fit_better_is_not_taken():
 
     def sought(have: Term, seems: Term) -> Term:
         pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.effort_scale), [have], 0.02)
-        asked = SimpleNamespace(anew=lambda equations, pool, rest, one: pool.replacing(one, seems))
+        asked = SimpleNamespace(anew=lambda equations, pool, rest, one: pool.replacing({one: seems}))
         return anew(asked, equations, pool).terms[0]
 
     assert sought(true, wrong) == true and sought(wrong, true) == true

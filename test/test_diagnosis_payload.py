@@ -37,7 +37,7 @@ def test_a_payload_is_weighed_though_its_link_turns_about_its_origin():
     noise = Noise(np.zeros((robot.width, 3)), 1e-3 * equations.effort_scale)
     pool = Pool(equations, noise, [term.shaped({f"com_{axis}": 0.0 for axis in "xyz"})], 1e-3)
     for _ in range(3):
-        pool = pool.replacing(0, candidates.refined(equations, pool, pool.fit([0]), 0))
+        pool = pool.replacing({0: candidates.refined(equations, pool, pool.fit([0]), 0)})
     found = pool.terms[0].effect.values(pool.coefficients(pool.fit([0]), 0), dict(pool.terms[0].shape))
     for key, value in one.values.items():
         assert found[key] == pytest.approx(value, rel=0.1), key

@@ -40,7 +40,7 @@ def draws(specs: Sequence[str], std: float, count: int, refine: bool = False) ->
         every = range(len(terms))
         for one in every if refine else ():
             moved = Candidates.of(robot).refined(equations, pool, pool.fit(every), one)
-            pool = pool.replacing(one, moved)
+            pool = pool.replacing({one: moved})
         result.append(estimates(pool, pool.fit(every)))
     return result
 

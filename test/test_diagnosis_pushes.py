@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -31,7 +32,7 @@ from bdnn_ros.diagnosis.pushes import (
 )
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.settling import refined
-from bdnn_ros.effects.environment import POINT
+from bdnn_ros.effects.environment import POINT, ExternalWrench
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.robot import Robot
@@ -342,7 +343,34 @@ def test_a_point_of_a_link_pulls_by_its_jacobian():
     point = np.array([0.1, -0.2, 0.3])
     jacobian = ARM.link_jacobian(signals.position, "arm6_link6", point)
     expected = signals.soften(np.swapaxes(jacobian, 1, 2))
-    np.testing.assert_allclose(motion.soft_pull("arm6_link6", tuple(point)), expected, atol=1e-12)
+    shape = dict(zip(POINT, point.tolist(), strict=True))
+    pull = -motion.soft_pulls("arm6_link6") @ ExternalWrench().mixing(shape)
+    np.testing.assert_allclose(pull, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("lead", [0.0, 0.01])
+@pytest.mark.parametrize("passing", [False, True])
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "external_wrench@arm6_link4:start=3.0213,end=4.9,force_x=5,point_y=0.1",
+        "external_wrench@arm6_link2:start=-1,end=20,torque_z=1",
+        "external_wrench@arm6_link6:start=5.9,end=6.3,force_z=5",
+        "external_wrench@arm6_joint3:start=0,end=0.4,torque=1",
+    ],
+)
+def test_rows_of_a_push_are_its_columns_behind_the_low_pass(spec, passing, lead):
+    """Also across a gap, and where an earlier model has friction in proportion to the load."""
+    equations, (one, _) = equations_of([], "arm6"), term(spec, ARM)
+    half = len(equations.motion.time) // 2
+    signals = replace(equations.motion.signals, segments=(slice(0, half), slice(half, 2 * half)))
+    rng = np.random.default_rng(0)
+    more = rng.uniform(1.0, 1.5, signals.position.shape) if passing else None
+    motion = Motion(signals, ARM, equations.motion.load)
+    equations = replace(equations, motion=motion, passing=more, lead=lead, _columns={}, _nuisances=None)
+    columns = one.effect.columns(motion, one.target, dict(one.shape), one.link)
+    np.testing.assert_allclose(equations.made(one), equations.reduced(columns), rtol=0.0, atol=1e-12)
+    assert np.abs(equations.made(one)).max() > 0.1
 
 
 def test_a_push_that_no_part_of_is_known_is_told_all_the_same():

@@ -69,7 +69,7 @@ def test_threads_that_share_a_robot_do_not_read_each_others_work() -> None:
     motions = np.random.default_rng(0).standard_normal((2, 3, 300, 7))
 
     def asked(motion: np.ndarray) -> np.ndarray:
-        turned = robot.link_rotation(motion[0], "arm7_link7").ravel()
+        turned = robot.link_motion(motion[0], "arm7_link7")[1].ravel()
         return np.concatenate([turned, np.ravel(robot.effort_derivatives(*motion))])
 
     alone = [asked(motion) for motion in motions]

@@ -12,6 +12,7 @@ from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import DEFAULT_CUTOFF, Signals, flattened, prepare
 from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std, passed_noise
+from bdnn_ros.signals.lowpasses import Lowpass
 
 JOINTS = ("a", "b")
 
@@ -253,6 +254,18 @@ def test_smoothing_at_some_samples_gives_what_smoothing_gives_there() -> None:
             np.testing.assert_allclose(
                 signals.smooth_at(some, samples), signals.smooth(some)[samples], atol=1e-12
             )
+
+
+@pytest.mark.parametrize("flat", [None, 8.0])
+@pytest.mark.parametrize("own", [None, Lowpass(6.0, 2)])
+def test_softening_at_some_samples_is_smoothing_what_was_softened(flat, own) -> None:
+    time = np.arange(1500) / 500.0
+    time[700:] += 2.0
+    signals = replace(prepare(recording(time, np.sin(time))), flat=flat, own=own)
+    values = np.random.default_rng(3).standard_normal((len(signals), 2))
+    samples = np.array([0, 1, 40, 340, 345, 352, 360, len(signals) - 1])
+    expected = signals.smooth(signals.soften(values))[samples]
+    np.testing.assert_allclose(signals.softening_at(samples)(values), expected, atol=1e-12)
 
 
 def test_rows_keep_the_pieces_apart() -> None:

@@ -202,12 +202,14 @@ def gains_of(
         kinds: precisions that are as likely, in units of those, (m, k): the blocks' coefficients are by the likeliest.
     """
     if kinds is not None and len(kinds) > 1:
-        each = []
-        for kind in kinds:
-            known = prior * kind
-            information = schur + (known - prior)[:, :, None] * np.eye(prior.shape[1])
-            each.append(gains_of(information, left, known, low, high))
-        gains, found = (np.array(parts) for parts in zip(*each, strict=True))
+        known = prior * kinds[:, None]
+        information = schur + (known - prior)[..., None] * np.eye(prior.shape[1])
+        alike = (
+            np.broadcast_to(values, known.shape).reshape(-1, prior.shape[1])
+            for values in (left, known, low, high)
+        )
+        each, best = gains_of(information.reshape(-1, *schur.shape[1:]), *alike)
+        gains, found = each.reshape(known.shape[:2]), best.reshape(known.shape)
         return mean_evidence(gains), found[gains.argmax(axis=0), np.arange(len(left))]
     if left.shape[1] == 1:
         schur = np.maximum(schur, prior[..., None])

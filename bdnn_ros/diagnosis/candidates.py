@@ -120,7 +120,7 @@ class Candidates:
         if len(shapes) == 1:
             return pool
         gain, found = _best_of(pool, fit, term, shapes)
-        return pool.replacing(one, found) if gain > pool.gain_of(fit, term)[0] else pool
+        return pool.replacing({one: found}) if gain > pool.gain_of(fit, term)[0] else pool
 
     def refined(self, equations: Equations, pool: Pool, fit: Fit, chosen: int) -> Term:
         """A term of a fit with its shape moved to where it fits best beside the others, which keep their bounds."""
@@ -136,7 +136,7 @@ class Candidates:
         if not free:
             return term
         moved = _refined(equations, pool, rest, term, free)
-        before, after = (pool.replacing(chosen, one).fit(fit.terms).evidence for one in (term, moved))
+        before, after = (pool.replacing({chosen: one}).fit(fit.terms).evidence for one in (term, moved))
         return moved if after > before else term
 
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.bounded import gains_of
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.effects.environment import POINT, ExternalWrench
+from bdnn_ros.effects.environment import POINT, ExternalWrench, window
 
 FARTHEST = 1.0
 """No hand reaches further from its link's origin [m]."""
@@ -36,11 +36,11 @@ def point_of(push: Term) -> np.ndarray:
 
 def contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
     """The wrench at the point, near its own, where a force alone explains most beside a fit; None where that is out of reach."""
-    effect, link = term.effect, term.link
-    if not isinstance(effect, ExternalWrench) or link is None:
+    effect = term.effect
+    if not isinstance(effect, ExternalWrench):
         return None
     usual = point_of(term)
-    pull = _Pull.of(pool, fit, term, effect, link)
+    pull = _Pull.of(pool, fit, term, effect)
     around = np.stack(np.meshgrid(GRID, GRID, GRID, indexing="ij"), axis=-1).reshape(-1, 3) + usual
 
     def against(points: np.ndarray) -> np.ndarray:
@@ -72,13 +72,12 @@ class _Pull:
     prior: np.ndarray
 
     @classmethod
-    def of(cls, pool: Pool, fit: Fit, term: Term, effect: ExternalWrench, link: str) -> _Pull:
+    def of(cls, pool: Pool, fit: Fit, term: Term, effect: ExternalWrench) -> _Pull:
         equations, shape = pool.equations, dict(term.shape)
-        origin = equations.made(term.shaped({**shape, **dict.fromkeys(POINT, 0.0)}))[..., :3]
-        arms = [
-            equations.reduced(effect.displaced(equations.motion, shape, link, force)) for force in np.eye(3)
-        ]
-        (schur,), (left,) = pool.beside(fit, np.concatenate([origin, *arms], axis=2)[:, :, None])
+        origin = effect.mixing(dict.fromkeys(POINT, 0.0))[:, :3]
+        mixing = np.hstack([origin, *(effect.displaced(force) for force in np.eye(3))])
+        columns = equations.pushed(term, window(equations.motion, shape), mixing)
+        (schur,), (left,) = pool.beside(fit, columns[:, :, None])
         return cls(schur, left, 1.0 / equations.spread(term, equations.made(term))[:3] ** 2)
 
     def gains(self, points: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ beside the joint's inertia.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -83,7 +83,8 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
     bodies = (smoothing @ bodies.reshape(len(bodies), -1)).reshape(-1, *bodies.shape[1:])
     load = np.abs(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
     moving = np.flatnonzero(further(signals.position, signals.position_noise)).tolist()
-    joints = {j: _Joint.of(signals, smoothing, bodies[:, j], load[:, j], j) for j in moving}
+    softening = signals.softening_at(rows)
+    joints = {j: _Joint.of(signals, smoothing, softening, bodies[:, j], load[:, j], j) for j in moving}
     found = np.array([joints[j].creep() if j in joints else AT_ONCE for j in range(signals.width)])
     if not found.any():
         return None
@@ -120,14 +121,14 @@ class _Joint:
     """A joint's effort beside bodies, zeros, base, rotor, fluid friction, offset and lead, and what dry friction explains.
 
     Attributes:
-        smoothing: the low-pass at some rows of the motion, (R, N).
+        softening: what becomes of columns (N, k) behind both low-passes at some rows of the motion, (R, k).
         load: what the bodies ask of the joint, whichever way, (N,) [N·m]: dry friction may grow with it.
         spanned: orthonormal columns of what is beside dry friction, (R, b).
         target: what they leave of the effort, (R,).
     """
 
     signals: Signals
-    smoothing: csr_array
+    softening: Callable[[np.ndarray], np.ndarray]
     joint: int
     load: np.ndarray
     spanned: np.ndarray
@@ -135,18 +136,25 @@ class _Joint:
 
     @classmethod
     def of(
-        cls, signals: Signals, smoothing: csr_array, bodies: np.ndarray, load: np.ndarray, joint: int
+        cls,
+        signals: Signals,
+        smoothing: csr_array,
+        softening: Callable[[np.ndarray], np.ndarray],
+        bodies: np.ndarray,
+        load: np.ndarray,
+        joint: int,
     ) -> _Joint:
         """The joint of a motion.
 
         Args:
+            smoothing: the low-pass at some rows of the motion, (R, N).
             bodies: what errors of bodies, zeros and base add, low-passed, at the rows, (R, k).
         """
         assert signals.effort is not None
         v, effort = signals.velocity[:, joint], signals.effort[:, joint]
         own = [signals.acceleration[:, joint], v, np.abs(v) * v, np.ones_like(v), signals.derivative(effort)]
         spanned = basis(np.concatenate([bodies, smoothing @ np.stack(own, axis=1)], axis=1))
-        return cls(signals, smoothing, joint, load, spanned, beyond(smoothing @ effort, spanned))
+        return cls(signals, softening, joint, load, spanned, beyond(smoothing @ effort, spanned))
 
     def creep(self) -> Creep:
         """How its dry friction comes on."""
@@ -246,8 +254,7 @@ class _Joint:
 
     def _own(self, columns: Sequence[np.ndarray]) -> np.ndarray:
         """Columns (N,) behind both low-passes, without what is beside them, (R, k)."""
-        soft = self.signals.soften(np.stack(columns, axis=1))
-        return beyond(self.smoothing @ soft, self.spanned)
+        return beyond(self.softening(np.stack(columns, axis=1)), self.spanned)
 
     def _way(self, creep: Creep) -> np.ndarray:
         """Direction of friction that comes on so, (N,)."""

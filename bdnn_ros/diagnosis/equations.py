@@ -14,8 +14,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from bdnn_ros.diagnosis.echo import Echo
-from bdnn_ros.diagnosis.noise import ORDER, Noise
+from bdnn_ros.diagnosis.noise import ORDER, Noise, past
+from bdnn_ros.diagnosis.pushing import Pushing
 from bdnn_ros.diagnosis.term import COMMON, Term
+from bdnn_ros.effects.environment import Push, window
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots
@@ -79,6 +81,7 @@ class Equations:
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
     _pasts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
+    _pushing: dict[tuple[int, str | None], Pushing] = field(default_factory=dict, init=False)
     ever_usable: np.ndarray = field(init=False)
     """Rows that count unless they are held out, (R, n) bool: what acts only in held-out rows is still believed to be small."""
 
@@ -148,8 +151,21 @@ class Equations:
         added = effect.inertials(self.motion.robot, shape, term.link) if term.link else None
         if added is not None:
             return self.of_body(*added)
+        if isinstance(effect, Push):
+            return self.pushed(term, window(self.motion, shape), effect.mixing(shape))
         columns = effect.columns(motion or self.motion, term.target, shape, term.link)
         return self.reduced(columns, borne=not effect.at_sensor)
+
+    def pushed(self, term: Term, weight: np.ndarray, mixing: np.ndarray) -> np.ndarray:
+        """Columns of a push's place with a weight in time (N,) and mixed as in `Push.mixing`, (K, k), as rows (R, n, k)."""
+        effect, place = term.effect, (term.target, term.link)
+        assert isinstance(effect, Push)
+        if self.lead:
+            return self.reduced(weight[:, None, None] * (effect.pulls(self.motion, *place) @ mixing))
+        if place not in self._pushing:
+            pulls = self.passed(effect.pulls(self.motion, *place))
+            self._pushing[place] = Pushing.of(pulls, self._smoothing, self.rows)
+        return self._pushing[place].at(weight, mixing)
 
     def of_body(self, body: int, added: np.ndarray) -> np.ndarray:
         """Columns of what adds to a body's inertial parameters (PER_LINK, k) as rows, (R, n, k) [N·m per unit]."""
@@ -269,23 +285,17 @@ class Equations:
     def _echo(self) -> Echo:
         return Echo(self.motion, self.rows)
 
-    def whiten(self, values: np.ndarray, noise: Noise, joints: np.ndarray | None = None) -> np.ndarray:
+    def whiten(
+        self, values: np.ndarray, noise: Noise, joints: np.ndarray | None = None, rows: slice = slice(None)
+    ) -> np.ndarray:
         """Rows (R, n, ...) in units of their noise; unusable ones are zero.
 
         Args:
             joints: those of which the values are, (n,) int; None is all.
+            rows: those of which they are, after rows of zeros.
         """
-        order = noise.coefficients.shape[1]
-        history, doubt = self.history(order), self.doubtful(order)
-        if joints is not None:
-            history, doubt = history[:, joints], doubt[:, joints]
-        seen = np.maximum(history, 0)
-        weights, keep = noise.weights(seen, joints), (history >= 0) / noise.of(doubt, seen, joints)
-        shape = values.shape[:2] + (1,) * (values.ndim - 2)
-        white = values.astype(float)
-        for lag in range(1, order + 1):
-            white[lag:] -= weights[lag:, :, lag - 1].reshape(len(values) - lag, *shape[1:]) * values[:-lag]
-        return white * keep.reshape(shape)
+        history, doubt = (of_each[rows] for of_each in self._past(noise.order))
+        return noise.whitened(values, history, doubt, joints)
 
     def history(self, order: int = ORDER) -> np.ndarray:
         """How many usable rows come just before each, at most the order, (R, n); -1 for what is not usable itself."""
@@ -301,17 +311,7 @@ class Equations:
 
     def _past(self, order: int) -> tuple[np.ndarray, np.ndarray]:
         if order not in self._pasts:
-            row = np.arange(len(self.usable))[:, None]
-            begun = np.where(self.usable, 0, row + 1)
-            starts = [run.start for run in self.runs]
-            begun[starts] = np.maximum(begun[starts], row[starts])
-            length = np.minimum(row - np.maximum.accumulate(begun, axis=0), order)
-            doubtful = self.doubt.copy()
-            for run in self.runs:
-                for lag in range(1, order + 1):
-                    later = doubtful[run.start + lag : run.stop]
-                    np.maximum(later, self.doubt[run.start : max(run.stop - lag, run.start)], out=later)
-            self._pasts[order] = np.where(self.usable, length, -1), doubtful
+            self._pasts[order] = past(self.usable, self.doubt, self.runs, order)
         return self._pasts[order]
 
 

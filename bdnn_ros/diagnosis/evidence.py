@@ -6,7 +6,7 @@ description is not named friction, payload or armature.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -70,9 +70,8 @@ class Pool:
         self._fits: dict[tuple[int, ...], Fit] = {}
         self._held_out: dict[tuple[int, ...], np.ndarray] = {}
         self._tall: tuple[tuple[object, ...], np.ndarray] | None = None
-        order = noise.coefficients.shape[1]
-        history = equations.history(order)
-        stds = noise.of(equations.doubtful(order), np.maximum(history, 0))
+        history = equations.history(noise.order)
+        stds = noise.of(equations.doubtful(noise.order), np.maximum(history, 0))
         self._scale = float(np.sum((history >= 0) * np.log(stds)))
 
     def believing(self, link_error: float) -> Pool:
@@ -84,24 +83,25 @@ class Pool:
         other.precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
         return other
 
-    def replacing(self, one: int, term: Term, columns: np.ndarray | None = None) -> Pool:
-        """The same pool with another shape of one term, or with rows (R, n, k) that its columns were made to otherwise."""
-        other, slot = copy(self), self.slots[one]
+    def replacing(self, found: Mapping[int, Term], columns: np.ndarray | None = None) -> Pool:
+        """The same pool with other shapes of some terms, or of one with columns that were made otherwise, rows (R, n, k)."""
+        other = copy(self)
         other._fits, other._held_out, other._tall = {}, {}, None
-        columns = self.equations.columns(term) if columns is None else columns
-        other.terms = [*self.terms[:one], term, *self.terms[one + 1 :]]
-        other.precision = self.precision.copy()
-        other.precision[slot] = self.equations.spread(term, columns) ** -2.0
-        other.white = self.white.copy()
-        other.white[:, :, slot] = self.equations.whiten(columns, self.noise)
+        other.terms, other.precision, other.white = list(self.terms), self.precision.copy(), self.white.copy()
+        for one, term in found.items():
+            made, own = self.equations.columns(term) if columns is None else columns, self.slots[one]
+            other.terms[one] = term
+            other.precision[own] = self.equations.spread(term, made) ** -2.0
+            other.white[:, :, own] = self.equations.whiten(made, self.noise)
+        slot = np.concatenate([self.slots[one] for one in found])
         other.gram, other.moment = self.gram.copy(), self.moment.copy()
-        for b in range(self.equations.blocks):
-            rows = self.equations.block == b
+        for b, rows in enumerate(self.equations.block == b for b in range(self.equations.blocks)):
             new = other.white[rows][:, :, slot].reshape(-1, len(slot))
             cross = other.white[rows].reshape(-1, other.white.shape[2]).T @ new
             other.gram[b][:, slot], other.gram[b][slot] = cross, cross.T
             other.moment[b][slot] = new.T @ self.white_target[rows].ravel()
-        other.moment[:, slot] -= self.equations.echo(term, len(slot))
+        for one, term in found.items():
+            other.moment[:, self.slots[one]] -= self.equations.echo(term, len(self.slots[one]))
         other.__dict__.pop("total", None)
         return other
 
@@ -131,8 +131,8 @@ class Pool:
             index = self.columns_of(key)
             kinds = self.kinds[:, index]
             kinds = kinds[:1] if (kinds == kinds[0]).all() else np.unique(kinds, axis=0)
-            ends = self.lower[index], self.upper[index]
-            each = [self._fit(key, index, self.precision[index] * kind, *ends) for kind in kinds]
+            believed, ends = self.precision[index], (self.lower[index], self.upper[index])
+            each = [self._fit(key, index, believed * kind, *ends) for kind in kinds]
             evidence = float(mean_evidence(np.array([fit.evidence for fit in each])))
             self._fits[key] = replace(max(each, key=lambda fit: fit.evidence), evidence=evidence)
         return self._fits[key]
@@ -236,22 +236,25 @@ class Pool:
 
     def beside(self, fit: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What rows (R, n, c, k) tell of coefficients beside a fit: information (c, k, k), moments with what is left (c, k)."""
-        joints = np.flatnonzero(np.any(columns, axis=(0, 2, 3)))
-        white = self.equations.whiten(columns[:, joints], self.noise, joints)
-        each, known = columns.shape[2:], self.known(fit, joints)
+        acting = np.any(columns, axis=(2, 3))
+        joints, when = np.flatnonzero(acting.any(axis=0)), np.flatnonzero(acting.any(axis=1))
+        rows = slice(when[0], when[-1] + 1 + self.noise.order) if len(when) else slice(0)
+        white = self.equations.whiten(columns[rows][:, joints], self.noise, joints, rows)
+        each = columns.shape[2:]
+        known = self.known(fit, joints)[rows].reshape(-1, len(fit.coefficients))
         tall = white.reshape(-1, each[0] * each[1])
-        left = tall.T @ (self.white_target[:, joints].ravel() - known @ fit.coefficients)
+        left = tall.T @ (self.white_target[rows][:, joints].ravel() - known @ fit.coefficients)
         cross = known.T @ tall
         told = (fit.covariance @ cross).reshape(-1, *each).transpose(1, 0, 2)
         across, own = (values.reshape(-1, *each).transpose(1, 2, 0) for values in (cross, tall))
         return own @ own.transpose(0, 2, 1) - across @ told, left.reshape(each)
 
     def known(self, fit: Fit, joints: np.ndarray) -> np.ndarray:
-        """Whitened columns of a fit on some joints, (R * joints, P); kept for the next term that is tried beside it."""
+        """Whitened columns of a fit on some joints, (R, joints, P); kept for the next term that is tried beside it."""
         key = (fit.terms, tuple(joints.tolist()))
         if self._tall is None or self._tall[0] != key:
             index = self.columns_of(fit.terms)
-            self._tall = key, self.white[:, joints][:, :, index].reshape(-1, len(index))
+            self._tall = key, self.white[:, joints][:, :, index]
         return self._tall[1]
 
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:
@@ -313,6 +316,5 @@ class Pool:
         """Which of a fit's coefficients are one term's, of those in it; KeyError of another."""
         if chosen not in fit.terms:
             raise KeyError(chosen)
-        before = fit.terms[: fit.terms.index(chosen)]
-        at = self.base + sum(len(self.slots[other]) for other in before)
+        at = self.base + sum(len(self.slots[other]) for other in fit.terms[: fit.terms.index(chosen)])
         return slice(at, at + len(self.slots[chosen]))

@@ -147,7 +147,7 @@ def _instead(selection: Selection, one: int, rival: Term) -> Selection:
     pool = selection.pool
     instead = [term.place for term in pool.terms].index(rival.place)
     if pool.terms[instead] != rival:
-        pool = pool.replacing(instead, rival)
+        pool = pool.replacing({instead: rival})
     rest = [c for c in selection.chosen if c != one and not contains(rival, pool.terms[c])]
     chosen = (*rest, instead)
     return Selection(pool, chosen, pool.fit(chosen))
@@ -200,7 +200,7 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
     fair = selection.pool
     if term.effect.timed:
         rest = [c for c in selection.chosen if c != one]
-        fair = reshaped(fair, rest, search.candidates.robot).replacing(one, term)
+        fair = reshaped(fair, rest, search.candidates.robot).replacing({one: term})
     for pool in search.beliefs_of(fair):
         weighed = _weighed(search, pool, selection.chosen, one)
         own, nothing = max(own, weighed[0]), max(nothing, weighed[1])

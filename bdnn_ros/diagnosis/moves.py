@@ -69,7 +69,7 @@ class Moves:
             if distance(other.terms[best], robot) < distance(pool.terms[one], robot):
                 better += toss(other.terms[best], scores[best] - without)
             if better > BETTER:
-                pool, chosen = pool.replacing(best, other.terms[best]), [*rest, best]
+                pool, chosen = pool.replacing({best: other.terms[best]}), [*rest, best]
         return pool, chosen
 
     # -- moves --------------------------------------------------------------------------------------------------
@@ -221,7 +221,7 @@ class Moves:
         term, equations = pool.terms[one], self.equations
         if term.effect.of_load:
             load = equations.motion.with_load(*self.candidates.load(equations, pool, pool.fit(rest)))
-            pool = pool.replacing(one, term, equations.made(term, load))
+            pool = pool.replacing({one: term}, equations.made(term, load))
         return self.score(pool, [*rest, one])
 
     def costs(self, pool: Pool, company: Sequence[int]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,6 +28,11 @@ class Noise:
     std: np.ndarray
     slip: np.ndarray | None = None
 
+    @property
+    def order(self) -> int:
+        """How many rows before each are in it."""
+        return int(self.coefficients.shape[1])
+
     def of(self, doubt: np.ndarray, history: np.ndarray, joints: np.ndarray | None = None) -> np.ndarray:
         """Standard deviation of rows, given as many rows before each as its history has, (R, k).
 
@@ -47,6 +53,25 @@ class Noise:
         """Weights of the rows before each that predict it best, zero beyond its history, (R, k, order); see `of`."""
         return np.asarray(self._shorter[0][history, self._all if joints is None else joints])
 
+    def whitened(
+        self, values: np.ndarray, history: np.ndarray, doubt: np.ndarray, joints: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Rows (R, k, ...) in units of their noise; unusable ones are zero.
+
+        Args:
+            history, doubt: of all joints, as in `past`, (R, n).
+            joints: those of which the values are, (k,) int; None is all.
+        """
+        if joints is not None:
+            history, doubt = history[:, joints], doubt[:, joints]
+        seen = np.maximum(history, 0)
+        weights, keep = self.weights(seen, joints), (history >= 0) / self.of(doubt, seen, joints)
+        shape = values.shape[:2] + (1,) * (values.ndim - 2)
+        white = values.astype(float)
+        for lag in range(1, weights.shape[2] + 1):
+            white[lag:] -= weights[lag:, :, lag - 1].reshape(len(values[lag:]), *shape[1:]) * values[:-lag]
+        return white * keep.reshape(shape)
+
     @property
     def _all(self) -> np.ndarray:
         return np.arange(len(self.std))
@@ -66,6 +91,28 @@ class Noise:
             weights[p - 1, :, : p - 1] = (known + last * known[:, ::-1]) / left
             errors[p - 1] = errors[p] / np.sqrt(left[:, 0])
         return weights, errors
+
+
+def past(
+    usable: np.ndarray, doubt: np.ndarray, runs: Sequence[slice], order: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """How many usable rows come just before each, at most the order, -1 for what is not usable itself; and their largest doubt.
+
+    Args:
+        usable, doubt: of rows, (R, n); both results as well.
+        runs: rows of each gap-free piece.
+    """
+    row = np.arange(len(usable))[:, None]
+    begun = np.where(usable, 0, row + 1)
+    starts = [run.start for run in runs]
+    begun[starts] = np.maximum(begun[starts], row[starts])
+    length = np.minimum(row - np.maximum.accumulate(begun, axis=0), order)
+    doubtful = doubt.copy()
+    for run in runs:
+        for lag in range(1, order + 1):
+            later = doubtful[run.start + lag : run.stop]
+            np.maximum(later, doubt[run.start : max(run.stop - lag, run.start)], out=later)
+    return np.where(usable, length, -1), doubtful
 
 
 def predicting(values: np.ndarray) -> np.ndarray:

@@ -77,10 +77,9 @@ def reshaped(pool: Pool, rest: Sequence[int], robot: Robot) -> Pool:
     others = [c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest]
     found = {c: best_push(pool, fit, pool.terms[c], robot) for c in others}
     gains = {c: pool.gain_of(fit, term)[0] for c, term in found.items()}
-    for c, term in found.items():
-        near = gains[c] > CONTENDS * max(gains.values())
-        pool = pool.replacing(c, between_rows(pool, fit, term, robot) if near else term)
-    return pool
+    near = [c for c in found if gains[c] > CONTENDS * max(gains.values())]
+    found |= {c: between_rows(pool, fit, found[c], robot) for c in near}
+    return pool.replacing(found) if found else pool
 
 
 def toss(term: Term, worth: float) -> float:
@@ -244,13 +243,13 @@ def _steps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A Gauss-Newton step of a push's times (2,) [s], and of its point (3,) [m] or of none where it is a usual one (0,)."""
     equations, shape = pool.equations, dict(term.shape)
-    always = effect.always(equations.motion, term.target, shape, term.link) @ coefficients
-    edges = always * _edge_rates(equations.motion, shape).T[..., None]
-    columns, points = [equations.reduced(np.moveaxis(edges, 0, 2)), equations.made(term)], 0
-    if isinstance(effect, ExternalWrench) and term.link is not None and distance(term, robot) > 0.0:
-        arms = effect.displaced(equations.motion, shape, term.link, coefficients[:3])
-        columns, points = [columns[0], equations.reduced(arms), columns[1][..., :3]], 3
-    found = pool.gain_of(fit, term, np.concatenate(columns, axis=2))[1]
+    whole, own = effect.mixing(shape) @ coefficients[:, None], equations.made(term)
+    columns = [equations.pushed(term, rate, whole) for rate in _edge_rates(equations.motion, shape).T]
+    points = 0
+    if isinstance(effect, ExternalWrench) and distance(term, robot) > 0.0:
+        arms = equations.pushed(term, window(equations.motion, shape), effect.displaced(coefficients[:3]))
+        columns, own, points = [*columns, arms], own[..., :3], 3
+    found = pool.gain_of(fit, term, np.concatenate([*columns, own], axis=2))[1]
     return np.clip(found[:2], -NEAR, NEAR), found[2 : 2 + points]
 
 

@@ -121,7 +121,7 @@ class Search(Moves):
         self.equations.take(motion)
         pool = selection.pool
         for one, term in zip(alone, found.terms, strict=True):  # with what it added they had other shapes
-            pool = pool.replacing(one, term)
+            pool = pool.replacing({one: term})
         return Selection(pool, alone, pool.fit(alone)), found
 
     def _worth(self, pool: Pool, chosen: Sequence[int] | None = None) -> float:

@@ -38,7 +38,7 @@ def refined(
         term = candidates.refined(equations, pool, pool.fit(chosen), one)
         if term == pool.terms[one]:
             continue
-        other = pool.replacing(one, term)
+        other = pool.replacing({one: term})
         if not term.effect.timed or other.fit(chosen).evidence > pool.fit(chosen).evidence:
             pool = other
     return pool

@@ -46,11 +46,15 @@ class Push(Effect):
         return shape["end"] - shape["start"] >= SHORTEST
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return window(motion, shape)[:, None, None] * self.always(motion, target, shape, link)
+        return window(motion, shape)[:, None, None] * (self.pulls(motion, target, link) @ self.mixing(shape))
 
     @abstractmethod
-    def always(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        """The columns of one that never ends, (N, n, k) [N·m per unit]."""
+    def pulls(self, motion: Motion, target: int, link: str | None = None) -> np.ndarray:
+        """What the columns of one that never ends are made of, wherever it acts, (N, n, K)."""
+
+    @abstractmethod
+    def mixing(self, shape: Values) -> np.ndarray:
+        """How much of each of them is in the columns, (K, k)."""
 
 
 class ExternalWrench(Push):
@@ -87,8 +91,15 @@ class ExternalWrench(Push):
         low, high = self.shape_bounds[POINT[0]]
         return super().shape_allowed(shape) and all(low <= shape[axis] <= high for axis in POINT)
 
-    def always(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return -motion.soft_pull(needed_link(link), tuple(shape[c] for c in POINT))
+    def pulls(self, motion: Motion, target: int, link: str | None = None) -> np.ndarray:
+        return motion.soft_pulls(needed_link(link))
+
+    def mixing(self, shape: Values) -> np.ndarray:
+        mixed = np.zeros((len(COMPONENTS) + 9, len(COMPONENTS)))
+        mixed[: len(COMPONENTS)] = -np.eye(len(COMPONENTS))
+        point = np.array([shape[axis] for axis in POINT])
+        mixed[len(COMPONENTS) :, :3] = -np.kron(np.eye(3), point[:, None])
+        return mixed
 
     def strength(self, unit: np.ndarray, usual: np.ndarray) -> np.ndarray:
         # who pushes a link does not mind how weak the last joints are: as a share of what all joints do together
@@ -97,10 +108,9 @@ class ExternalWrench(Push):
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         return np.minimum(typical, MOST_APART * typical.min())
 
-    def displaced(self, motion: Motion, shape: Values, link: str, force: np.ndarray) -> np.ndarray:
-        """What each metre of the point along the link's axes adds to the effort under a force (3,) [N], (N, n, 3)."""
-        added = np.einsum("tjfa,f->tja", motion.soft_arms(link), force)
-        return -window(motion, shape)[:, None, None] * added
+    def displaced(self, force: np.ndarray) -> np.ndarray:
+        """As `mixing`, of what each metre of the point along the link's axes adds under a force (3,) [N], (K, 3)."""
+        return np.vstack([np.zeros((len(COMPONENTS), 3)), -np.kron(force[:, None], np.eye(3))])
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         points = self.points(motion.robot, link)
@@ -152,8 +162,11 @@ class ExternalTorque(Push):
             (target, lambda time, position, velocity, load: -torque if start <= time < end else 0.0)
         )
 
-    def always(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return -motion.joint_column(target, np.ones(len(motion.time)))
+    def pulls(self, motion: Motion, target: int, link: str | None = None) -> np.ndarray:
+        return motion.joint_column(target, np.ones(len(motion.time)))
+
+    def mixing(self, shape: Values) -> np.ndarray:
+        return -np.eye(1)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return windows(motion)

@@ -17,9 +17,7 @@ LIGHTEST = 1e-9
 """Some descriptions give their last links no inertia at all [kg·m²]."""
 SPARSE = 50
 """One sample in so many is enough for a mean."""
-POINTS_KEPT = 16
-"""So many points at which something pushes are tried in turn."""
-OF_MOTION = ("regressor", "_pulls", "_at_points", "calm")
+OF_MOTION = ("regressor", "_pulls", "calm")
 """Cached, and the same whatever the bodies and the load are."""
 OF_BODIES = ("link_load", "_slopes", "gravity_pulls", "usual_inertia")
 """Cached, and the same whatever the load is."""
@@ -181,37 +179,23 @@ class Motion:
         """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
         return self.robot.regressor(self.position, self.velocity, self.acceleration)
 
-    def soft_pull(self, link: str, point: tuple[float, ...]) -> np.ndarray:
-        """Effort per wrench at a point of a link, its Jacobian transposed, low-passed as the effort was, (N, n, 6)."""
-        at_origin, arms = self._soft_pulls(link)
-        if not any(point):
-            return at_origin
-        if (link, point) not in self._at_points:
-            pull = at_origin.copy()
-            pull[..., :3] += arms @ np.array(point)
-            while len(self._at_points) >= POINTS_KEPT:
-                self._at_points.pop(next(iter(self._at_points)))
-            self._at_points[link, point] = pull
-        return self._at_points[link, point]
+    def soft_pulls(self, link: str) -> np.ndarray:
+        """Effort per wrench at a link's origin, and what each metre of the point adds, low-passed as the effort was, (N, n, 15).
 
-    def soft_arms(self, link: str) -> np.ndarray:
-        """What each metre along a link's axes adds to the effort per force at a point of it, (N, n, force, axis) [1]."""
-        return self._soft_pulls(link)[1]
-
-    def _soft_pulls(self, link: str) -> tuple[np.ndarray, np.ndarray]:
+        First the Jacobian transposed, (N, n, 6); then, force by force, what a metre along each of the link's axes adds to it.
+        """
         if link not in self._pulls:
-            jacobian = self.robot.link_jacobian(self.position, link)
-            axes = self.robot.link_rotation(self.position, link)
-            arms = np.cross(np.swapaxes(jacobian[:, 3:], 1, 2)[..., None], axes[:, None], axis=2)
-            self._pulls[link] = self.signals.soften(np.swapaxes(jacobian, 1, 2)), self.signals.soften(arms)
+            jacobian, axes = self.robot.link_motion(self.position, link)
+            pulls, moved = np.zeros((*self.position.shape, 15)), jacobian.any(axis=(0, 1))
+            pull = np.swapaxes(jacobian[..., moved], 1, 2)
+            arms = np.cross(pull[..., 3:, None], axes[:, None], axis=2)
+            both = np.concatenate([pull, arms.reshape(*pull.shape[:2], 9)], axis=2)
+            pulls[:, moved] = self.signals.soften(both)
+            self._pulls[link] = pulls
         return self._pulls[link]
 
     @cached_property
-    def _pulls(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        return {}
-
-    @cached_property
-    def _at_points(self) -> dict[tuple[str, tuple[float, ...]], np.ndarray]:
+    def _pulls(self) -> dict[str, np.ndarray]:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:

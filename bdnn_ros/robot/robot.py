@@ -241,23 +241,20 @@ class Robot(ReadOnlyArrays):
         Raises:
             UsageError: the URDF has no such link.
         """
-        frame, aligned = self._frame(link), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        (q,), _ = self._rows(position)
-        rows = [pin.computeFrameJacobian(self._model, self._data, row, frame, aligned) for row in q]
-        jacobian = np.array(rows).reshape(-1, 6, self.width)[:, :, self._order]
+        jacobian, rotation = self.link_motion(position, link)
         if point is not None:
-            arm = self.link_rotation(position, link) @ point
-            jacobian[:, :3] += np.cross(jacobian[:, 3:], arm[:, :, None], axis=1)
+            jacobian[:, :3] += np.cross(jacobian[:, 3:], (rotation @ point)[:, :, None], axis=1)
         return jacobian
 
-    def link_rotation(self, position: np.ndarray, link: str) -> np.ndarray:
-        """Rotation from a link's frame to the base's, (N, 3, 3)."""
-        frame, ((rows,), _) = self._frame(link), self._rows(position)
-        result = np.empty((len(rows), 3, 3))
+    def link_motion(self, position: np.ndarray, link: str) -> tuple[np.ndarray, np.ndarray]:
+        """Jacobian of a link's origin, as in `link_jacobian`, and rotation from its frame to the base's, (N, 3, 3)."""
+        frame, aligned = self._frame(link), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        ((rows,), _), model, data = self._rows(position), self._model, self._data
+        jacobian, rotation = np.empty((len(rows), 6, self.width)), np.empty((len(rows), 3, 3))
         for k, row in enumerate(rows):
-            pin.forwardKinematics(self._model, self._data, row)
-            result[k] = pin.updateFramePlacement(self._model, self._data, frame).rotation
-        return result
+            jacobian[k] = pin.computeFrameJacobian(model, data, row, frame, aligned)
+            rotation[k] = data.oMf[frame].rotation  # which it has placed on its way
+        return jacobian[:, :, self._order], rotation
 
     @cached_property
     def links(self) -> tuple[str, ...]:

@@ -118,6 +118,17 @@ class Signals:
         """The same as a sparse matrix (R, N), for samples that are asked for again and again."""
         return convolving_at(gaussian_kernel(self.kernel_std, self.rate)[0], samples, self.segments)
 
+    def softening_at(self, samples: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """What `smooth` gives at some samples of softened values, (N, k) to (R, k), for what is asked for again and again."""
+        smoothing = self.smoothing_at(samples)
+        if self.own is not None:
+            return lambda values: np.asarray(smoothing @ self.soften(values))
+        weights = gaussian_kernel(self.motion_std, self.rate)[0]
+        once = convolving_at(weights, np.arange(len(self)), self.segments)
+        soft = smoothing @ once
+        both = soft if self.flat is None else 2.0 * soft - soft @ once
+        return lambda values: np.asarray(both @ values)
+
     def soften(self, values: np.ndarray) -> np.ndarray:
         """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""
         soft = self.smooth(values) if self.flat is None else self.passed(values, self.flat)
