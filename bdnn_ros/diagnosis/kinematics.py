@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
@@ -119,5 +119,7 @@ def _delayed(signals: Signals, joint: int, lag: float) -> np.ndarray:
     weight = lag * signals.rate * (1.0 - keep)
     for rows in signals.segments:
         piece = velocity[rows]
-        result[rows] = lfilter([1.0 - weight, weight - keep], [1.0, -keep], piece, zi=[piece[0] * weight])[0]
+        result[rows] = scipy.signal.lfilter(
+            [1.0 - weight, weight - keep], [1.0, -keep], piece, zi=[piece[0] * weight]
+        )[0]
     return result
