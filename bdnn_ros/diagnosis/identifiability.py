@@ -245,10 +245,9 @@ def _weighed(
                 score = search.score_beside(pool, base, c)
             more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
             scores[c] = max(scores.get(c, -np.inf), score - more)
-    costs, loss = search.costs(pool, rest), fit_both.loss
     for c in [c for c in scores if _hang(term, pool.terms[c])]:
         # how well a motion shows that a load's centre is on an axis speaks against neither link that turns about it
-        behind = pool.fit([*rest, c]).loss - loss
+        behind, costs = pool.fit([*rest, c]).loss - fit_both.loss, search.costs(pool, rest)
         if behind < ALIKE:
             scores[c] = own + costs[one] - costs[c] - behind
     cost = doubt(pool)
