@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bdnn_ros.checks.conventions import breaches, unlike
+from bdnn_ros.checks.conventions import Borne, Efforts, _turned, breaches, unlike
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RecordingError
@@ -115,6 +115,19 @@ def test_rotors_of_a_small_wrist_are_no_other_unit(joint):
     """Alone, a wrist's rotor makes hundreds of times what its links do."""
     name = f"arm6_joint{1 + joint}"
     assert problems(worn("arm6", 6).select([name]), Robot.bundled("arm6", [name])) == []
+
+
+@pytest.mark.parametrize("size, told", [(1.0, ["c"]), (0.02, [])])
+def test_a_link_that_hangs_in_its_axis_has_no_wrong_sign(size, told):
+    """Where its described centre is by a hair to the wrong side of the axis gravity is many times what it should be, and less."""
+    rng = np.random.default_rng(0)
+    own, coupled, gravity, sign = rng.standard_normal((4, 500, 3))
+    sign = np.sign(sign)
+    measured = own + coupled + gravity + 0.1 * sign
+    measured[:, 2] *= -1.0
+    one = np.where(np.arange(3) == 2, size, 1.0)
+    borne = Borne(Efforts(measured, sign, np.ones(sign.shape, bool)), own * one, coupled * one, gravity * one)
+    assert [remark.about for remark in _turned(borne, ("a", "b", "c"))] == told
 
 
 def test_a_model_of_other_units_is_told_by_what_it_predicts():

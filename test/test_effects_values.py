@@ -140,6 +140,35 @@ def test_a_position_offset_is_exact_at_its_own_shape(arm, path):
     assert added == pytest.approx(expected, abs=1e-10)
 
 
+def test_each_of_two_position_offsets_gets_half_of_what_both_do_together(arm, path):
+    """What is left is of third order: a tenth of what either leaves that takes the other joint's zero for right."""
+    zeros = np.array([0.0, 0.05, 0.0, -0.06, 0.0, 0.0, 0.0])
+
+    def left(motion):
+        added = 0.0
+        for joint in np.flatnonzero(zeros):
+            one = parse_spec(f"position_offset@{arm.joints[joint]}:offset={zeros[joint]}", arm)
+            coefficients, shape = linear(one)
+            added = added + one.effect.columns(motion, one.target, shape, None) @ coefficients
+        true = arm.rigid_effort(path.position - zeros, path.velocity, path.acceleration)
+        return np.std(true - path.link_load - added)
+
+    assert left(path.with_robot(arm, zeros)) < 0.1 * left(path)
+
+
+def test_a_tilt_about_the_first_joints_axis_and_its_zero_are_one(arm, path):
+    """Whichever of them a robot that stands tilted was taken for."""
+    lying = arm.tilted(math.pi / 2.0, 0.0)  # its first axis is horizontal now
+    standing = lying.tilted(math.pi / 2.0 + 0.06, 0.0)
+    one = parse_spec(f"position_offset@{arm.joints[0]}:offset=0.05", arm)
+    _, shape = linear(one)
+    level, taken = (replace(path, robot=lying), replace(path, robot=standing, level=lying))
+    expected = one.effect.columns(level, 0, shape, None)
+    np.testing.assert_allclose(one.effect.columns(taken, 0, shape, None), expected, atol=1e-9)
+    second = parse_spec(f"position_offset@{arm.joints[1]}:offset=0.05", arm)
+    assert not np.allclose(*(second.effect.columns(one, 1, shape, None) for one in (level, taken)), rtol=1e-3)
+
+
 def test_a_delay_is_exact_at_its_own_shape(arm, path):
     one = parse_spec("effort_delay:delay=0.05", arm)
     coefficients, shape = linear(one)

@@ -40,6 +40,9 @@ GONE, THERE = 0.1, 0.5
 whatever else seems to be too large."""
 TOLD = 0.7
 """A joint has the wrong sign where bodies and friction explain such a share of its effort: springs and pushes have any."""
+MUTE = 0.1
+"""And where the description makes no less of its effort than this share of what it makes of most joints': of a link that hangs
+in its axis it says nothing, not even to which side."""
 FACTOR = (
     "Pass --effort-factor JOINT=FACTOR (node: effort_factors), the N*m (N) in each reported unit: of a current "
     "the torque constant times the gear ratio."
@@ -254,7 +257,9 @@ def _turned(borne: Borne, joints: tuple[str, ...]) -> Iterator[Remark]:
     sure_of_own = apart.certainty[0] * (efforts.share(borne.own) > OWN)
     right = (sure_of_friction > CERTAIN) | (sure_of_own > CERTAIN)
     negative = (sure_of_friction < -CERTAIN) | (sure_of_own < -CERTAIN)
-    wrong = (sure < -CERTAIN) & negative & ~right & (apart.explained > TOLD)
+    described = efforts.share(borne.total)
+    told = (apart.explained > TOLD) & (described > MUTE * np.median(described))
+    wrong = (sure < -CERTAIN) & negative & ~right & told
     if not wrong.any():
         return
     named = [joint for joint, one in zip(joints, wrong | ~right.any(), strict=True) if one]

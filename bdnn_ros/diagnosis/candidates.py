@@ -160,8 +160,8 @@ class Candidates:
                 drive += part
         return np.asarray(base), drive, effort_scales(pool, fit)
 
-    def bodies(self, equations: Equations, pool: Pool, fit: Fit) -> Robot:
-        """The robot as the fit has it: its links corrected, payloads and scaled links on it.
+    def bodies(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[Robot, np.ndarray]:
+        """The robot as the fit has it, links corrected, payloads and scaled links on it, and the positions' offsets, (n,) [rad].
 
         What tilts, bends or shifts such a robot does so with all its mass.
         """
@@ -170,11 +170,11 @@ class Candidates:
         plant = Plant(equations.motion.robot.with_inertials(self.robot.inertials.ravel() + errors))
         for chosen in fit.terms:
             term = pool.terms[chosen]
-            if term.effect.on_body:
+            if term.effect.on_body or term.effect.name == "position_offset":
                 coefficients = pool.coefficients(fit, chosen)
                 values = term.effect.values(coefficients, dict(term.shape))
                 term.effect.install(plant, term.target, values, term.link)
-        return plant.robot
+        return plant.robot, plant.position_offset
 
 
 def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:

@@ -233,9 +233,9 @@ class Equations:
         blur = self.motion.signals.kernel_std**2
         return np.array([0.5 * self.hold, blur, blur, *(STICKING_LEAD * self.effort_scale)])
 
-    def relieve(self, *acting: np.ndarray, robot: Robot | None = None) -> None:
-        """Take better estimates of the load and of what belongs to it, as `Motion.with_load` does, and of the bodies."""
-        motion = self.motion if robot is None else self.motion.with_robot(robot)
+    def relieve(self, *acting: np.ndarray, bodies: tuple[Robot, np.ndarray] | None = None) -> None:
+        """Take better estimates of the load and what belongs to it, as `Motion.with_load`, and of bodies, as `with_robot`."""
+        motion = self.motion if bodies is None else self.motion.with_robot(*bodies)
         self.take(motion.with_load(*acting))
 
     def take(self, motion: Motion) -> None:

@@ -64,7 +64,7 @@ def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
     """Give the equations load and bodies as the pool's terms together have them."""
     pool = undelayed(pool)
     found = equations, pool, pool.whole
-    equations.relieve(*candidates.load(*found), robot=candidates.bodies(*found))
+    equations.relieve(*candidates.load(*found), bodies=candidates.bodies(*found))
 
 
 def at_own_noise(

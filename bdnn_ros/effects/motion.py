@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.axes import turns_all
 from bdnn_ros.signals import LEAST_CUTOFF, Signals
 
 CALM = 3.0
@@ -36,6 +37,7 @@ class Motion:
             None, and a tilt turns all of them.
         springs: stiffness of springs across the joints, behind their gears, (n,) [N·m/rad], if known.
         scale: effort that really acts per measured effort, (n,), if known.
+        zeros: offsets of the measured positions, (n,) [rad], as far as they are known.
     """
 
     signals: Signals
@@ -45,6 +47,7 @@ class Motion:
     level: Robot | None = None
     springs: np.ndarray | None = None
     scale: np.ndarray | None = None
+    zeros: np.ndarray | None = None
 
     @property
     def time(self) -> np.ndarray:
@@ -243,14 +246,24 @@ class Motion:
         axes = (replace(turned, gravity_vector=axis) for axis in np.eye(3))
         return np.stack([robot.gravity(self.position) for robot in axes], axis=-1)
 
-    def changed(self, position_change: np.ndarray) -> np.ndarray:
-        """Change of the rigid effort when every position is changed by constants (n,) [rad], (N, n) [N·m]."""
-        changed = self.robot.rigid_effort(self.position + position_change, self.velocity, self.acceleration)
-        return changed - self.link_load
+    def turned(self, target: int, angle: float) -> np.ndarray:
+        """Change of the rigid effort when a joint's positions are changed by a constant [rad], (N, n) [N·m].
 
-    def with_robot(self, robot: Robot) -> Motion:
-        """The same motion with another estimate of the robot's bodies."""
-        return self._handing_on(replace(self, robot=robot), OF_MOTION)
+        Half of the other joints' known offsets is taken off before: each of two gets half of what both do together. A first
+        joint's zero and a tilt of the base may be one, so that such a joint turns the robot as it stood without the tilt.
+        """
+        others = np.zeros(self.robot.width) if self.zeros is None else np.array(self.zeros)
+        others[target] = 0.0
+        robot = self.level if self.level is not None and turns_all(self.robot, target) else self.robot
+        start, change = self.position - 0.5 * others, angle * np.eye(len(others))[target]
+        as_it_is = robot is self.robot and not others.any()
+        here = self.link_load if as_it_is else robot.rigid_effort(start, self.velocity, self.acceleration)
+        return robot.rigid_effort(start + change, self.velocity, self.acceleration) - here
+
+    def with_robot(self, robot: Robot, zeros: np.ndarray | None = None) -> Motion:
+        """The same motion with another estimate of the robot's bodies, and of its positions' offsets (None keeps)."""
+        zeros = self.zeros if zeros is None else zeros
+        return self._handing_on(replace(self, robot=robot, zeros=zeros), OF_MOTION)
 
     def with_load(
         self, load: np.ndarray, drive: np.ndarray | None = None, scale: np.ndarray | None = None

@@ -43,9 +43,7 @@ class PositionOffset(Effect):
         at = shape["at"]
         if abs(at) < HARDLY_TURNED:
             return -motion.shifted(target, np.ones(len(motion.time)))[..., None]
-        change = np.zeros(motion.robot.width)
-        change[target] = -at
-        return (motion.changed(change) / at)[..., None]
+        return (motion.turned(target, -at) / at)[..., None]
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"at": 0.0}]
