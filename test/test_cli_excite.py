@@ -208,10 +208,20 @@ def test_limits_that_stand_for_missing_ones_are_said(tmp_path: Path, capsys) -> 
     said = capsys.readouterr().err
     assert "gives arm2_joint1, arm2_joint2 no position limits" in said
     assert "no velocity limit: 2 rad/s (or m/s) is taken" in said
+    assert "gives arm2_joint1, arm2_joint2 no effort limit: none is kept" in said
     (tmp_path / "shut.urdf").write_text(urdf)
     capsys.readouterr()
     assert main([*words[:2], str(tmp_path / "shut.urdf"), *words[3:]]) == 0
     assert "limit" not in capsys.readouterr().err
+
+
+def test_an_effort_limit_of_zero_is_none_and_said(tmp_path: Path, capsys) -> None:
+    """As drafts of a description have it: the motion keeps none, in silence."""
+    urdf = re.sub(r'effort="4[^"]*"', 'effort="0"', Robot.bundled("arm2").urdf)
+    (tmp_path / "weak.urdf").write_text(urdf)
+    words = ["--urdf", str(tmp_path / "weak.urdf"), "--duration", "5", "--out", str(tmp_path)]
+    assert main(["excite", *words]) == 0
+    assert "the description gives arm2_joint2 no effort limit: none is kept." in capsys.readouterr().err
 
 
 def test_joints_that_hardly_move_are_named(tmp_path: Path, capsys) -> None:

@@ -130,6 +130,7 @@ def _say_open(robot: Robot) -> None:
             "position limits: a turn (or 2π m) about zero, or from the limit that it has, is taken unless --range gives others.",
         ),
         (np.isfinite(limits.velocity), f"velocity limit: {OPEN_VELOCITY:g} rad/s (or m/s) is taken."),
+        (np.isfinite(limits.effort), "effort limit: none is kept."),
     ):
         if not known.all():
             joints = listed([joint for joint, one in zip(robot.joints, known, strict=True) if not one])
