@@ -10,6 +10,7 @@ import pytest
 import yaml
 from excitation_cases import finding, place, write_diagnosis
 
+from bdnn_ros import bags
 from bdnn_ros.cli.excite import _summary, csv_lines, yaml_lines
 from bdnn_ros.cli.main import main
 from bdnn_ros.effects.registry import get
@@ -222,6 +223,43 @@ def test_an_effort_limit_of_zero_is_none_and_said(tmp_path: Path, capsys) -> Non
     words = ["--urdf", str(tmp_path / "weak.urdf"), "--duration", "5", "--out", str(tmp_path)]
     assert main(["excite", *words]) == 0
     assert "the description gives arm2_joint2 no effort limit: none is kept." in capsys.readouterr().err
+
+
+def test_joints_that_are_not_named_stand_still(tmp_path: Path, capsys) -> None:
+    """As wheels and fingers beside an arm; the motion of the others is simulated and ordered as asked for."""
+    picked = ("arm6_joint3", "arm6_joint2")
+    words = ["--robot", "arm6", "--joints", ",".join(picked)]
+    assert main(["excite", *words, "--duration", "5", "--out", str(tmp_path)]) == 0
+    header = (tmp_path / "trajectory.csv").read_text().splitlines()[0].split(",")
+    assert [name.removesuffix(".position") for name in header if name.endswith(".position")] == [*picked]
+    assert yaml.safe_load((tmp_path / "trajectory.yaml").read_text())["joint_names"] == [*picked]
+    motion = ["--trajectory", str(tmp_path / "trajectory.csv"), "--rate", "100"]
+    assert main(["simulate", *words, *motion, "--out", str(tmp_path)]) == 0
+    assert {*bags.read(tmp_path / "bag").joints} == {*picked}
+    truth = ["--effects", str(tmp_path / "truth.yaml")]
+    assert main(["simulate", *words[:2], "--joints", "arm6_joint1", *truth, "--out", str(tmp_path)]) == 2
+    assert "truth.yaml is of the joints arm6_joint3, arm6_joint2" in capsys.readouterr().err
+
+
+def test_joints_of_a_model_or_a_diagnosis_are_put_in_order_but_not_left_out(
+    diagnosis: Path, tmp_path: Path, capsys
+) -> None:
+    model = str(save_model(tmp_path, ExtendedModel(Robot.bundled("arm2"), (), np.zeros(2))))
+    seen = []
+    for name, given in (("a", ()), ("b", JOINTS[::-1])):
+        words = ["excite", model, "--duration", "5", "--out", str(tmp_path / name)]
+        assert main([*words, *(("--joints", ",".join(given)) if given else ())]) == 0
+        table = np.genfromtxt(tmp_path / name / "trajectory.csv", delimiter=",", names=True, deletechars="")
+        seen.append([table[f"{joint}.velocity"] for joint in JOINTS])
+        assert table.dtype.names[1] == f"{(given or JOINTS)[0]}.position"
+    np.testing.assert_array_equal(*seen)
+    for words, says in (
+        ([model, "--joints", JOINTS[0]], f"The model needs joint {JOINTS[1]}"),
+        ([model, "--joints", f"{JOINTS[0]},{JOINTS[1]},elbow"], "does not have elbow"),
+        (["--for", str(diagnosis), "--joints", JOINTS[1]], f"The diagnosis needs joint {JOINTS[0]}"),
+    ):
+        assert main(["excite", *words]) == 2
+        assert says in capsys.readouterr().err
 
 
 def test_joints_that_hardly_move_are_named(tmp_path: Path, capsys) -> None:

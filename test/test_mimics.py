@@ -70,13 +70,21 @@ def test_a_motion_leaves_them_alone_and_says_so(urdf: str, tmp_path: Path, capsy
     monkeypatch.setattr(choice, "DRAWS", 20)
     monkeypatch.setattr(choice, "CHANGES", 5)
     assert main(["excite", "--urdf", urdf, "--duration", "5", "--out", str(tmp_path)]) == 0
-    assert f"{FOLLOWS}: held still" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"{FOLLOWS}: held still" in said
+    arm = ",".join(ARM.joints)
+    assert "left will be left out of a bag of this motion" in said and f"--joints {arm} leaves" in said
     assert "right" not in (tmp_path / "trajectory.csv").read_text().splitlines()[0]
     assert "right" not in (tmp_path / "trajectory.yaml").read_text()
     motion_ = ["--trajectory", str(tmp_path / "trajectory.csv")]
     assert main(["simulate", "--urdf", urdf, "--rate", "100", *motion_, "--out", str(tmp_path)]) == 0
     assert f"{FOLLOWS}: held still" in capsys.readouterr().err
     assert bags.read(tmp_path / "bag").joints == FREE
+    words = ["excite", "--urdf", urdf, "--joints", arm, "--duration", "5", "--out", str(tmp_path / "arm")]
+    assert main(words) == 0
+    said = capsys.readouterr().err
+    assert f"{FOLLOWS}: held still" in said and "left out" not in said
+    assert "left" not in (tmp_path / "arm" / "trajectory.yaml").read_text()
 
 
 def test_a_mujoco_model_has_none_of_them() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bdnn_ros.bdnn.modelfile import FILE_NAME
-from bdnn_ros.cli import options, outputs
+from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.cli.tables import csv_header
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.errors import UsageError, listed
@@ -20,6 +20,7 @@ from bdnn_ros.excitation.rivals import Case, joints_of, read_case
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.robot import BUNDLED, Robot
+from bdnn_ros.robot.mimics import held_mimics
 from bdnn_ros.robot.urdf import OPEN_VELOCITY
 from bdnn_ros.simulation.excitation import Trajectory
 
@@ -41,6 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a model of the robot, as a diagnosis writes it (default: the one beside the file --for)",
     )
     options.add_robot_arguments(parser)
+    options.add_joints_argument(
+        parser,
+        "joints that move, and their order (default: the model's, else the diagnosis's, else the URDF's)",
+    )
     parser.add_argument(
         "--for",
         dest="case",
@@ -88,7 +93,10 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
     outputs.require_directory(args.out)
     robot, model = _given(args)
+    joints = loading.shown(args, robot.joints)
     options.say_mimics(robot)
+    if not (args.joints or args.case or args.model):
+        _say_leading(robot)
     _say_open(robot)
     case = read_case(args.case, robot) if args.case else None
     bounds = Bounds.of(
@@ -110,14 +118,26 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=say,
         )
+    motion = found.trajectory.of([robot.joints.index(joint) for joint in joints])
     with outputs.written_together(args.out) as place:
         with outputs.written_whole(place / CSV) as file:
-            file.writelines(csv_lines(found.trajectory, robot.joints))
+            file.writelines(csv_lines(motion, joints))
         with outputs.written_whole(place / YAML) as file:
-            file.writelines(yaml_lines(found.trajectory, robot.joints))
+            file.writelines(yaml_lines(motion, joints))
     print("\n".join(_summary(found, robot, case)))
     print(f"trajectory: {args.out / CSV}, {args.out / YAML}")
     return 0
+
+
+def _say_leading(robot: Robot) -> None:
+    """Tells of joints that move others as well: of a bag they are left out, and the rest of the arm may feel them."""
+    leading = {leader: joint for joint, leader in held_mimics(robot).items() if leader in robot.joints}
+    others = [joint for joint in robot.joints if joint not in leading]
+    if leading and others:
+        options.say(
+            f"{listed(leading)} will be left out of a bag of this motion, where {listed(leading.values())} moves as well: "
+            f"--joints {','.join(others)} leaves the motion to the others."
+        )
 
 
 def _say_open(robot: Robot) -> None:
@@ -170,6 +190,7 @@ def _given(args: argparse.Namespace) -> tuple[Robot, Model | None]:
     if len(given) > 1:
         raise UsageError("More than one robot is given.", "Give MODEL, --urdf or --robot.")
     joints, source = joints_of(args.case) if args.case else ((), "")
+    loading.require_joints(args, joints, "diagnosis")
     if args.model:
         model = load_model(args.model)
         robot = getattr(model, "robot", None)
@@ -177,7 +198,9 @@ def _given(args: argparse.Namespace) -> tuple[Robot, Model | None]:
             raise UsageError(
                 f"{args.model} is a black box: it does not know the robot's limits.", "Give --urdf instead."
             )
+        loading.require_joints(args, robot.joints)
         return robot, model
+    joints = args.joints or joints
     if args.case and not given:
         extended = _beside(args.case, joints)
         if extended is not None:

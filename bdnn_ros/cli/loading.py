@@ -53,7 +53,7 @@ def load(
     """
     required = model.joints if model else args.joints
     if model and not picks:
-        _require_models_joints(args, model.joints)
+        require_joints(args, model.joints)
     needs_robot |= args.add_gravity
     say_unread_commands(args)
     robot = _robot(args, needs_robot)
@@ -138,12 +138,17 @@ def _held(args: argparse.Namespace, joints: Sequence[str]) -> Sequence[str]:
     return args.joints if {*joints} <= {*args.joints} else joints
 
 
-def _require_models_joints(args: argparse.Namespace, joints: Sequence[str]) -> None:
+def require_joints(args: argparse.Namespace, joints: Sequence[str], whose: str = "model") -> None:
+    """Refuses --joints that leave out one of a model's, or of a diagnosis's.
+
+    Raises:
+        UsageError: they do.
+    """
     missing = [joint for joint in joints if joint not in args.joints]
     if args.joints and missing:
         raise UsageError(
-            f"The model needs joint{'s' * (len(missing) > 1)} {listed(missing)}, which --joints leaves out.",
-            "Name all of the model's joints, or leave the option out.",
+            f"The {whose} needs joint{'s' * (len(missing) > 1)} {listed(missing)}, which --joints leaves out.",
+            f"Name all of the {whose}'s joints, or leave the option out.",
         )
 
 

@@ -72,12 +72,9 @@ def add_recording_arguments(
         action="store_true",
         help="the bag's efforts leave out what the controller adds for gravity: add the robot description's",
     )
-    parser.add_argument(
-        "--joints",
-        metavar="A,B,C",
-        type=_names,
-        default=(),
-        help="joints and their order (default: the model's, else those of the robot description that the bags have)",
+    add_joints_argument(
+        parser,
+        "joints and their order (default: the model's, else those of the robot description that the bags have)",
     )
     parser.add_argument(
         "--rename",
@@ -104,6 +101,11 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     """--urdf and --robot, for a verb that reads no bag."""
     parser.add_argument("--urdf", metavar="FILE", type=Path, help="robot description")
     parser.add_argument("--robot", metavar="NAME", help=f"a bundled robot: {', '.join(BUNDLED)}")
+
+
+def add_joints_argument(parser: argparse.ArgumentParser, text: str) -> None:
+    """--joints, with what it does for the verb."""
+    parser.add_argument("--joints", metavar="A,B,C", type=_names, default=(), help=text)
 
 
 def say(sentence: str) -> None:

@@ -26,6 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn simulate`."""
     parser.add_argument("--urdf", metavar="FILE", type=Path, help="the robot to simulate")
     parser.add_argument("--robot", metavar="NAME", help=f"or a bundled one: {', '.join(BUNDLED)}")
+    options.add_joints_argument(
+        parser, "joints that move, and their order (default: all but those that mimic another)"
+    )
     parser.add_argument(
         "--effect",
         metavar="SPEC",
@@ -91,6 +94,11 @@ def run(args: argparse.Namespace) -> int:
     if args.effects:
         found = EffectsFile.read(args.effects)
         robot = found.robot(robot)
+        if args.joints and robot.joints != args.joints:
+            raise UsageError(
+                f"{args.effects} is of the joints {listed(robot.joints, 20)}, in this order.",
+                "Leave --joints out.",
+            )
         _say_left_out(found, args)
         if robot.held:
             held = listed(f"{joint} at {position:.4g}" for joint, position in robot.held)
@@ -161,9 +169,9 @@ def _robot(args: argparse.Namespace) -> Robot:
     if args.urdf and args.robot is not None:
         raise UsageError("Both --urdf and --robot are given.", "Give one of them.")
     if args.urdf:
-        return Robot.from_file(args.urdf)
+        return Robot.from_file(args.urdf, args.joints)
     if args.robot is not None:
-        return Robot.bundled(args.robot)
+        return Robot.bundled(args.robot, args.joints)
     raise UsageError(
         "There is no robot to simulate.", f"Give --urdf FILE, or --robot with one of {', '.join(BUNDLED)}."
     )

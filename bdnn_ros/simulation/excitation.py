@@ -6,6 +6,7 @@ Swevers, Ganseman, Tükel, De Schutter, Van Brussel, Optimal robot excitation an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +44,11 @@ class Trajectory:
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
+
+    def of(self, joints: Sequence[int]) -> Trajectory:
+        """That of some joints, in their order."""
+        columns = (one[:, joints] for one in (self.position, self.velocity, self.acceleration))
+        return Trajectory(self.time, *columns)
 
 
 def fourier(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Trajectory:
