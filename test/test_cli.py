@@ -446,3 +446,11 @@ def test_a_file_that_is_no_model_is_not_written_over(verb, tmp_path, capsys):
     assert main([verb, str(bag), "--out", str(precious)]) == 2
     assert "is a file that is no model" in capsys.readouterr().err
     assert precious.read_text() == "precious"
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(6.0, True), (11.0, False)])
+def test_what_is_too_short_for_a_diagnosis_is_told(seconds: float, said: bool) -> None:
+    time = np.arange(0.0, seconds, 0.01)
+    motion = np.sin(time)[:, None]
+    told = info.concerns(Recording(time, ("a",), motion, None, motion), [])
+    assert any("too short for `bdnn diagnose`, which asks for 10 s" in one for one in told) is said

@@ -13,6 +13,7 @@ from excitation_cases import finding, place, write_diagnosis
 from bdnn_ros import bags
 from bdnn_ros.cli.excite import _summary, csv_lines, yaml_lines
 from bdnn_ros.cli.main import main
+from bdnn_ros.diagnosis.diagnose import ENOUGH
 from bdnn_ros.effects.registry import get
 from bdnn_ros.excitation import choice
 from bdnn_ros.excitation.rivals import Suspect
@@ -222,7 +223,9 @@ def test_an_effort_limit_of_zero_is_none_and_said(tmp_path: Path, capsys) -> Non
     (tmp_path / "weak.urdf").write_text(urdf)
     words = ["--urdf", str(tmp_path / "weak.urdf"), "--duration", "5", "--out", str(tmp_path)]
     assert main(["excite", *words]) == 0
-    assert "the description gives arm2_joint2 no effort limit: none is kept." in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "the description gives arm2_joint2 no effort limit: none is kept." in said
+    assert f"a recording of 5 s is mostly too short for `bdnn diagnose`, which asks for {ENOUGH:g} s" in said
 
 
 def test_joints_that_are_not_named_stand_still(tmp_path: Path, capsys) -> None:

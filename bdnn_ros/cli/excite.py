@@ -12,6 +12,7 @@ import numpy as np
 from bdnn_ros.bdnn.modelfile import FILE_NAME
 from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.cli.tables import csv_header
+from bdnn_ros.diagnosis.diagnose import ENOUGH
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.excitation.bounds import Bounds
@@ -98,6 +99,11 @@ def run(args: argparse.Namespace) -> int:
     if not (args.joints or args.case or args.model):
         _say_leading(robot)
     _say_open(robot)
+    if args.duration < ENOUGH:
+        options.say(
+            f"a recording of {args.duration:g} s is mostly too short for `bdnn diagnose`, which asks for "
+            f"{ENOUGH:g} s, better 30 s."
+        )
     case = read_case(args.case, robot) if args.case else None
     bounds = Bounds.of(
         robot,

@@ -21,6 +21,7 @@ from bdnn_ros.cli.identify import HOLDOUT
 from bdnn_ros.cli.options import counted
 from bdnn_ros.cli.tables import headed, labels, some_slide
 from bdnn_ros.diagnosis import lateness, softness
+from bdnn_ros.diagnosis.diagnose import ENOUGH
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
@@ -34,8 +35,6 @@ CLIPPED = 0.01
 """A share of samples at a limit that is worth a word."""
 UNEVEN = 0.2
 """A jitter above this share of the sample period is worth a word."""
-SHORT = 10.0
-"""So is a recording shorter than this [s]."""
 FEW_REVERSALS = 2
 """And a joint that turns less often: friction shows where a joint moves both ways."""
 
@@ -185,8 +184,11 @@ def excitation(recording: Recording, signals: Signals, limits: Limits | None) ->
 def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
     """What a usable recording still lacks, one sentence each."""
     found = []
-    if recording.recorded < SHORT:
-        found.append(f"{recording.recorded:.1f} s of motion are little; 30 s and more tell causes apart.")
+    if recording.recorded < ENOUGH:
+        found.append(
+            f"{recording.recorded:.1f} s of motion are little, and mostly too short for `bdnn diagnose`, which asks for "
+            f"{ENOUGH:g} s; 30 s and more tell causes apart."
+        )
     steps = np.concatenate([np.diff(recording.time[rows]) for rows in recording.segments()])
     if np.std(steps) > UNEVEN / recording.rate:
         found.append("Stamps are uneven: stamp the joint states where they are measured.")

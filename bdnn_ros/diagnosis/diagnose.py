@@ -38,7 +38,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, flattened, usual_cutoff, without_copies
 
 ENOUGH = 10.0
-"""So many seconds of motion are mostly enough, behind a usual low-pass."""
+"""So many seconds of motion are asked for: mostly enough behind a usual low-pass, and less mostly refused."""
 FEWEST_VALUES = 12.0
 """A low-pass has to leave so many independent values of the joint that moves longest: fewer suit any cause."""
 
