@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from builtin_interfaces.msg import Duration, Time
 from excitation_cases import finding, place, write_diagnosis
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from bdnn_ros import bags
 from bdnn_ros.cli.excite import _summary, csv_lines, yaml_lines
@@ -78,6 +81,20 @@ def test_files_agree_and_keep_the_limits(diagnosis: Path, tmp_path: Path, capsys
     np.testing.assert_allclose([p["accelerations"] for p in points], table[:, 5:7], atol=1e-9)
     stamps = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
     np.testing.assert_allclose(stamps, table[:, 0], atol=1e-9)
+
+
+def test_the_yaml_is_a_message_with_all_its_fields() -> None:
+    """As `set_message_fields` fills it, which the virtual environment lacks."""
+    still = np.zeros((2, 2))
+    lines = yaml_lines(Trajectory(np.array([0.0, 1.25]), still, still, still), JOINTS)
+    content = yaml.safe_load("".join(lines))
+    for point in content["points"]:
+        point["time_from_start"] = Duration(**point["time_from_start"])
+    content["points"] = [JointTrajectoryPoint(**point) for point in content["points"]]
+    content["header"] = Header(stamp=Time(**content["header"].pop("stamp")), **content["header"])
+    message = JointTrajectory(**content)
+    assert [*message.joint_names] == [*JOINTS]
+    assert message.points[1].time_from_start == Duration(sec=1, nanosec=250_000_000)
 
 
 def test_any_name_of_a_joint_is_read_again() -> None:
