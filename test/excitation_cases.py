@@ -9,6 +9,7 @@ from typing import Any
 UNITS = {
     "coulomb": "N*m",
     "viscous": "N*m*s/rad",
+    "offset": "N*m",
     "mass": "kg",
     "com_x": "m",
     "com_y": "m",

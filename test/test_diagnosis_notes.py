@@ -127,6 +127,17 @@ def test_what_hangs_at_the_centre_of_a_wrist_has_to_be_looked_for():
     assert "arm6_link5 or a payload at arm6_link4" in said and "bdnn excite" in said
 
 
+def test_no_motion_is_promised_for_what_is_no_finding():
+    """`bdnn excite` reads findings alone."""
+    offset, spring = Term(get("effort_offset"), 2), Term(get("joint_spring"), 2)
+    nothing = np.zeros((0, 0))
+    found = [Estimate(offset, np.zeros(0), nothing, nothing, nothing)] * 2
+    judgements = [Judgement(0.4, 0.0, ((spring, 0.3),))] * 2
+    named, unnamed = advice(found, judgements, ARM, lambda one: ARM.joints[one.target], [1])
+    assert named == unnamed[:-1] + "; `bdnn excite --for diagnosis.json` makes such a motion."
+    assert unnamed.startswith("To tell an effort offset at arm6_joint3 from a spring, record poses")
+
+
 def test_an_offset_beside_dry_friction_is_uneven_friction_whatever_the_motion():
     offset, uneven = Term(get("effort_offset"), 2), Term(get("asymmetric_friction"), 2)
     rubbing = replace(ARM, coulomb=np.full(6, 0.1))

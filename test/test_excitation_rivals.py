@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cli_cases import sliding_arm
 from excitation_cases import finding, place, write_diagnosis
@@ -12,7 +13,7 @@ from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import UsageError
 from bdnn_ros.excitation.rivals import Case, read_case
-from bdnn_ros.excitation.separation import left_out
+from bdnn_ros.excitation.separation import Design, left_out
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.simulate import simulate
 
@@ -42,6 +43,33 @@ def test_units_are_those_of_the_place(tmp_path: Path) -> None:
     assert question.finding.effect.variant == "viscous"
     with pytest.raises(UsageError, match=r"at arm2_joint2 has start_value in N\*s/m, which is in"):
         case_of(Robot.bundled("arm2"), tmp_path, drift)
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.05])
+def test_what_no_motion_settles_is_looked_for_as_the_diagnosis_advises(tmp_path: Path, beside: float) -> None:
+    """A payload at the centre of a wrist, and one beside it that a motion tells."""
+    robot, link = Robot.bundled("arm6"), "arm6_link6"
+    centre = {"mass": 1.5, "com_x": beside, "com_y": 0.0, "com_z": 0.0}
+    load = finding(place("payload", link=link), centre, place("payload", link="arm6_link5", p=0.3))
+    case = case_of(robot, tmp_path, load)
+    said = [
+        "Whether arm6_link6 or arm6_link5 carries the payload, no motion shows, for its centre lies on the axes "
+        "of the joints between them: look where it hangs."
+    ]
+    assert left_out(case, robot) == ([] if beside else said)
+    assert Design(robot, np.ones(6), case).asked is bool(beside)
+
+
+@pytest.mark.parametrize("dry", [True, False])
+def test_an_offset_beside_dry_friction_is_not_asked(tmp_path: Path, dry: bool) -> None:
+    robot = Robot.bundled("arm2")
+    offset = finding(
+        place("effort_offset", JOINTS[0]), {"offset": 0.2}, place("asymmetric_friction", JOINTS[0])
+    )
+    friction = finding(place("coulomb_friction", JOINTS[0 if dry else 1]), {"coulomb": 0.3})
+    case = case_of(robot, tmp_path, offset, friction)
+    assert any("while the drive is off" in one for one in left_out(case, robot)) is dry
+    assert Design(robot, np.ones(2), case).asked is not dry
 
 
 @pytest.mark.parametrize(

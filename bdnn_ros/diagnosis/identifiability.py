@@ -10,6 +10,7 @@ import numpy as np
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, acting
+from bdnn_ros.diagnosis.lookalikes import Placed
 from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped, toss
@@ -273,6 +274,6 @@ def _settles_into(term: Term, rival: Term) -> bool:
     return term.effect.settles_into == rival.effect.name and term.target == rival.target
 
 
-def same_physics(term: Term, rival: Term) -> bool:
+def same_physics(term: Placed, rival: Placed) -> bool:
     """Whether a rival says in other words what a term does."""
     return SAME_PHYSICS.get(term.effect.name) == rival.effect.name and term.target == rival.target

@@ -12,10 +12,10 @@ from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import removed, squares
 from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.diagnosis.lookalikes import Placed
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import EDGES, leftover, together
 from bdnn_ros.diagnosis.result import Finding, Rival
-from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR
 from bdnn_ros.effects.actuation import EffortDelay
 from bdnn_ros.robot import Robot
@@ -161,13 +161,13 @@ def _told(estimate: Estimate) -> dict[str, float]:
     }
 
 
-def _place(robot: Robot, term: Term) -> tuple[str | None, str | None]:
+def _place(robot: Robot, term: Placed) -> tuple[str | None, str | None]:
     if term.link:
         return None, term.link
     return (robot.joints[term.target] if term.target >= 0 else None), None
 
 
-def name_of(robot: Robot, term: Term) -> str:
+def name_of(robot: Robot, term: Placed) -> str:
     """The name of a term's joint or link, in words where it has none."""
     joint, link = _place(robot, term)
     return joint or link or ("the base" if term.effect.on == "base" else "every joint")

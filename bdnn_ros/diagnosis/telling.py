@@ -110,6 +110,7 @@ def told(
                 [attempt.judgements[one] for one in names.weighty],
                 robot,
                 lambda term: name_of(robot, term),
+                [k for k, one in enumerate(names.weighty) if one in (*names.silent, *names.unknown)],
             )
         ),
         notes=(

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.diagnosis.identifiability import same_physics
+from bdnn_ros.diagnosis.lookalikes import looked_for
+from bdnn_ros.diagnosis.naming import name_of
 from bdnn_ros.diagnosis.term import COMMON
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots as of_body
 from bdnn_ros.excitation.motions import Piece
-from bdnn_ros.excitation.rivals import Case, Suspect
+from bdnn_ros.excitation.rivals import Case, Question, Suspect
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
@@ -88,13 +91,11 @@ class Design:
     def __init__(self, robot: Robot, noise: np.ndarray, case: Case | None = None) -> None:
         self.robot, self.noise = robot, noise
         self.relative = relative_inertials(robot)
-        questions = case.questions if case else ()
-        self.questions = [
-            q for q in questions if not (q.finding.effect.kinematic or q.finding.effect.name in TIMED)
-        ]
+        questions = [_by_motion(q, case, robot) for q in case.questions] if case else []
+        self.questions = [q for q in questions if _tellable(q.finding)]
         self.suspects = [q.finding for q in self.questions]
-        self.suspects += [r for q in self.questions for r in q.rivals if _tellable(r)]
-        self.asked = any(_tellable(r) for q in self.questions for r in q.rivals)
+        self.suspects += [r for q in self.questions for r in q.rivals]
+        self.asked = any(q.rivals for q in self.questions)
         if not self.asked:
             self.suspects += [s for s in _common(robot) if not _listed(s, self.suspects)]
         self._shapes: list[Sequence[Mapping[str, float]]] = []
@@ -138,7 +139,7 @@ class Design:
         known = np.concatenate([np.full(links, LINK_ERROR), [STAMP_ERROR]]) ** -2.0
         for k, question in enumerate(self.questions):
             rest = [self._slots[i] for i in range(len(self.questions)) if i != k]
-            for rival in filter(_tellable, question.rivals):
+            for rival in question.rivals:
                 slot = self._slots[self.suspects.index(rival)]
                 own, size, beside = np.array([self._own[k]]), None, slot
                 if question.finding.effect.name in rival.effect.contains:
@@ -245,6 +246,18 @@ def _tellable(suspect: Suspect) -> bool:
     return not suspect.effect.kinematic and suspect.effect.name not in TIMED
 
 
+def _by_motion(question: Question, case: Case, robot: Robot) -> Question:
+    """A question with the rivals that a motion may tell from its finding."""
+    return Question(question.finding, tuple(r for r in _looked_for(question, case, robot)[1] if _tellable(r)))
+
+
+def _looked_for(question: Question, case: Case, robot: Robot) -> tuple[list[str], list[Suspect]]:
+    """What a look settles of a question, as the diagnosis advises it, and the rivals that are left."""
+    finding, causes = question.finding, [one.finding for one in case.questions]
+    rivals = [rival for rival in question.rivals if not same_physics(finding, rival)]
+    return looked_for(finding, finding.values or {}, rivals, causes, robot, lambda one: name_of(robot, one))
+
+
 def _common(robot: Robot) -> list[Suspect]:
     """What almost every drive has, on every joint."""
     return [Suspect(get(name), joint, None, None, 0.0) for name in COMMON for joint in range(robot.width)]
@@ -258,6 +271,7 @@ def left_out(case: Case, robot: Robot) -> list[str]:
     """One sentence for each question that another motion does not settle."""
     sentences = []
     for question in case.questions:
+        sentences += _looked_for(question, case, robot)[0]
         for one in (question.finding, *question.rivals):
             if one.effect.name in TIMED:
                 sentences.append(f"{one.words(robot)} acts for a time: repeat the same motion to see it go.")
