@@ -219,6 +219,14 @@ def test_the_base_and_the_zero_of_a_joint_that_turns_all_of_it_take_a_level():
     assert said.startswith("To tell a position offset at arm2_joint2 from a tilted base, record")
 
 
+def test_what_is_beyond_the_term_that_it_settles_into_is_shown_by_its_own_motion():
+    """A gap that is never crossed is a wrong zero: poses do not show it, a load that changes its sign does."""
+    zero, gap = Term(get("position_offset"), 1), Term(get("backlash"), 1)
+    for term, rival in ((zero, gap), (gap, zero)):
+        (said,) = advised(term, rival, robot=ARM)
+        assert f"record {gap.effect.shown_by}; " in said
+
+
 @pytest.mark.parametrize("measured", [True, False])
 def test_a_joint_is_told_to_be_alone_where_it_moves_alone_or_is_measured_alone(measured):
     made = simulate(Robot.bundled("arm2"), seed=1, duration=12.0, rate=100.0).recording

@@ -39,14 +39,18 @@ def advice(
 def _to_tell(
     term: Term, close: Sequence[Term], robot: Robot, places: Callable[[Term], str], named: bool
 ) -> str:
-    """What tells a term from its rivals: as a rule a motion, which `bdnn excite` makes where the term is named."""
+    """What tells a term from its rivals: as a rule a motion, which `bdnn excite` makes where the term is named.
+
+    What a rival has beyond the term that it settles into is shown by a motion that the rival needs.
+    """
     place = places(term)
     names = in_words(_with_place(r, places) if places(r) != place else r.title for r in close)
     told = f"{_with_place(term, places)} from {names}"
     if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
         return f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
     made = "; `bdnn excite --for diagnosis.json` makes such a motion" if named else ""
-    return f"To tell {told}, record {term.effect.shown_by}{made}."
+    beyond = [r.effect for r in close if (r.effect.settles_into, r.target) == (term.effect.name, term.target)]
+    return f"To tell {told}, record {(*beyond, term.effect)[0].shown_by}{made}."
 
 
 def _with_place(term: Term, places: Callable[[Term], str]) -> str:
