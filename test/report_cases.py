@@ -180,7 +180,7 @@ def examined(
         gain=gain,
         gain_interval=(gain - 0.02, gain + 0.01),
         unexplained_share=0.01,
-        unexplained_depends_on=remainder.depends_on,
+        unexplained_depends_on=tuple(remainder.depends_on()),
         unexplained_sentence="What is left looks like noise.",
         advice=tuple(advice),
         notes=tuple(notes),
@@ -195,11 +195,11 @@ def _remainder(equations: Equations, residual: np.ndarray, depends_on: str) -> R
     floor = 0.95 * np.sqrt(np.mean(residual**2, axis=0))
     predicted = np.zeros_like(residual)
     if not depends_on:
-        return Remainder(floor, (), (), predicted)
+        return Remainder(floor, {}, predicted)
     j = equations.motion.signals.joints.index(depends_on)
     position = equations.motion.position[equations.rows, j]
     predicted[:, j] = np.polyval(np.polyfit(position, residual[:, j], 3), position)
-    return Remainder(floor, (f"{depends_on}.position",), (depends_on,), predicted)
+    return Remainder(floor, {depends_on: {f"{depends_on}.position": 1.0}}, predicted)
 
 
 def unchanged(examination: Examination) -> ExtendedModel:

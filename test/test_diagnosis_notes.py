@@ -15,7 +15,7 @@ from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
-from bdnn_ros.diagnosis.telling import _unexplained_sentence
+from bdnn_ros.diagnosis.telling import _above, _unexplained_sentence
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.effects.registry import get, parse_spec
@@ -171,24 +171,44 @@ def test_what_has_no_name_is_told_by_whether_the_model_holds_it():
 @pytest.mark.parametrize(
     ("share", "above", "said"),
     [
-        (0.031, "j2", "3.1 % of the URDF's squared error is left above the noise, at j2; no position"),
-        (0.0001, "j1, j3", "Less than 0.1 % of the URDF's squared error is left above the noise, at j1, j3;"),
-        (0.0, "", "What is left looks like noise"),
+        (0.031, ("j2",), "3.1 % of the URDF's squared error is left above the noise, at j2; no position"),
+        (
+            0.0001,
+            ("j1", "j3"),
+            "Less than 0.1 % of the URDF's squared error is left above the noise, at j1, j3;",
+        ),
+        (0.0, (), "What is left looks like noise"),
     ],
 )
 def test_what_is_left_is_told_with_its_place(share, above, said):
-    remainder = Remainder(np.ones(3), (), (), np.zeros((1, 3)), (), ())
+    remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)))
     assert _unexplained_sentence(share, remainder, above, "URDF").startswith(said)
-    depends = replace(remainder, depends_on=("j1.velocity",))
-    assert "it depends on j1.velocity" in _unexplained_sentence(0.1, depends, above, "URDF")
+    depends = replace(remainder, inputs={joint: {"j1.velocity": 1.0} for joint in above or ("j1",)})
+    assert "; it depends on j1.velocity" in _unexplained_sentence(0.1, depends, above, "URDF")
+
+
+def test_what_is_left_is_told_to_depend_on_what_it_does_where_it_is_left():
+    """Inputs of joints at which no more than noise is left were told of those at which more is."""
+    inputs = {"j1": {"j1.load": 0.2, "time": 0.3}, "j2": {"j2.load": 9.0}}
+    remainder = Remainder(np.ones(3), inputs, np.zeros((1, 3)))
+    assert _unexplained_sentence(0.1, remainder, ("j3", "j1"), "URDF").endswith(
+        "left above the noise, at j3, j1; at j1 it depends on time, j1.load."
+    )
+    assert "; no position" in _unexplained_sentence(0.1, remainder, ("j3",), "URDF")
+    assert "; it depends on j2.load, time, j1.load." in _unexplained_sentence(0.0, remainder, (), "URDF")
+
+
+def test_joints_are_told_in_the_order_of_what_is_left():
+    near, left = np.array([False, True, False]), np.array([0.1, 5.0, 3.0])
+    assert _above(("j1", "j2", "j3"), near, left) == ("j3", "j1")
 
 
 def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
     """Nothing is named, and nothing wrong: a share of next to nothing would frighten."""
-    remainder = Remainder(np.ones(3), (), (), np.zeros((1, 3)), ("j2",), ())
-    said = _unexplained_sentence(0.3, remainder, "", "URDF", named=False)
+    remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)), ("j2",))
+    said = _unexplained_sentence(0.3, remainder, (), "URDF", named=False)
     assert said.startswith("What is left is hardly more than noise, in bursts at j2")
-    assert "30.0 %" in _unexplained_sentence(0.3, remainder, "j2", "URDF", named=False)
+    assert "30.0 %" in _unexplained_sentence(0.3, remainder, ("j2",), "URDF", named=False)
 
 
 def test_that_links_errors_make_up_most_is_said_where_they_do():

@@ -29,6 +29,22 @@ def test_the_rest_is_drawn_against_what_it_depends_on() -> None:
     assert "arm7_joint6.position" in Page(rendered(examination)).words
 
 
+def test_the_rest_is_drawn_where_more_than_noise_is_left() -> None:
+    """It was drawn at the joint of the input's name, or at the first that depends on anything."""
+    arm = Robot.bundled("arm2")
+    examination = examined(arm, worn(arm, [], fourier_motion(arm, 15.0)), [])
+    inputs = {
+        "arm2_joint1": {"arm2_joint1.velocity": 9.0, "time": 2.0},
+        "arm2_joint2": {"arm2_joint1.velocity": 1.0, "time": 0.5},
+    }
+    remainder = replace(examination.remainder, inputs=inputs)
+    for above, at in ((("arm2_joint2",), "arm2_joint2"), ((), "arm2_joint1")):
+        diagnosis = replace(examination.diagnosis, above=above)
+        found = panels.rest_panels(view(replace(examination, diagnosis=diagnosis, remainder=remainder)))
+        assert [panel.title for panel in found] == [f"Left at {at}"] * 2
+        assert [panel.x_label for panel in found] == ["arm2_joint1 velocity [rad/s]", "time [s]"]
+
+
 @pytest.mark.parametrize(
     ("spec", "shown_by"),
     [

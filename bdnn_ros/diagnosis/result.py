@@ -88,6 +88,7 @@ class Diagnosis:
         gain: 1 - RMSE(extended) / RMSE(simulation) on held-out blocks; interval at 95 %.
         unexplained: share of the simulation's squared error that is left above the noise, what it depends on, and a sentence.
         advice: what to do next.
+        above: joints where the extended model errs by more than the noise, those with most left first; not in diagnosis.json.
     """
 
     source: Mapping[str, Any]
@@ -101,6 +102,7 @@ class Diagnosis:
     unexplained_sentence: str
     advice: tuple[str, ...]
     notes: tuple[str, ...] = field(default=())
+    above: tuple[str, ...] = field(default=())
 
     def as_json(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""

@@ -87,6 +87,7 @@ def told(
     gain, interval = gain_of(equations, extended, held)
     share = max(squares(after**2 - floor**2, held) / max(squares(simulation**2, held), 1e-30), 0.0)
     near = bool(near_floor.all())
+    above = _above(robot.joints, near_floor, after**2 - floor**2)
     of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
     # what dry friction is named for may hold any effort at rest
     at_rest = () if causes else remainder.resting
@@ -100,9 +101,9 @@ def told(
         gain=gain,
         gain_interval=interval,
         unexplained_share=share,
-        unexplained_depends_on=remainder.depends_on[:6],
+        unexplained_depends_on=tuple(remainder.depends_on(above))[:6],
         unexplained_sentence=_unexplained_sentence(
-            share, remainder, _above(robot, near_floor), reference(bool(since)), bool(causes)
+            share, remainder, above, reference(bool(since)), bool(causes)
         ),
         advice=tuple(
             advice(
@@ -136,6 +137,7 @@ def told(
             ),
             *[AT_REST.format(joints=listed(at_rest), reference=reference(bool(since)))] * bool(at_rest),
         ),
+        above=above,
     )
 
 
@@ -193,23 +195,26 @@ def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool, said: bool) 
     return "nothing_wrong" if near and not doubtful else "cannot_tell"
 
 
-def _above(robot: Robot, near: np.ndarray) -> str:
-    """Where the extended model errs by more than the noise; nothing where it does not."""
-    return listed(joint for joint, one in zip(robot.joints, near, strict=True) if not one)
+def _above(joints: Sequence[str], near: np.ndarray, left: np.ndarray) -> tuple[str, ...]:
+    """Where the extended model errs by more than the noise, most first, by what is left, (n,) [(N·m)²]."""
+    return tuple(joints[j] for j in np.argsort(-left, kind="stable") if not near[j])
 
 
 def _unexplained_sentence(
-    share: float, remainder: Remainder, above: str, reference: str, named: bool = True
+    share: float, remainder: Remainder, above: Sequence[str], reference: str, named: bool = True
 ) -> str:
     if share > 1.0:
         return f"What was found predicts the motion that was held out worse than the {reference} does."
     much = f"{100.0 * share:.1f} %" if share >= 0.0005 else "Less than 0.1 %"
-    where = f", at {above}" if above else ""
+    where = f", at {listed(above)}" if above else ""
     left = f"{much} of the {reference}'s squared error is left above the noise{where}"
     if not named and not above:  # all of a small error may well be left
         left = "What is left is hardly more than noise"
-    if remainder.depends_on:
-        return f"{left}; it depends on {', '.join(remainder.depends_on[:3])}."
+    inputs = remainder.depends_on(above)
+    if inputs:
+        of_these = [joint for joint in above if joint in remainder.inputs]
+        there = f"at {listed(of_these)} it" if len(of_these) < len(above) else "it"
+        return f"{left}; {there} depends on {', '.join([*inputs][:3])}."
     if remainder.bursts:
         return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, acceleration, load or time predicts it."
     if above:

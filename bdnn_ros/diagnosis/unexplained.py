@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,19 +35,25 @@ class Remainder:
     Attributes:
         floor: per joint, RMS of what no input predicts on held-out blocks, where that comes in bursts what is left
             between them, (n,) [N·m].
-        depends_on: "joint.input" that predict the rest, strongest first.
-        joints: joints where the rest is larger than the floor.
+        inputs: of joints where the rest is larger than the floor, what each "joint.input" predicts of it [(N·m)²].
         predicted: per joint, what the inputs predict of the residual on held-out blocks, rows (R, n) [N·m].
         bursts: joints where what no input predicts comes in bursts, more than the position's steps can make.
         resting: joints that bear what nobody would pass over while they rest, where dry friction may hold anything.
     """
 
     floor: np.ndarray
-    depends_on: tuple[str, ...]
-    joints: tuple[str, ...]
+    inputs: Mapping[str, Mapping[str, float]]
     predicted: np.ndarray
     bursts: tuple[str, ...] = ()
     resting: tuple[str, ...] = ()
+
+    def depends_on(self, joints: Sequence[str] = ()) -> dict[str, str]:
+        """What predicts the rest at some joints, or at all without any, strongest first, with the joint where it does most."""
+        best: dict[str, tuple[float, str]] = {}
+        for joint in joints or self.inputs:
+            for key, much in self.inputs.get(joint, {}).items():
+                best[key] = max(best.get(key, (0.0, joint)), (much, joint), key=lambda one: one[0])
+        return {key: best[key][1] for key in sorted(best, key=lambda key: -best[key][0])}
 
 
 def describe(
@@ -64,8 +71,7 @@ def describe(
     names = equations.motion.signals.joints
     groups = _inputs(equations)
     predicted = np.zeros_like(residual)
-    helps = dict.fromkeys([*groups, TIME], 0.0)
-    dependent: list[str] = []
+    inputs: dict[str, dict[str, float]] = {}
     for j, rows in enumerate(equations.usable.T):
         own = groups | {TIME: _ageing(equations, j)}
         guess, shares = Predictor(own, residual[:, j], rows, equations.block).predicted()
@@ -74,17 +80,15 @@ def describe(
         if before - after <= WORTH * before + by_chance(left, rows, len(own)) * after:
             continue
         predicted[:, j] = guess
-        dependent.append(names[j])
-        for key, share in shares.items():
-            helps[key] = max(helps[key], share * before / rows.sum() / equations.effort_scale[j] ** 2)
+        inputs[names[j]] = {
+            key: share * before / float(rows.sum()) for key, share in shares.items() if share > 0.0
+        }
     rest = [(residual - predicted)[equations.usable[:, j], j] for j in range(equations.width)]
     floor, calm = np.array([rms(left) for left in rest]), np.array([_between_bursts(left) for left in rest])
     uneven = floor > np.maximum(UNEVEN * calm, stepping)
-    order = sorted((key for key in helps if helps[key] > 0.0), key=lambda key: -helps[key])
     return Remainder(
         np.where(uneven, calm, floor),
-        tuple(order),
-        tuple(dependent),
+        inputs,
         predicted,
         tuple(name for name, one in zip(names, uneven, strict=True) if one),
         tuple(name for name, one in zip(names, _borne_at_rest(equations, residual, dry), strict=True) if one),

@@ -139,26 +139,21 @@ def evidence(shown: View, cause: Cause) -> Evidence | None:
 
 
 def rest_panels(shown: View) -> list[Panel]:
-    """What the named causes leave against the inputs it depends on, with what those inputs predict of it."""
+    """What the named causes leave against the inputs it depends on, with what those inputs predict of it, where they do most."""
     remainder = shown.examination.remainder
     panels = []
-    for key in remainder.depends_on[:3]:
-        name, _, what = key.rpartition(".")
-        source = shown.joints.index(name) if name in shown.joints else None
-        joint = source if name in remainder.joints else None
-        if joint is None and remainder.joints:
-            joint = shown.joints.index(remainder.joints[0])
-        if joint is None or (what or key) not in shown.inputs:
-            continue
-        kind = what or key
+    for key, at in [*remainder.depends_on(shown.examination.diagnosis.above).items()][:3]:
+        joint = shown.joints.index(at)
+        name, _, kind = key.rpartition(".")
+        source = shown.joints.index(name) if name else joint
         rows = shown.usable[:, joint]
-        x = shown.inputs[kind][rows, joint if source is None else source]
+        x = shown.inputs[kind][rows, source]
         y = shown.residual[rows, joint]
         axes = Axes(span([x], 0.0, 0.03), span([y], ROBUST))
         axes.cloud("after", x, y)
         draw_effect(axes, x, remainder.predicted[rows, joint], shown.direction[rows, joint])
         alt = f"What is left at {shown.joints[joint]} against {key}, with what can be predicted of it."
-        label = _label(shown, kind, joint if source is None else source)
+        label = _label(shown, kind, source)
         heading = f"Left at {shown.joints[joint]}"
         panels.append(
             axes.panel(f"{name} {label}".strip(), ("residual", shown.units[joint][0]), alt, heading)
