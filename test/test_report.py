@@ -158,11 +158,6 @@ def test_the_top_lists_the_causes_with_numbers_gain_and_doubt(page: Page, three:
         assert finding.sentence in words
 
 
-def test_an_interval_below_nothing_has_a_minus(three: Examination) -> None:
-    doubtful = replace(three, diagnosis=replace(three.diagnosis, gain_interval=(-0.019, 0.253)))
-    assert "interval: −1.9 % to 25.3 %" in Page(rendered(doubtful)).words
-
-
 def test_everything_promised_is_there(page: Page) -> None:
     for heading in (
         "What cannot be told",

@@ -6,10 +6,14 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from report_cases import examined, fourier_motion, rendered, worn
+from report_page import Page
 
+from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
 from bdnn_ros.effects.registry import EFFECTS, variants
 from bdnn_ros.report import words
+from bdnn_ros.robot import Robot
 
 
 def finding(effect: str, joint: str | None = "j1", link: str | None = None, **values: float) -> Finding:
@@ -206,6 +210,12 @@ def test_a_filtered_velocity_is_no_cause_of_the_efforts_error() -> None:
     assert told(filtered, verdict="cannot_tell")[0] == "The simulation is off, and no cause stands out"
 
 
+def test_beside_an_earlier_model_changes_are_told() -> None:
+    told = SimpleNamespace(findings=(finding("viscous_friction", viscous=1.0),), verdict="explained")
+    assert words.claim(told).startswith("With this cause and ")
+    assert words.claim(told, since=True).startswith("With this change and ")
+
+
 @pytest.mark.parametrize("findings", [(), (finding("velocity_filter", cutoff=9.0),)])
 def test_a_simulation_that_needs_corrections_without_a_name_is_not_called_right(
     findings: tuple[Finding, ...],
@@ -219,3 +229,24 @@ def test_a_simulation_that_needs_corrections_without_a_name_is_not_called_right(
     assert "earlier model's error" in words.claim(off, since=True)
     right = SimpleNamespace(findings=findings, verdict=verdict, gain=0.2, gain_interval=(0.07, 0.29))
     assert words.claim(right).startswith("The simulation predicts")
+
+
+@pytest.fixture(scope="module")
+def rubbing() -> Examination:
+    robot = Robot.bundled("arm2")
+    spec = "coulomb_friction@arm2_joint1:coulomb=1"
+    return examined(robot, worn(robot, [spec], fourier_motion(robot, 15.0)), [spec])
+
+
+def test_a_comparison_with_an_earlier_model_is_told_as_one(rubbing: Examination) -> None:
+    alone, compared = (
+        Page(rendered(one)).words for one in (rubbing, replace(rubbing, model=SimpleNamespace()))
+    )
+    assert "Root causes identified" in alone and "Evidence for each cause" in alone
+    assert "Changes identified" in compared and "Evidence for each change" in compared
+    assert "cause" not in compared[: compared.index("How it was computed")].lower()
+
+
+def test_an_interval_below_nothing_has_a_minus(rubbing: Examination) -> None:
+    doubtful = replace(rubbing, diagnosis=replace(rubbing.diagnosis, gain_interval=(-0.019, 0.253)))
+    assert "interval: −1.9 % to 25.3 %" in Page(rendered(doubtful)).words

@@ -132,7 +132,7 @@ def evidence(shown: View, cause: Cause) -> Evidence | None:
             draw_effect(axes, x, part, direction)
         else:
             axes.line("zero", np.array(ranges[0]), np.zeros(2))
-        without = "with everything else taken out" if what == "before" else "with this cause taken out, too"
+        without = "with everything else taken out" if what == "before" else "with this taken out, too"
         alt = f"Residual of {shown.joints[j]} against {against}, {without}: {name}."
         panels.append(axes.panel(label, ("residual", shown.units[j][0]), alt, _heading(what)))
     return Evidence(cause, against, shown.joints[j], *panels)
@@ -259,7 +259,7 @@ def _velocity_evidence(shown: View, cause: Cause) -> Evidence | None:
 
 
 def _heading(what: str) -> str:
-    return "Before: all else taken out" if what == "before" else "After: this cause taken out, too"
+    return "Before: all else taken out" if what == "before" else "After: this taken out, too"
 
 
 def _label(shown: View, key: str, joint: int) -> str:

@@ -28,7 +28,7 @@ CLAIMS = {
     "nothing_wrong": "The {reference} predicts the measured effort as well as this data can tell.",
     "explained": "With {these} and its links corrected the model predicts every measured effort down to its noise.",
     "partly_explained": "{These} {explain} part of the error; a part larger than the noise has no name.",
-    "cannot_tell": "The {reference} errs by more than the noise, but the data supports no single cause.",
+    "cannot_tell": "The {reference} errs by more than the noise, but the data supports no single {one}.",
 }
 CORRECTED = (
     "No cause is needed beyond what the extended model corrects without a name, as errors of the links or of stamps: that takes "
@@ -81,13 +81,13 @@ def headline(diagnosis: Diagnosis, since: bool = False) -> str:
 
 def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     """What the verdict means for the model, one sentence; `since` as for `headline`."""
-    count = len(_causes(diagnosis))
+    count, one = len(_causes(diagnosis)), "change" if since else "cause"
     of_effort = "nothing_wrong" if diagnosis.verdict == "explained" and not count else diagnosis.verdict
-    these, explain = ("this cause", "explains") if count == 1 else (f"these {count} causes", "explain")
+    these, explain = (f"this {one}", "explains") if count == 1 else (f"these {count} {one}s", "explain")
     if of_effort == "nothing_wrong" and corrected(diagnosis):
         return CORRECTED.format(gain=percent(diagnosis.gain, 1), reference=reference(since))
     return CLAIMS[of_effort].format(
-        these=these, These=these.capitalize(), explain=explain, reference=reference(since)
+        one=one, these=these, These=these.capitalize(), explain=explain, reference=reference(since)
     )
 
 
