@@ -262,6 +262,20 @@ def test_a_simulation_that_needs_corrections_is_not_said_to_agree(interval: tupl
     assert first.startswith(said) and first.endswith("of a reported velocity only:")
 
 
+def test_where_more_than_noise_is_left_is_said_first():
+    found = Finding(
+        "viscous_friction", "a", None, {"viscous": Quantity(1.0, 0.1, "N*m*s/rad")}, 0.9, 0.99, (), ""
+    )
+    diagnosis = Diagnosis({}, "partly_explained", (found,), {}, 0.9, (0.8, 0.95), 0.1, (), "", (), (), ("b",))
+    for model, named in ((None, "Root causes"), (object(), "Changes")):
+        left, unnamed = (
+            verdict_lines(SimpleNamespace(diagnosis=one, model=model))[0]
+            for one in (diagnosis, replace(diagnosis, above=()))
+        )
+        assert left == f"{named} identified; beside them more than the noise is left at b:"
+        assert unnamed == f"{named} identified; most of what the extended model mends has no name:"
+
+
 @pytest.mark.parametrize(("end", "left_out"), [(9.0, True), (11.0, False)])
 def test_a_gain_without_the_push_is_said_to_be_so(end: float, left_out: bool):
     time = np.arange(0.0, 30.0, 0.1)

@@ -210,6 +210,23 @@ def test_a_filtered_velocity_is_no_cause_of_the_efforts_error() -> None:
     assert told(filtered, verdict="cannot_tell")[0] == "The simulation is off, and no cause stands out"
 
 
+def test_what_is_left_beside_the_causes_is_told_with_its_place_and_size() -> None:
+    """Of 0.1 % at one wrist it was said that the causes explain part of the error."""
+    told = SimpleNamespace(
+        findings=(finding("viscous_friction", viscous=1.0),),
+        verdict="partly_explained",
+        unexplained_share=0.003,
+        above=("j5", "j2"),
+    )
+    assert words.claim(told) == (
+        "With this cause and the links corrected, 0.3 % of the simulation's squared error is left above the noise, at j5, j2."
+    )
+    told.unexplained_share = 1e-4
+    assert "less than 0.1 % of the earlier model's" in words.claim(told, since=True)
+    told.above = ()
+    assert words.claim(told).endswith("most of what the extended model mends has no name.")
+
+
 def test_beside_an_earlier_model_changes_are_told() -> None:
     told = SimpleNamespace(findings=(finding("viscous_friction", viscous=1.0),), verdict="explained")
     assert words.claim(told).startswith("With this cause and ")

@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, reference
 from bdnn_ros.effects.registry import get
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
@@ -35,16 +35,18 @@ MOST_REMARKS = 3
 VERDICTS = {
     "nothing_wrong": "Nothing wrong was found: no cause is needed to explain the data.",
     "explained": "Root causes identified; with them the model agrees with the data:",
-    "partly_explained": "Root causes identified; more than the noise is left beside them:",
+    "partly_explained": "Root causes identified; {beside}:",
     "cannot_tell": "The simulation disagrees with the data, and no single cause stands out.",
 }
 CHANGES = {
     "nothing_wrong": "Nothing has changed since the model was identified, as far as the data shows.",
     "explained": "Changes identified; with them the model agrees with the data:",
-    "partly_explained": "Changes identified; more than the noise is left beside them:",
+    "partly_explained": "Changes identified; {beside}:",
     "cannot_tell": "The earlier model disagrees with the data, and no single change stands out.",
 }
 """The verdicts where the model is one identified earlier."""
+LEFT = "beside them more than the noise is left at {where}"
+MOSTLY_UNNAMED = "most of what the extended model mends has no name"
 AGREES = "The {reference} agrees with the measured efforts."
 NO_CAUSE = "No cause is needed to explain the measured efforts."
 OF_A_SENSOR = "What is found is of a reported velocity only:"
@@ -124,7 +126,8 @@ def run(args: argparse.Namespace) -> int:
 def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[str]:
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
-    lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict]]
+    beside = LEFT.format(where=listed(diagnosis.above)) if diagnosis.above else MOSTLY_UNNAMED
+    lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict].format(beside=beside)]
     if diagnosis.findings and all(finding.of_velocity for finding in diagnosis.findings):
         agrees = NO_CAUSE if corrected(diagnosis) else AGREES
         of_effort = agrees.format(reference=reference(examination.model is not None))

@@ -168,3 +168,8 @@ def place(joint: str | None, link: str | None, effect: str) -> str:
 def reference(since: bool) -> str:
     """What a recording is compared with; `since` where an earlier model takes the simulation's place."""
     return "earlier model" if since else "simulation"
+
+
+def remaining(share: float) -> str:
+    """A share of the squared error that is left, in per cent."""
+    return f"{100.0 * share:.1f} %" if share >= 0.0005 else "less than 0.1 %"

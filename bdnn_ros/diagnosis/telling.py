@@ -33,7 +33,7 @@ from bdnn_ros.diagnosis.notes import (
 )
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import at_an_end, throughout
-from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference, remaining
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
@@ -205,7 +205,7 @@ def _unexplained_sentence(
 ) -> str:
     if share > 1.0:
         return f"What was found predicts the motion that was held out worse than the {reference} does."
-    much = f"{100.0 * share:.1f} %" if share >= 0.0005 else "Less than 0.1 %"
+    much = remaining(share).capitalize()
     where = f", at {listed(above)}" if above else ""
     left = f"{much} of the {reference}'s squared error is left above the noise{where}"
     if not named and not above:  # all of a small error may well be left

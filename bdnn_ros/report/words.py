@@ -8,10 +8,11 @@ from collections.abc import Iterable, Sequence
 
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.notes import SLIGHT
-from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, place, reference
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, place, reference, remaining
 from bdnn_ros.effects.base import Change, Parameter
 from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.registry import ALL, get
+from bdnn_ros.errors import listed
 from bdnn_ros.robot.units import printed
 
 INTERVAL = 1.96
@@ -27,9 +28,11 @@ TELLING = ("mass", "torque", "start_value", "end_value")
 CLAIMS = {
     "nothing_wrong": "The {reference} predicts the measured effort as well as this data can tell.",
     "explained": "With {these} and its links corrected the model predicts every measured effort down to its noise.",
-    "partly_explained": "{These} {explain} part of the error; a part larger than the noise has no name.",
+    "partly_explained": "{These} {explain} part of the error; most of what the extended model mends has no name.",
     "cannot_tell": "The {reference} errs by more than the noise, but the data supports no single {one}.",
 }
+LEFT = "With {these} and the links corrected, {left} of the {reference}'s squared error is left above the noise, at {above}."
+"""What is claimed of causes beside which more than the noise is left somewhere."""
 CORRECTED = (
     "No cause is needed beyond what the extended model corrects without a name, as errors of the links or of stamps: that takes "
     "{gain} off the {reference}'s error."
@@ -86,6 +89,9 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     these, explain = (f"this {one}", "explains") if count == 1 else (f"these {count} {one}s", "explain")
     if of_effort == "nothing_wrong" and corrected(diagnosis):
         return CORRECTED.format(gain=percent(diagnosis.gain, 1), reference=reference(since))
+    if of_effort == "partly_explained" and diagnosis.above:
+        left, above = remaining(diagnosis.unexplained_share), listed(diagnosis.above)
+        return LEFT.format(these=these, left=left, reference=reference(since), above=above)
     return CLAIMS[of_effort].format(
         one=one, these=these, These=these.capitalize(), explain=explain, reference=reference(since)
     )
