@@ -199,13 +199,23 @@ def test_a_cause_that_many_joints_have_is_said_in_one_line():
 
 
 def test_a_kind_is_no_surer_than_its_least_sure_and_its_shares_do_not_add_up():
-    """One that may be part of more was told with its own certainty for all; single removals came to 230 %."""
+    """One that may be part of more was told with its own certainty for all; single removals came to 230 %.
+
+    Nor is its doubt all of theirs.
+    """
     more, other = Rival("stribeck_friction", "a", None, 0.39), Rival("hysteresis", "b", None, 0.14)
     rubs = [
         Finding("coulomb_friction", joint, None, {"coulomb": Quantity(1.0, 0.1, "N*m")}, 0.8, own, rivals, "")
         for joint, own, rivals in (("a", 0.60, (more,)), ("b", 0.85, (other,)), ("c", 0.99, ()))
     ]
-    assert _probability(rubs) == "0.85, 0.60 that it is no more than that"
+    assert _probability(rubs) == "at least 0.85, at a 0.60 that it is no more than that"
+    alike = [rubs[0], replace(rubs[0], joint="d", probability=0.55, rivals=(replace(more, joint="d"),))]
+    assert _probability([*alike, rubs[1]]) == "at least 0.85, at least 0.55 that it is no more than that"
+    elsewhere = replace(rubs[2], probability=0.7, rivals=(replace(more, effect="coulomb_friction"),))
+    assert _probability([*rubs, elsewhere]).endswith(
+        "at a 0.60 that it is no more than that, at c 0.70 that it is here"
+    )
+    assert _probability([replace(one, probability=0.9, rivals=()) for one in rubs]) == "0.90"
     assert _probability(rubs[:1]) == "0.99, 0.60 that it is no more than that"
     assert _share(rubs) == "80.0 % of the squared error each"
     assert _share(rubs[:1]) == "80.0 % of the squared error"

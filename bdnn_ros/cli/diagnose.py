@@ -184,11 +184,17 @@ def _share(group: Sequence[Finding]) -> str:
 
 
 def _probability(group: Sequence[Finding]) -> str:
-    """How sure the least sure of them is; and of its place, or that it is no more, of the one that others would most do for."""
-    least = min(group, key=lambda finding: finding.probability)
-    of_that = certainty(least)[1]
-    sure = min(certainty(finding)[0] for finding in group)
-    return f"{sure:.2f}, {least.probability:.2f} {of_that}" if of_that else f"{sure:.2f}"
+    """How sure the least sure of them is; and of its place, or that it is no more, of one or the least of those in such doubt."""
+    sure = sorted(f"{certainty(finding)[0]:.2f}" for finding in group)
+    said = [sure[0] if sure[0] == sure[-1] else f"at least {sure[0]}"]
+    doubts: dict[str, list[Finding]] = {}
+    for finding in group:
+        doubts.setdefault(certainty(finding)[1], []).append(finding)
+    doubts.pop("", None)
+    for of_that, those in doubts.items():
+        whose = "" if len(group) == 1 else "at least " if len(those) > 1 else f"at {those[0].where} "
+        said.append(f"{whose}{min(finding.probability for finding in those):.2f} {of_that}")
+    return ", ".join(said)
 
 
 def _together(group: Sequence[Finding]) -> str:
