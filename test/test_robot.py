@@ -232,6 +232,14 @@ def test_joints_left_out_are_held() -> None:
     np.testing.assert_allclose(part.rigid_effort(q, v, a), expected, atol=1e-9)
 
 
+def test_a_link_of_a_single_joint_moves_as_it_does_in_the_whole_arm() -> None:
+    arm = Robot.bundled("arm2")
+    alone, link = Robot.from_urdf(arm.urdf, arm.joints[:1]), arm.moving_link(arm.joints[0])
+    q = np.array([[0.3], [-1.1]])
+    whole = arm.link_jacobian(np.pad(q, ((0, 0), (0, 1))), link)
+    np.testing.assert_allclose(alone.link_jacobian(q, link), whole[:, :, :1], atol=1e-12)
+
+
 def test_continuous_joints_are_angles_without_limits() -> None:
     turning, bounded = Robot.from_urdf(two_link(kind="continuous")), Robot.from_urdf(two_link())
     q, v, a = states(bounded)

@@ -252,7 +252,8 @@ class Robot(ReadOnlyArrays):
         ((rows,), _), model, data = self._rows(position), self._model, self._data
         jacobian, rotation = np.empty((len(rows), 6, self.width)), np.empty((len(rows), 3, 3))
         for k, row in enumerate(rows):
-            jacobian[k] = pin.computeFrameJacobian(model, data, row, frame, aligned)
+            # of one joint pinocchio gives a vector
+            jacobian[k] = pin.computeFrameJacobian(model, data, row, frame, aligned).reshape(6, -1)
             rotation[k] = data.oMf[frame].rotation  # which it has placed on its way
         return jacobian[:, :, self._order], rotation
 
