@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,8 @@ from live_support import motion
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.left_out import disturbing, standing
+from bdnn_ros.online.models import save_model
+from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
@@ -68,6 +71,18 @@ def test_what_no_message_holds_stands_at_zero_or_at_the_nearest_limit():
     assert disturbing(recording, whole, robot) == []
     turned = Robot.from_urdf(SLIDES.replace("1.5707963", "-1"), ["along"])
     assert disturbing(recording, Robot.from_urdf(turned.urdf), turned) == ["out"]
+
+
+def test_what_a_model_knows_to_stand_somewhere_stands_there(recording, tmp_path, capsys):
+    """The description is scored beside the model: both hold the wrist that the second bag lacks where the first had it."""
+    model = save_model(tmp_path, nominal(Robot.from_urdf(ARM.urdf, CHOSEN, HELD)))
+    few = replace(recording.select(CHOSEN), urdf=ARM.urdf)
+    bags.write(few, tmp_path / "bag")
+    assert main(["evaluate", str(model), str(tmp_path / "bag"), "--json"]) == 0
+    told = capsys.readouterr()
+    assert "held at zero" not in told.err
+    scores = json.loads(told.out)
+    assert scores["simulation"]["rmse"] == pytest.approx(scores["held_out"]["rmse"], rel=1e-6)
 
 
 def test_nothing_is_named_for_where_they_stand(recording, tmp_path, capsys):

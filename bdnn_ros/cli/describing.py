@@ -10,6 +10,7 @@ from bdnn_ros.left_out import disturbing, led, standing
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import held_mimics, standing_still, with_mimics
+from bdnn_ros.robot.urdf import Held
 
 
 def described_robot(bags: Mapping[str, str | None], name: str | None, needed: bool) -> Robot | None:
@@ -90,10 +91,13 @@ def without_led(robot: Robot, joints: Sequence[str], recordings: Sequence[Record
     return others
 
 
-def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool) -> Robot:
+def with_joints(
+    robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool, known: Held
+) -> Robot:
     """The robot with the chosen joints, others where the whole recordings have them stand; what is left out is said.
 
     Args:
+        known: where joints stand that no recording holds.
         undisturbed: refuse recordings in which joints that are left out move so that the others feel it.
 
     Raises:
@@ -102,7 +106,8 @@ def with_joints(robot: Robot, chosen: Sequence[str], whole: Sequence[Recording],
     """
     complete = Robot.from_urdf(robot.urdf, with_mimics(robot))
     out = [joint for joint in complete.joints if joint not in chosen]
-    held = standing(whole, out, robot.urdf)
+    held = {joint: at for joint, at in known.items() if joint in out}
+    held |= standing(whole, out, robot.urdf)
     looked_at = Robot.from_urdf(robot.urdf, chosen, held)
     mimics = {joint: leader for joint, leader in held_mimics(looked_at).items() if leader in chosen}
     if mimics:

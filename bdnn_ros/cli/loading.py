@@ -70,7 +70,7 @@ def load(
         if moves:
             require_motion(recording)
     if robot is not None:
-        robot = _fitted(robot, chosen, whole, undisturbed, args.urdf is not None or needs_robot)
+        robot = _fitted(robot, chosen, whole, undisturbed, args.urdf is not None or needs_robot, model)
     convention = _convention(args, recordings, robot)
     commanded = args.effort == "command"
     return [convention.applied(one, commanded) if convention else one for one in recordings], robot
@@ -100,7 +100,7 @@ def load_every(args: argparse.Namespace, model: Model) -> bags.EveryState:
         say(f"For the motion alone, {note}")
     if robot is not None:
         whole = _of_all_joints(args, [every.motion], robot)
-        robot = _fitted(robot, joints, whole, False, args.urdf is not None or args.add_gravity)
+        robot = _fitted(robot, joints, whole, False, args.urdf is not None or args.add_gravity, model)
     convention = _convention(args, [every.motion], robot)
     if convention is None:
         return every
@@ -173,11 +173,20 @@ def _every_joint(robot: Robot | None, model: Model | None) -> Sequence[str]:
 
 
 def _fitted(
-    robot: Robot, joints: Sequence[str], whole: Sequence[Recording], undisturbed: bool, needed: bool
+    robot: Robot,
+    joints: Sequence[str],
+    whole: Sequence[Recording],
+    undisturbed: bool,
+    needed: bool,
+    model: Model | None,
 ) -> Robot | None:
-    """The robot with these joints; None where it lacks one and is not needed."""
+    """The robot with these joints, others where the recordings or else the model have them stand.
+
+    None where it lacks one and is not needed.
+    """
+    own = description_of(model)
     try:
-        return with_joints(robot, joints, whole, undisturbed)
+        return with_joints(robot, joints, whole, undisturbed, dict(own.held) if own else {})
     except RobotError:
         if needed:
             raise
