@@ -11,7 +11,7 @@ from bag_cases import PENDULUM, bag_of, model_of_pendulum, motion
 
 from bdnn_ros.cli import fitness
 from bdnn_ros.cli.main import main
-from bdnn_ros.errors import RecordingError
+from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
 
 VERBS = ("info", "identify", "replay", "evaluate", "diagnose")
@@ -82,3 +82,34 @@ def test_what_is_slow_but_long_will_do(tmp_path, capsys):
     bag = bag_of(tmp_path / "bag", slow(5.0, 30.0))
     assert main(["info", str(bag)]) == 0
     assert main(["identify", str(bag), "--out", str(tmp_path / "out")]) == 0
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_one_recording_does_not_count_twice(verb, tmp_path, capfd):
+    """Six seconds given twice passed for the twelve that a diagnosis needs, and two like parts for agreement."""
+    bag = bag_of(tmp_path / "bag", motion(urdf=PENDULUM))
+    (file,) = bag.glob("*.mcap")
+    for again in (bag, file):
+        assert main([verb, str(bag), str(again), "--out", str(tmp_path / "out")]) == 2
+        said = capfd.readouterr().err
+        assert f"{bag} and {again} hold the same 5.99 s of one recording" in said and "Traceback" not in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_piece_of_another_recording_is_told_by_what_it_measured():
+    whole = motion()
+    piece = replace(whole.between(2.0, 4.0), time=np.arange(200) / 100.0, epoch=whole.epoch + 2 * 10**9)
+    later = replace(piece, epoch=whole.epoch + 6 * 10**9)
+    other = replace(piece, effort=piece.effort + 0.01)
+    fitness.require_distinct([whole, later, motion(seed=2)])  # simulations begin at one time
+    fitness.require_distinct([whole, other])  # the same motion, commanded instead of measured
+    fitness.require_distinct(
+        [whole.between(0.0, 3.0), whole.between(2.9, 6.0)]
+    )  # cut with a few samples in both
+    at_rest = replace(piece, position=np.zeros_like(piece.position), effort=np.zeros_like(piece.effort))
+    fitness.require_distinct([at_rest, at_rest])
+    with pytest.raises(UsageError, match=r"hold the same 1\.99 s of one recording"):
+        fitness.require_distinct([whole, later, piece])
+    bare = replace(whole, effort=None)
+    with pytest.raises(UsageError, match="count twice"):
+        fitness.require_distinct([bare, bare])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -93,6 +94,34 @@ def prepared(part: Recording, whole: Recording, cutoff: float | None, what: str)
             "Record longer or at a higher rate, or give another --holdout.",
         )
     return signals
+
+
+def require_distinct(recordings: Sequence[Recording]) -> None:
+    """Says that some of it was recorded once and is given twice: it would count twice.
+
+    Raises:
+        UsageError: of a motion at stamps that two recordings share, both measured the same.
+    """
+    for one, other in combinations(recordings, 2):
+        first, second = _shared(one, other)
+        if len(first) >= MINIMUM_SAMPLES and _alike(first, second) and moving(first).any():
+            raise UsageError(
+                f"{one.name} and {other.name} hold the same {first.recorded:.3g} s of one recording, which would count twice.",
+                "Give each recording once.",
+            )
+
+
+def _shared(one: Recording, other: Recording) -> tuple[Recording, Recording]:
+    """The samples of two recordings at the stamps that both have."""
+    first, second = (each.epoch + np.round(each.time * 1e9).astype(np.int64) for each in (one, other))
+    _, mine, theirs = np.intersect1d(first, second, return_indices=True)
+    return one.part(mine), other.part(theirs)
+
+
+def _alike(one: Recording, other: Recording) -> bool:
+    """Whether positions and efforts are the same."""
+    pairs = ((one.position, other.position), (one.effort, other.effort))
+    return all(a is b or np.array_equal(a, b, equal_nan=True) for a, b in pairs)  # type: ignore[arg-type]
 
 
 def require_length(recordings: Sequence[Recording]) -> None:

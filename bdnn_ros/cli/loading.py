@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from bdnn_ros import bags
 from bdnn_ros.cli.describing import described_robot, unusable, with_joints, without_led
-from bdnn_ros.cli.fitness import require_motion
+from bdnn_ros.cli.fitness import require_distinct, require_motion
 from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import RobotError, UsageError, listed
@@ -69,6 +69,7 @@ def load(
             say(note)
         if moves:
             require_motion(recording)
+    require_distinct(recordings)
     if robot is not None:
         robot = _fitted(robot, chosen, whole, undisturbed, args.urdf is not None or needs_robot, model)
     convention = _convention(args, recordings, robot)
