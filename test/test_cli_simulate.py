@@ -12,7 +12,8 @@ from bag_cases import PENDULUM
 
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
-from bdnn_ros.effects.registry import EFFECTS
+from bdnn_ros.effects.registry import EFFECTS, parse_spec
+from bdnn_ros.extension.effects_file import EffectsFile, effects_text
 from bdnn_ros.robot import Robot
 
 SHORT = ("--duration", "2", "--rate", "100")
@@ -208,3 +209,18 @@ def test_a_push_of_an_earlier_recording_may_be_over_and_is_said_to(tmp_path, cap
     _, status = simulated(tmp_path, "--effects", str(earlier / "truth.yaml"))
     assert status == 0
     assert "acts from 6 s to 7 s, the simulation from 0 s to 2 s: it never acts." in capsys.readouterr().err
+
+
+def test_a_model_of_a_real_robot_moves_as_that_did(tmp_path, capsys):
+    """Its controller coped with what was identified; that of a simulation knew nothing of what was hidden."""
+    spec = "coulomb_friction@arm6_joint6:coulomb=3"
+    hidden, status = simulated(tmp_path / "hidden", "--effect", spec, robot="arm6")
+    note = "arm6_joint6 moves 0 % of what is planned: the effects are too strong for its position loop."
+    assert status == 0 and note in capsys.readouterr().err
+    robot, effects = Robot.bundled("arm6"), tmp_path / "effects.yaml"
+    effects.write_text(effects_text([parse_spec(spec, robot)], robot))
+    again, status = simulated(tmp_path / "again", "--effects", str(effects), robot="arm6")
+    assert status == 0 and capsys.readouterr().err == ""
+    held, moved = (np.ptp(bags.read(one / "bag").position[:, 5]) for one in (hidden, again))
+    assert moved > 0.3 and held < 0.01
+    assert EffectsFile.read(effects).identified and not EffectsFile.read(hidden / "truth.yaml").identified

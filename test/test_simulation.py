@@ -61,6 +61,33 @@ def test_a_robot_follows_its_plan_against_the_friction_its_description_has():
     assert np.abs(simulated.position - simulated.plan.position).max() < BEHIND
 
 
+@pytest.mark.parametrize(
+    "specs",
+    [
+        ["asymmetric_friction@arm6_joint6:positive=3,negative=1", "effort_scale@arm6_joint6:scale=0.8"],
+        ["effort_offset@arm6_joint6:offset=-3"],
+        ["hysteresis@arm6_joint6:force=2,breakaway=0.01", "joint_spring@arm6_joint6:stiffness=2,rest=0.1"],
+    ],
+)
+def test_a_light_wrist_follows_its_plan_against_effects_that_its_controller_knows(specs):
+    """A thousandth of them would do to hold it off its plan: its loop is as stiff as its link is heavy."""
+    robot = Robot.bundled("arm6")
+    effects = [parse_spec(spec, robot) for spec in specs]
+    moved = simulate(robot, effects, known=effects, duration=2.0, rate=200.0, noise=QUIET)
+    assert np.abs(moved.position - moved.plan.position).max() < 0.1 * BEHIND
+    rigid = robot.inverse_dynamics(moved.plan.position, moved.plan.velocity, moved.plan.acceleration)[:, 5]
+    assert np.abs(moved.effort[:, 5]).max() > 10.0 * np.abs(rigid).max()  # they do act
+
+
+def test_a_push_is_known_to_no_controller():
+    robot = Robot.bundled("arm6")
+    push = parse_spec("external_wrench@arm6_joint2:torque=20,start=0.5,end=1", robot)
+    knowing, ignorant = (
+        simulate(robot, [push], known=known, duration=2.0, rate=100.0) for known in ([push], [])
+    )
+    np.testing.assert_array_equal(knowing.effort, ignorant.effort)
+
+
 def test_a_command_stays_within_the_effort_limits():
     robot = Robot.bundled("arm2")
     limits = replace(robot.limits, effort=np.array([1.02, 1.0]) * 11.9)
@@ -136,8 +163,16 @@ def test_scale_and_offset_are_the_contracts():
 def test_effects_too_strong_for_the_drives_are_said_to_be():
     robot = Robot.bundled("arm2")
     heavy = parse_spec("payload@arm2_tool:mass=30", robot)
-    with pytest.raises(DataError, match="too strong"):
+    with pytest.raises(DataError, match=r"too strong for the drives of arm2_joint1.*higher effort limits"):
         simulate(robot, [heavy], duration=4.0, rate=200.0)
+
+
+def test_a_joint_that_is_lost_within_its_limits_is_named_and_no_drive_is_blamed():
+    robot = Robot.bundled("arm6")
+    offset = parse_spec("effort_offset@arm6_joint6:offset=-3", robot)
+    with pytest.raises(DataError, match=r"arm6_joint6 went astray.*too strong for its position loop") as told:
+        simulate(robot, [offset], duration=2.0, rate=200.0)
+    assert "limits" not in str(told.value)
 
 
 @pytest.mark.filterwarnings("error")

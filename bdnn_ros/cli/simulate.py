@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from bdnn_ros import bags
@@ -17,9 +18,12 @@ from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.simulation.possible import never_acting
 from bdnn_ros.simulation.scenario import Scenario
+from bdnn_ros.simulation.simulate import Simulated
 from bdnn_ros.simulation.trajectory_file import read_trajectory
 
 BAG, TRUTH = "bag", "truth.yaml"
+HARDLY = 0.5
+"""A joint that moves over less than this part of what is planned is told of."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +126,7 @@ def run(args: argparse.Namespace) -> int:
         poor=args.poor,
         name=args.robot or args.urdf.stem,
         installed=installed,
+        known=found is not None and found.identified,
         plan=read_trajectory(args.trajectory, robot, args.rate) if args.trajectory else None,
     )
     if args.seed < 0:
@@ -134,6 +139,7 @@ def run(args: argparse.Namespace) -> int:
         options.say(f"{sentence[:-1]}: it never acts.")
     with options.progress("simulating") as show:
         simulated, content = scenario.run(show)
+    _say_held(simulated)
     with outputs.written_together(args.out) as place:
         bags.write(simulated.recording, place / BAG)
         with outputs.written_whole(place / TRUTH) as file:
@@ -163,6 +169,17 @@ def _say_left_out(found: EffectsFile, args: argparse.Namespace) -> None:
             f"{args.effects}: its robot had {' and '.join(what)}, which are no effects and differ here. "
             f"Pass {' '.join(needed)} as well for the same robot."
         )
+
+
+def _say_held(simulated: Simulated) -> None:
+    """Tells which joints hardly do what is planned."""
+    planned, moved = (np.ptp(each, axis=0) for each in (simulated.plan.position, simulated.motor_position))
+    for joint, want, did in zip(simulated.recording.joints, planned, moved, strict=True):
+        if did < HARDLY * want:
+            options.say(
+                f"{joint} moves {100.0 * did / want:.2g} % of what is planned: the effects are too strong for its position "
+                "loop."
+            )
 
 
 def _robot(args: argparse.Namespace) -> Robot:

@@ -60,3 +60,22 @@ class Plant:
         self.gap = np.zeros(n)
         self.position_offset = np.zeros(n)
         self.velocity_cutoff = np.full(n, np.inf)
+
+    def resistance(
+        self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
+        """What the effects resist a motion with beside bodies, armature and the robot's own friction, (N, n) [N·m].
+
+        Neither wrenches nor `offset` count. Some effects remember: a plant is asked once.
+        """
+        result = np.zeros(position.shape)
+        if not (self.efforts or self.across or self.dry):
+            return result
+        load, direction = self.robot.inverse_dynamics(position, velocity, acceleration), np.sign(velocity)
+        for joint, resist in (*self.efforts, *self.across):
+            rows = np.column_stack([time, position[:, joint], velocity[:, joint], load[:, joint]])
+            result[:, joint] += [resist(*row) for row in rows.tolist()]
+        for joint, resist in self.dry:
+            rows = np.column_stack([time, abs(velocity[:, joint]), load[:, joint], direction[:, joint]])
+            result[:, joint] += direction[:, joint] * [resist(*row) for row in rows.tolist()]
+        return result

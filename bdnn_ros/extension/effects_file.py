@@ -207,6 +207,11 @@ class EffectsFile:
                 raise self._unlike(f"{joint} is held, and one of the joints that move")
         return Robot.from_urdf(described.urdf, names, stands)
 
+    @property
+    def identified(self) -> bool:
+        """Whether it tells of a model, not of what a simulation hid."""
+        return self.content.get("format") == FORMAT
+
     def _unlike(self, problem: str) -> UsageError:
         return UsageError(f"{self.path}: {problem}.", "Give it as it was written.")
 

@@ -15,7 +15,7 @@ DAMPING = 1.0
 PHASE_BUDGET = 0.2
 """Bandwidth times dead time (half a sample, and the effort's delay) must not exceed this [rad]."""
 BEHIND = 0.1
-"""Friction that holds a joint so far from its plan is compensated [rad]."""
+"""What is known to hold a joint so far from its plan is compensated [rad]."""
 HEAVIER = 2.0
 """What a joint moves where it is so many times what the description says is known to its position loop, as by tuning."""
 SOFTEST = 0.25
@@ -23,20 +23,20 @@ SOFTEST = 0.25
 
 
 class Controller:
-    """Computed torque: u = described inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate).
+    """Computed torque: u = known inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate).
 
-    It knows the description, and of the real robot only its rotors, how fast each position loop may be, and what a joint moves
-    that is far heavier than described: as a wrist's link is with what it carries. Described friction is left to the position
-    loop, unless it would hold the joint far from its plan.
+    It knows the description, effects that it is told of, and of the real robot only its rotors, how fast each position loop may
+    be, and what a joint moves that is far heavier than known: as a wrist's link is with what it carries. Known friction and what
+    else is known to resist is left to the position loop, unless it would hold the joint far from its plan.
 
     Args:
-        nominal: the description.
+        known: the description with the effects that are known.
         plant: the real robot.
         plan: what the robot should do.
     """
 
-    def __init__(self, nominal: Robot, plant: Plant, plan: Trajectory) -> None:
-        self.plan = plan
+    def __init__(self, known: Plant, plant: Plant, plan: Trajectory) -> None:
+        self.plan, nominal = plan, known.robot
         self.model, self.order = nominal.pinocchio_model()
         heavier = plant.robot.armature + _unknown_inertia(nominal, plant.robot, plan)
         self.model.armature[:] = heavier[np.argsort(self.order)]
@@ -45,7 +45,8 @@ class Controller:
         self.limit = nominal.limits.effort
         bandwidth = loop_bandwidth(nominal, plant, plan)
         self.stiffness, self.damping = bandwidth**2, 2.0 * DAMPING * bandwidth
-        self.friction = self._known_friction(nominal, plant.robot, plan)
+        self.scale = known.scale
+        self.beside = self._beside(known, plant.robot, plan)
 
     def effort(self, sample: int, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Commanded effort at a sample, within the limits, (n,) [N·m]."""
@@ -53,19 +54,20 @@ class Controller:
         wanted = plan.acceleration[sample] + self.stiffness * (plan.position[sample] - position)
         wanted += self.damping * (plan.velocity[sample] - velocity)
         command = pin.rnea(self.model, self.data, position[back], velocity[back], wanted[back])[self.order]
-        command = command + self.friction[sample]
+        command = (command + self.beside[sample]) / self.scale
         return np.minimum(np.maximum(command, -self.limit), self.limit)
 
-    def _known_friction(self, nominal: Robot, real: Robot, plan: Trajectory) -> np.ndarray:
-        """Described friction along the plan of joints that the position loop would leave behind, (N, n) [N·m]."""
-        friction = nominal.friction(plan.position, plan.velocity)
+    def _beside(self, known: Plant, real: Robot, plan: Trajectory) -> np.ndarray:
+        """What is known beside bodies, along the plan, of joints that the position loop would leave behind, (N, n) [N·m]."""
+        resisting = known.robot.friction(plan.position, plan.velocity) - known.offset
+        resisting += known.resistance(plan.time, plan.position, plan.velocity, plan.acceleration)
         try:
-            mobility = np.linalg.inv(nominal.mass_matrix(plan.position[::50]))
+            mobility = np.linalg.inv(known.robot.mass_matrix(plan.position[::50]))
         except np.linalg.LinAlgError:  # a link is described without mass
             mobility = np.linalg.inv(real.mass_matrix(plan.position[::50]))
         inertia = 1.0 / np.diagonal(mobility, axis1=1, axis2=2).max(axis=0)
-        behind = np.abs(friction).max(axis=0) > BEHIND * self.stiffness * inertia
-        return np.where(behind, friction, 0.0)
+        behind = np.abs(resisting).max(axis=0) > BEHIND * self.stiffness * inertia
+        return np.where(behind, resisting, 0.0)
 
 
 def loop_bandwidth(nominal: Robot, plant: Plant, plan: Trajectory) -> float:

@@ -44,6 +44,7 @@ class Scenario:
         worn: Coulomb and viscous friction and rotor inertia on every joint.
         poor: one joint moves slowly and a little instead of all joints over their range.
         installed: effects that are already made, as those of an effects.yaml.
+        known: whether the controller knows of these, as that of a robot that a model was identified of copes with them.
         plan: the motion, with its own duration and rate; None draws one.
         name: of the robot, for the truth.
     """
@@ -66,6 +67,7 @@ class Scenario:
     poor: bool = False
     name: str = "robot"
     installed: Sequence[Installed] = ()
+    known: bool = False
     plan: Trajectory | None = None
 
     def run(self, progress: Progress | None = None) -> tuple[Simulated, dict[str, object]]:
@@ -100,6 +102,7 @@ class Scenario:
             ),
             reality=reality,
             plan=plan,
+            known=self.installed if self.known else (),
             progress=progress,
         )
         return simulated, self._truth(simulated, reality)

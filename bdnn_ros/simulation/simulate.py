@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
-from bdnn_ros.errors import DataError, UsageError
+from bdnn_ros.errors import DataError, UsageError, listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation import sensors
@@ -66,6 +66,7 @@ def simulate(
     noise: Noise | None = None,
     reality: Robot | None = None,
     plan: Trajectory | None = None,
+    known: Sequence[Installed] = (),
     progress: Progress | None = None,
 ) -> Simulated:
     """A recording of a robot in motion.
@@ -79,6 +80,7 @@ def simulate(
         noise: of the sensors; None takes the default.
         reality: the bodies, rotors and friction that really move, where they are not the description's.
         plan: the motion, evenly sampled; None draws a Fourier series.
+        known: those of the effects that the controller knows of as it does of the description; of pushes it never does.
         progress: told (samples done, samples in all).
 
     Raises:
@@ -94,7 +96,11 @@ def simulate(
     for effect in placed:
         effect.install(plant)
     refuse_without_inertia(plant, plan.position[::SPARSE])
-    track = _moved(robot, plant, plan, progress)
+    told = Plant(robot, duration=plant.duration)
+    for effect in known:
+        if not effect.effect.timed:
+            effect.within(plant.duration).install(told)
+    track = _moved(told, plant, plan, progress)
     recording = _reported(
         robot, plant, plan, track, Noise() if noise is None else noise, np.random.default_rng([seed, 1])
     )
@@ -114,18 +120,14 @@ def check(duration: float, rate: float) -> None:
 
 
 def _moved(
-    nominal: Robot, plant: Plant, plan: Trajectory, progress: Progress | None
+    known: Plant, plant: Plant, plan: Trajectory, progress: Progress | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Link position and velocity, motor position and velocity, and command at each sample.
 
     Raises:
         DataError: the controller lost the robot.
     """
-    lost = DataError(
-        "The simulated robot lost its trajectory: the effects are too strong for its drives.",
-        "Use smaller effects, or a robot with higher effort limits.",
-    )
-    controller = Controller(nominal, plant, plan)
+    controller = Controller(known, plant, plan)
     period = float(plan.time[1] - plan.time[0])
     first = controller.effort(0, plan.position[0], plan.velocity[0])
     start = plan.position[0] - plant.position_offset
@@ -139,16 +141,34 @@ def _moved(
         command = controller.effort(sample, seen + plant.position_offset, speed)
         motors.seen(seen, speed)
         tracks[2][sample], tracks[3][sample], tracks[4][sample] = seen, speed, command
-        if not np.abs(seen + plant.position_offset - plan.position[sample]).max() < LOST:
-            raise lost
+        off = np.abs(seen + plant.position_offset - plan.position[sample])
+        if not off.max() < LOST:
+            raise _lost(known.robot, time, off, tracks[4][: sample + 1])
         try:
             with np.errstate(over="ignore", invalid="ignore"):  # what runs away is lost by the next sample
                 integrator.advance(time, acting.after(command))
         except OverflowError:
-            raise lost from None
+            raise _lost(known.robot, time, np.abs(state.velocity), tracks[4][: sample + 1]) from None
         if progress is not None and sample % 500 == 0:
             progress(sample, len(plan.time))
     return tracks[0], tracks[1], tracks[2], tracks[3], tracks[4]
+
+
+def _lost(robot: Robot, time: float, off: np.ndarray, commands: np.ndarray) -> DataError:
+    """Which joint was lost, the one that is furthest off (n,), and whether drives could not do what was commanded (N, n)."""
+    clipped = [
+        joint
+        for joint, short in zip(
+            robot.joints, (np.abs(commands) >= robot.limits.effort).any(axis=0), strict=True
+        )
+        if short
+    ]
+    its = f"the drive{'s' * (len(clipped) > 1)} of {listed(clipped)}" if clipped else "its position loop"
+    return DataError(
+        f"The simulated robot lost its trajectory: {robot.joints[int(np.argmax(off))]} went astray at {time:.3g} s, "
+        f"the effects are too strong for {its}.",
+        "Use smaller effects, or a robot with higher effort limits." if clipped else "Use smaller effects.",
+    )
 
 
 class _Drives:
