@@ -100,6 +100,19 @@ def test_a_gripper_that_nobody_publishes_is_told_of(tmp_path):
         assert "gripper" not in node.output
 
 
+def test_a_finger_that_moves_the_other_one_is_told_to_be_left_out(tmp_path):
+    other = GRIPPER.replace('"gripper"', '"other"').replace('"finger"', '"other_finger"')
+    other = other.replace("</joint>", '<mimic joint="gripper"/></joint>')
+    hand = ARM.urdf.replace("</robot>", GRIPPER.replace("</robot>", other))
+    with node_process(tmp_path, 170, urdf_file=urdf_file(tmp_path, Robot.from_urdf(hand))) as node:
+        with Robotics(170) as ros:
+            diagnostics = ros.keep(DiagnosticArray, "/diagnostics")
+            ros.stream(motion(REAL, 0.2, 250.0))
+            wait_until(lambda: f"identifying {', '.join(ARM.joints)}\n" in node.output)
+            wait_until(lambda: status(diagnostics)["joints_left_out"] == "gripper")
+        assert "gripper moves other as well, which mimics it: left out" in node.output
+
+
 def test_an_arm_in_two_messages_is_one_robot(tmp_path):
     """Two controllers publish a joint each; their messages are put together, and one that stops is told of."""
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}

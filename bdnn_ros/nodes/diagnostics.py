@@ -151,7 +151,7 @@ class Reporter:
                 if intake and len(nrmse) == len(intake.joints)
                 else {}
             ),
-            "joints_left_out": ", ".join(session.left_out),
+            "joints_left_out": ", ".join((*session.left_out, *session.led)),
             "joints_without_effort": ", ".join((*lacking, *still)),
             "stream_rate": f"{rate:.1f}",
             "stream_pauses": intake.clock.pauses if intake else 0,

@@ -20,7 +20,7 @@ from std_msgs.msg import String
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
 from bdnn_ros.nodes.beginning import begin, end, outlived, told, undisturbed
-from bdnn_ros.nodes.choosing import with_joints
+from bdnn_ros.nodes.choosing import leading, one_drive, with_joints
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.nodes.lifecycle import Lifecycle
@@ -204,6 +204,10 @@ class IdentificationNode(Lifecycle):
         """Get to know the robot: choose joints if they are given, and go on from a model that was kept."""
         joints = self.settings["joints"]
         self._kept.serve(with_joints(robot, joints))
+        led = {} if joints else leading(robot)
+        if led and led != session.led:
+            self.get_logger().info(one_drive(led))
+        session.led = led
         if joints and session.intake is None:
             self._begin(session, joints)
 
@@ -220,8 +224,7 @@ class IdentificationNode(Lifecycle):
         session = self._session
         if session is None or session.robot is None:
             return
-        waited = time.monotonic() - self._waited_since
-        if not session.supervisor.alive and waited < TRAINER_TIMEOUT:
+        if not session.supervisor.alive and time.monotonic() - self._waited_since < TRAINER_TIMEOUT:
             return
         self.destroy_timer(self._opening)
         self._opening = None

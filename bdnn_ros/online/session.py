@@ -37,6 +37,7 @@ class Session:
     Attributes:
         training: whether is learned where that is possible; see `learning`.
         description: the robot with all joints that may be used; None until it is known.
+        led: joints that may not, and what each moves as well.
         robot: the robot with the joints in use.
         served: the model that answers; None until the robot is known.
         intake: counts of the stream; None until the first joint state of the robot.
@@ -50,6 +51,7 @@ class Session:
         self.settings = settings
         self.training = training
         self.description: Robot | None = None
+        self.led: dict[str, str] = {}
         self.robot: Robot | None = None
         self.served: Served | None = None
         self.intake: Intake | None = None
@@ -136,7 +138,7 @@ class Session:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Joints of the robot that are not in use."""
+        """Joints of the description that are not in use."""
         if self.intake is None or self.description is None:
             return ()
         return tuple(joint for joint in self.description.joints if joint not in self.intake.joints)
@@ -202,9 +204,8 @@ class Session:
         Raises:
             UsageError: the robot is not known yet.
         """
-        robot = self.known()
         with self._turn:
-            self.served = Served(nominal(robot), 0, time.monotonic())
+            self.served = Served(nominal(self.known()), 0, time.monotonic())
             self._forget()
             self._begin_again(self._written)
 
