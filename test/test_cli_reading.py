@@ -49,13 +49,14 @@ def said(joints: Sequence[str], late: int = 0, gripper: Sequence[float] = ()) ->
     ]
 
 
-def turned_round() -> list[Message]:
-    """Joint states from the tip, commands from the base."""
+def turned_round(late: int = 0) -> list[Message]:
+    """Joint states from the tip, commands from the base, so late [ns]."""
     commands = [
-        ("/efforts", MULTI_ARRAY, s - 1, command(e))
+        ("/efforts", MULTI_ARRAY, s + late - 1, command(e))
         for s, e in zip(STAMPS, SEEN.require_effort(), strict=True)
     ]
-    return [message for pair in zip(commands, said(ARM.joints[::-1]), strict=True) for message in pair]
+    states = said(ARM.joints[::-1], late)
+    return [message for pair in zip(commands, states, strict=True) for message in pair]
 
 
 def loaded(words: Sequence[str | Path], model: Robot | None = None) -> list[Recording]:
@@ -78,7 +79,7 @@ def bag(tmp_path: Path) -> Path:
 )
 def test_commands_are_in_the_robots_order(tmp_path: Path, bag: Path, known: str) -> None:
     (tmp_path / "arm.urdf").write_text(ARM.urdf)
-    other = write_bag(tmp_path / "described", [DESCRIPTION, *turned_round()])
+    other = write_bag(tmp_path / "described", [DESCRIPTION, *turned_round(late=10**10)])
     words = {
         "--urdf": [bag, "--urdf", tmp_path / "arm.urdf"],
         "--robot": [bag, "--robot", "arm6"],
