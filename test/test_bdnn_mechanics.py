@@ -10,6 +10,8 @@ from test_bdnn_dynamics import prior_core
 from bdnn_ros.bdnn import mechanics
 from bdnn_ros.bdnn.cores import NetworkCore
 from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.effects.registry import Installed, get
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.robot import Robot
 
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="bob"><inertial><origin xyz="0 0 -0.5"/>
@@ -84,6 +86,25 @@ def test_parts_and_friction_add_up():
     split = mechanics.friction_split(robot, q, v)
     np.testing.assert_allclose(split.odd, robot.friction(q, v), atol=1e-12)
     np.testing.assert_allclose(split.even, 0.0, atol=1e-12)
+
+
+def test_parts_add_up_where_a_load_makes_friction_and_a_sensor_reads_in_another_scale():
+    robot = Robot.bundled("arm2")
+    effects = (
+        Installed(get("load_dependent_friction"), 0, None, {"ratio": 0.3}),
+        Installed(get("effort_scale"), 1, None, {"scale": 1.2}),
+    )
+    model = ExtendedModel(robot, effects, np.zeros(2))
+    q, v, a = np.random.default_rng(5).normal(size=(3, 6, 2))
+    parts = mechanics.parts(model, q, v, a)
+    np.testing.assert_allclose(parts.effort, model.inverse_dynamics(q, v, a))
+    power = mechanics.power_balance(model, q, v, a)
+    np.testing.assert_allclose(power["left"], 0.0, atol=1e-8 * np.abs(power["drive"]).max())
+    # friction of 0.3 of what the first drive gives brakes it; the second's sensor tells a 1.2th
+    load = robot.inverse_dynamics(q, v, a)
+    way = np.sign(v[:, 0] * load[:, 0])
+    load /= np.stack([1.0 - 0.3 * way, np.full(6, 1.2)], axis=1)
+    np.testing.assert_allclose(parts.effort, load)
 
 
 def summary(model: object, n: int) -> mechanics.Consistency:

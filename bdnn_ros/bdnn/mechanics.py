@@ -27,7 +27,7 @@ class Parts:
         inertial: M q̈.
         coriolis: C q̇.
         gravity: g.
-        friction: the rest.
+        friction: the rest, with what an effort's sensor makes of it all.
     """
 
     inertial: np.ndarray
@@ -109,8 +109,10 @@ def coriolis_matrix(model: Dynamics, position: np.ndarray, velocity: np.ndarray)
 def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Parts:
     """The effort of a motion by what it is for; the parts add up to the inverse dynamics."""
     inertial = (model.mass_matrix(position) @ np.asarray(acceleration)[..., None])[..., 0]
-    gravity, friction = model.gravity(position), model.friction(position, velocity)
-    return Parts(inertial, model.coriolis(position, velocity), gravity, friction)
+    coriolis, gravity = model.coriolis(position, velocity), model.gravity(position)
+    # `friction` is that without acceleration, and the load that an acceleration asks for may make more of it
+    rest = model.inverse_dynamics(position, velocity, acceleration) - (inertial + coriolis + gravity)
+    return Parts(inertial, coriolis, gravity, rest)
 
 
 def friction_split(model: Dynamics, position: np.ndarray, velocity: np.ndarray) -> FrictionSplit:
@@ -150,13 +152,12 @@ def power_balance(
 
     `left` is zero for a machine: q̇ᵀu = d/dt (½ q̇ᵀM q̇) + q̇ᵀg + q̇ᵀ friction needs q̇ᵀ(Ṁ − 2C)q̇ = 0.
     """
-    effort = model.inverse_dynamics(position, velocity, acceleration)
+    each = parts(model, position, velocity, acceleration)
     rate = np.einsum("...ijk,...k->...ij", mass_matrix_derivative(model, position), velocity)
-    inertial = np.einsum("...i,...ij,...j->...", velocity, model.mass_matrix(position), acceleration)
+    inertial, drive, potential, friction = (
+        np.sum(velocity * part, axis=-1) for part in (each.inertial, each.effort, each.gravity, each.friction)
+    )
     kinetic = inertial + 0.5 * np.einsum("...i,...ij,...j->...", velocity, rate, velocity)
-    drive = np.sum(velocity * effort, axis=-1)
-    potential = np.sum(velocity * model.gravity(position), axis=-1)
-    friction = np.sum(velocity * model.friction(position, velocity), axis=-1)
     left = drive - kinetic - potential - friction
     return {"drive": drive, "kinetic": kinetic, "potential": potential, "friction": friction, "left": left}
 
