@@ -33,6 +33,10 @@ class Ahead(Protocol):
     def leads(self) -> np.ndarray:
         """How far each joint's effort is ahead, (n,) [s]."""
 
+    @property
+    def lag(self) -> float:
+        """Time constant of a low-pass of first order that the measured effort has passed [s]."""
+
 
 @dataclass(frozen=True)
 class Scores:
@@ -190,7 +194,8 @@ def without_effort(signals: Signals) -> list[str]:
 def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutError:
     """Error of the motion that a model integrates from the measured effort, started anew every `horizon`.
 
-    Only where every joint's effort is measured: it moves the others as well.
+    Only where every joint's effort is measured: it moves the others as well. Of a model that knows how far the measured
+    effort is ahead, and what low-pass it has passed, by the effort as it acted.
 
     Args:
         horizon: [s]; cut to the longest such piece without a gap.
@@ -203,18 +208,36 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
         raise RecordingError("There is no effort to integrate.", "Use --effort command, or another bag.")
     if not horizon > 0.0:
         raise UsageError(f"A horizon of {horizon:g} s is no time.", "Give seconds above zero.")
-    seen = np.all(signals.seen, axis=1)
+    effort, each = _acted(model, signals) if isinstance(model, Ahead) else (signals.effort, signals.seen)
+    seen = np.all(each, axis=1)
     known = signals.rows(seen)
     longest = max(rows.stop - rows.start for rows in known.segments or signals.segments) - 1
     steps = max(round(min(horizon * signals.rate, longest)), 1)
     starts = np.array([k for s in known.segments for k in range(s.start, s.stop - steps, steps)], dtype=int)
     if not len(starts):
         return RolloutError(steps / signals.rate, 0, np.full(signals.width, np.nan))
-    missed = integrated(model, known, signals.effort[seen], starts, steps) - known.position[starts + steps]
+    missed = integrated(model, known, effort[seen], starts, steps) - known.position[starts + steps]
     kept = np.isfinite(missed).all(axis=1)
     counted = missed[kept] if kept.any() else missed
     error = np.sqrt(np.mean(counted**2, axis=0))
     return RolloutError(steps / signals.rate, len(starts), error, int(np.count_nonzero(~kept)))
+
+
+def _acted(model: Ahead, signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """The measured effort at the time at which a model says it acted, (N, n) [N·m], and where it is known, (N, n) bool."""
+    assert signals.effort is not None
+    effort, seen = signals.effort, signals.seen
+    if model.lag:
+        effort = effort + model.lag * signals.derivative(effort)
+    effort, known = effort.copy(), seen.copy()
+    for joint in np.flatnonzero(model.leads):
+        for rows in signals.segments:
+            time = signals.time[rows]
+            then = time - model.leads[joint]
+            effort[rows, joint] = np.interp(then, time, effort[rows, joint])
+            # between two samples both have to be seen, and beyond the ends nothing is
+            known[rows, joint] = np.interp(then, time, seen[rows, joint], left=0.0, right=0.0) == 1.0
+    return effort, known
 
 
 def numbers(values: Sequence[float] | np.ndarray) -> list[float | None]:

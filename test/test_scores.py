@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bag_cases import PENDULUM
 
+from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.recording import Recording
@@ -23,6 +24,7 @@ from bdnn_ros.scores import (
     without_effort,
 )
 from bdnn_ros.signals import Signals, prepare
+from bdnn_ros.signals.kernels import lagging
 from bdnn_ros.simulation.excitation import fourier
 
 
@@ -240,6 +242,48 @@ def test_no_motion_is_rolled_out_along_an_effort_that_was_held() -> None:
     saturated = prepare(replace(whole, effort=np.where(half, effort.max(axis=0) + 1.0, effort)))
     never = rollout_error(robot, saturated, 0.25)
     assert never.windows == 0 and np.isnan(never.position).all()
+
+
+@pytest.mark.parametrize(
+    ("late", "lag", "delay"), [(0.06, 0.0, 0.0), (-0.06, 0.0, 0.0), (0.0, 0.06, 0.0), (0.0, 0.0, 0.06)]
+)
+def test_a_rollout_is_driven_by_the_effort_as_it_acted(late: float, lag: float, delay: float) -> None:
+    """Efforts that come late, slowly or early, one in another scale: a right model errs as that of the undelayed twin does."""
+    robot = Model.from_urdf(Robot.bundled("arm2").urdf)
+    whole = swinging(robot, 16.0)
+    effort = whole.require_effort()
+    scaled = (
+        Installed(get("effort_scale"), 0, None, {"scale": 1.25}),
+        Installed(get("effort_offset"), 0, None, {"offset": 0.5}),
+    )
+    delayed = (Installed(get("effort_delay"), 1, None, {"delay": delay}),) if delay else ()
+    model = ExtendedModel(robot, (*scaled, *delayed), np.zeros(2), lead=-late, lag=lag)
+
+    measured = lagging(effort, lag, 200.0) if lag else effort
+    then = whole.time[:, None] + [-late, delay - late]
+    measured = np.stack([np.interp(then[:, j], whole.time, measured[:, j]) for j in range(2)], axis=1)
+    measured[:, 0] = (measured[:, 0] - 0.5) / 1.25
+    # beyond the recording nothing is known of an effort that moves; a gap makes two pieces
+    inside = ((whole.time > 0.5) & (whole.time < 15.5)) & (np.abs(whole.time - 8.0) > 0.5)
+    twin, told = (prepare(each.part(inside)) for each in (whole, replace(whole, effort=measured)))
+    expected, found = rollout_error(robot, twin, 0.25), rollout_error(model, told, 0.25)
+    assert expected.windows - 2 <= found.windows <= expected.windows
+    assert (found.position < 1.5 * expected.position + 1e-4).all()
+    assert (
+        rollout_error(replace(model, effects=scaled, lead=0.0, lag=0.0), told, 0.25).position > 0.005
+    ).any()
+
+
+def test_an_effort_that_was_held_drives_no_rollout_at_the_time_at_which_it_acted() -> None:
+    """The samples that are left out are those whose own effort, some time away, was not measured."""
+    robot = Model.from_urdf(Robot.bundled("arm2").urdf)
+    whole = swinging(robot, 12.0)
+    effort = whole.require_effort()
+    late = np.stack([np.interp(whole.time - 0.5, whole.time, column) for column in effort.T], axis=1)
+    within = ((whole.time >= 5.5) & (whole.time < 8.5))[:, None]
+    stuck = prepare(replace(whole, effort=np.where(within, late[1100], late)))
+    found = rollout_error(ExtendedModel(robot, (), np.zeros(2), lead=-0.5), stuck, 0.25)
+    assert found.windows > 20 and (found.position < 0.01).all()
 
 
 def test_a_motion_of_one_sample_has_no_rollout(pendulum):
