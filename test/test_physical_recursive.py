@@ -5,7 +5,7 @@ import pytest
 
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.parameters import Prior
-from bdnn_ros.physical.recursive import MOST_BLOCKS, Recursion, inverse, solve
+from bdnn_ros.physical.recursive import FEWEST_BLOCKS, MOST_BLOCKS, Recursion, inverse, solve
 from bdnn_ros.physical.statistics import Statistics, summed
 from bdnn_ros.physical.structure import Layout
 
@@ -109,6 +109,21 @@ def test_blocks_are_joined_and_nothing_is_lost():
     expected = Statistics.of(columns, effort)
     np.testing.assert_allclose(kept.gram, expected.gram, rtol=1e-9)
     np.testing.assert_allclose(kept.energy, expected.energy, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("fit", "most"), [(20, 20), (1, 2 * FEWEST_BLOCKS), (1000, MOST_BLOCKS)])
+def test_large_blocks_are_fewer_and_nothing_is_lost(fit, most, monkeypatch):
+    """Those of 24 joints took 2 GB; enough are left to tell how the residual is correlated."""
+    columns, effort = problem(rows=1000)
+    expected = Statistics.of(columns, effort)
+    monkeypatch.setattr("bdnn_ros.physical.statistics.MOST_BYTES", fit * expected.gram.nbytes)
+    sums, counts = recursion(), []
+    for k in range(0, 1000, 5):
+        sums.update(columns[k : k + 5], effort[k : k + 5])
+        counts.append(len(sums.blocks))
+    assert max(counts) == most + 1
+    assert min(counts[most:]) > most / 2 >= FEWEST_BLOCKS
+    np.testing.assert_allclose(summed(list(sums.blocks)).gram, expected.gram, rtol=1e-9)
 
 
 def test_squared_error_and_score_are_those_of_the_rows():

@@ -79,7 +79,7 @@ class Recursion:
     def __init__(self, belief: Prior) -> None:
         self.belief = belief
         self.prior_information = inverse(belief.covariance)
-        self.blocks = Blocks(MOST_BLOCKS)
+        self.blocks = Blocks(MOST_BLOCKS, least=2 * FEWEST_BLOCKS)
         self.clear()
         self.doubt()
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+MOST_BYTES = 1 << 28
+"""Blocks together take no more, if fewer of them will do: one grows with the cube of the number of joints."""
+
 
 @dataclass(frozen=True)
 class Statistics:
@@ -82,10 +85,11 @@ class Blocks:
 
     Args:
         most: blocks kept apart; beyond that, neighbours are joined and a block covers twice the time.
+        least: as `most`, of blocks of which so many take `MOST_BYTES` or more.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, most: int, least: int) -> None:
+        self._most, self._least = most, least
         self._memory: tuple[np.ndarray, ...] = ()
         self.clear()
 
@@ -98,6 +102,7 @@ class Blocks:
         """Take in what the next stretch says."""
         parts = (statistics.gram, statistics.moment, statistics.energy, statistics.count)
         if not self._memory:
+            self._most = min(self._most, max(MOST_BYTES // statistics.gram.nbytes, self._least))
             self._memory = tuple(np.zeros((self._most + 1, *part.shape)) for part in parts)
         if self._parts == 0:
             self._count += 1
