@@ -107,6 +107,30 @@ def test_what_needs_a_description_names_the_bag_and_the_remedy(
     assert capsys.readouterr().err.endswith(error)
 
 
+def test_a_robot_that_may_roam_is_looked_at_where_its_arm_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    roaming = ARM2.urdf.replace(
+        "</robot>",
+        '<link name="world"/><joint name="wheels" type="planar"><parent link="world"/>'
+        f'<child link="{ARM2.links[0]}"/><axis xyz="0 0 1"/></joint></robot>',
+    )
+    path, out = str(bag_of(tmp_path / "bag", recording(urdf=roaming))), str(tmp_path / "out")
+    urdf = tmp_path / "roaming.urdf"
+    urdf.write_text(roaming)
+    refused = "more than one degree of freedom (wheels), and only where others are named (--joints)"
+    assert main(["identify", path, "--urdf", str(urdf), "--out", out]) == 2
+    assert refused in capsys.readouterr().err
+    assert main(["identify", path, "--out", out]) == 2
+    assert refused in capsys.readouterr().err
+    assert main(["info", path]) == 0
+    assert refused in capsys.readouterr().out
+    assert main(["info", path, "--joints", ",".join(ARM2.joints)]) == 0
+    captured = capsys.readouterr()
+    assert "wheels of the URDF, of more than one degree of freedom, held" in captured.err
+    assert captured.out.endswith("Fit for identification.\n")
+
+
 def test_a_bundled_robot_stands_in(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "model"
     assert main(["identify", bag, "--robot", "arm2", "--out", str(out)]) == 0

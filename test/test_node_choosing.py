@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import RobotError, UsageError
 from bdnn_ros.nodes.choosing import leading, one_drive, with_joints
 from bdnn_ros.robot import Robot
 
@@ -56,6 +56,18 @@ def test_a_joint_that_moves_another_and_carries_the_arm_is_used():
 def test_a_gripper_alone_is_used():
     robot = Robot.from_urdf(hand("arm6_tool").urdf, ["left"])
     assert leading(robot) == {} and with_joints(robot, []) is robot
+
+
+def test_a_robot_that_may_roam_is_used_where_its_arm_is_named():
+    roaming = ARM.urdf.replace(
+        "</robot>",
+        '<link name="world"/><joint name="wheels" type="planar"><parent link="world"/>'
+        f'<child link="{ARM.links[0]}"/><axis xyz="0 0 1"/></joint></robot>',
+    )
+    robot = Robot.from_urdf(roaming)
+    assert with_joints(robot, ARM.joints).joints == ARM.joints
+    with pytest.raises(RobotError, match=r"more than one degree of freedom \(wheels\)"):
+        with_joints(robot, [])
 
 
 def test_an_unknown_joint_is_told_of_as_the_node_can_mend_it():

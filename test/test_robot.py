@@ -466,6 +466,35 @@ def test_names_may_hold_quotes_and_brackets(name: str) -> None:
     assert link_inertial(renamed, name)[1] == pytest.approx(link_inertial(robot, link)[1])
 
 
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+@pytest.mark.parametrize(("joints", "held"), [(("two", "one"), {}), (("two",), {"one": 0.4})])
+def test_joints_of_more_degrees_of_freedom_are_held_where_others_are_named(
+    kind: str, joints: tuple[str, ...], held: dict[str, float]
+) -> None:
+    """A base that may roam, before the arm, and what hangs at its end, as if they were fixed."""
+
+    def text(kind: str) -> str:
+        return two_link().replace(
+            "</robot>",
+            f"""<link name="world"/><joint name="base_joint" type="{kind}"><parent link="world"/><child link="base"/>
+            <origin xyz="0 0 1" rpy="0.3 0.2 0"/><axis xyz="0 0 1"/></joint>
+            <link name="camera"><inertial><origin xyz="0.1 0 0"/><mass value="0.7"/>
+            <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+            <joint name="mount" type="{kind}"><parent link="lower"/><child link="camera"/>
+            <origin xyz="0.2 0.1 0"/><axis xyz="0 0 1"/></joint></robot>""",
+        )
+
+    free, fixed = (Robot.from_urdf(text(one), joints, held) for one in (kind, "fixed"))
+    assert free.joints == joints
+    np.testing.assert_array_equal(free.limits.upper, fixed.limits.upper)
+    np.testing.assert_allclose(free.inertials, fixed.inertials, atol=1e-12)
+    motion = states(free)
+    np.testing.assert_allclose(free.rigid_effort(*motion), fixed.rigid_effort(*motion), atol=1e-10)
+    assert Robot.from_urdf(text(kind)).joints == ("one", "two")
+    with pytest.raises(RobotError, match=r"more than one degree of freedom \(base_joint, mount\).*--joints"):
+        Robot.from_urdf(text(kind), ("one", "mount"))
+
+
 def test_joints_that_are_left_out_stand_where_they_are_held() -> None:
     whole = Robot.bundled("arm7")
     chosen, out = whole.joints[:3], whole.joints[3:]

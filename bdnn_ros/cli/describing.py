@@ -10,15 +10,18 @@ from bdnn_ros.left_out import disturbing, led, standing
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import held_mimics, standing_still, with_mimics
-from bdnn_ros.robot.urdf import Held
+from bdnn_ros.robot.urdf import Held, free_joints, refuse_free
 
 
-def described_robot(bags: Mapping[str, str | None], name: str | None, needed: bool) -> Robot | None:
+def described_robot(
+    bags: Mapping[str, str | None], name: str | None, needed: bool, chosen: bool = False
+) -> Robot | None:
     """The robot that the bags describe, else the bundled one of that name; None without either.
 
     Args:
         bags: the description in each of some bags, None where there is none.
         needed: refuse descriptions of which none can be used; otherwise they count as none.
+        chosen: whether it is said which joints are looked at: others may have more than one degree of freedom.
 
     The first description that can be used counts. Those before it that cannot are said.
 
@@ -32,6 +35,8 @@ def described_robot(bags: Mapping[str, str | None], name: str | None, needed: bo
     for bag, urdf in described.items():
         try:
             robot = Robot.from_urdf(urdf)
+            if not chosen:
+                refuse_free(urdf)
         except RobotError as reason:
             left_out.append((bag, reason))
             continue
@@ -55,6 +60,7 @@ def unusable(recordings: Sequence[Recording]) -> str | None:
         if recording.urdf is not None:
             try:
                 Robot.from_urdf(recording.urdf, recording.joints)
+                refuse_free(recording.urdf)
             except RobotError as error:
                 return f"{recording.name}: {error.problem} Give another with --urdf FILE or --robot NAME."
             return None
@@ -108,6 +114,9 @@ def with_joints(
     out = [joint for joint in complete.joints if joint not in chosen]
     held = {joint: at for joint, at in known.items() if joint in out}
     held |= standing(whole, out, robot.urdf)
+    free = free_joints(robot.urdf)
+    if free:
+        say(f"{listed(free)} of the URDF, of more than one degree of freedom, held where it puts the robot.")
     looked_at = Robot.from_urdf(robot.urdf, chosen, held)
     mimics = {joint: leader for joint, leader in held_mimics(looked_at).items() if leader in chosen}
     if mimics:

@@ -20,6 +20,7 @@ from bdnn_ros.online.models import KnowsTimes, Model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import with_mimics
+from bdnn_ros.robot.urdf import refuse_free
 from bdnn_ros.signals import mended, without_copies
 
 Read = TypeVar("Read")
@@ -56,7 +57,7 @@ def load(
         require_joints(args, model.joints)
     needs_robot |= args.add_gravity
     say_unread_commands(args)
-    robot = _robot(args, needs_robot)
+    robot = _robot(args, needs_robot, chosen=bool(required))
     held, every = _held(args, required), _every_joint(robot, model)
     recordings = [_read_with(bags.read, path, args, held, every) for path in args.bags]
     chosen = required or _common_joints(recordings, robot)
@@ -92,7 +93,7 @@ def load_every(args: argparse.Namespace, model: Model) -> bags.EveryState:
         BdnnError: as `bags.read_every` and `Robot.from_urdf`.
     """
     say_unread_commands(args)
-    robot, joints = _robot(args, args.add_gravity), model.joints
+    robot, joints = _robot(args, args.add_gravity, chosen=True), model.joints
     held = _held(args, joints)
     every = _read_with(bags.read_every, args.bags[0], args, held, _every_joint(robot, model)).select(joints)
     for note in every.motion.notes:
@@ -153,7 +154,7 @@ def require_joints(args: argparse.Namespace, joints: Sequence[str], whose: str =
         )
 
 
-def _robot(args: argparse.Namespace, needed: bool) -> Robot | None:
+def _robot(args: argparse.Namespace, needed: bool, chosen: bool) -> Robot | None:
     """The robot of --urdf, else of the bags, else of --robot; it says which joints joint states are then read for.
 
     Raises:
@@ -162,9 +163,12 @@ def _robot(args: argparse.Namespace, needed: bool) -> Robot | None:
     if args.robot is not None:
         Robot.bundled(args.robot)
     if args.urdf:
-        return Robot.from_file(args.urdf)
+        robot = Robot.from_file(args.urdf)
+        if not chosen:
+            refuse_free(robot.urdf)
+        return robot
     described = {str(path): bags.read_description(path, args.joint_states) for path in args.bags}
-    return described_robot(described, args.robot, needed)
+    return described_robot(described, args.robot, needed, chosen)
 
 
 def _every_joint(robot: Robot | None, model: Model | None) -> Sequence[str]:

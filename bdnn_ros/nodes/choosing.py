@@ -7,14 +7,18 @@ from collections.abc import Mapping, Sequence
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import mimicking, with_mimics
+from bdnn_ros.robot.urdf import refuse_free
 
 
 def with_joints(robot: Robot, joints: Sequence[str]) -> Robot:
     """The robot with these joints only, in this order; where none is named all but `leading` and those that mimic another.
 
     Raises:
+        RobotError: none is named, and one has more than one degree of freedom.
         UsageError: it has no such joint.
     """
+    if not joints:
+        refuse_free(robot.urdf)
     movable = with_mimics(robot)
     unknown = [joint for joint in joints if joint not in movable]
     if unknown:

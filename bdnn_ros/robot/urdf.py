@@ -23,6 +23,8 @@ OPEN_VELOCITY = 2.0
 """Velocity that joints usually reach, where a description names no limit [rad/s] ([m/s])."""
 UNLIMITED = 1e9
 """Limit that stands for none: of the position [rad] while Pinocchio has the robot, in SI units wherever a URDF has one."""
+FREE = {"planar", "floating"}
+"""Kinds of joints of more than one degree of freedom."""
 Held = Mapping[str, float]
 """Joints that do not move, and where they stand [rad] ([m])."""
 NONE_HELD: Held = MappingProxyType({})
@@ -83,11 +85,11 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
 
     Args:
         urdf: the XML text.
-        joints: movable joints to keep; empty keeps all but those that mimic another.
+        joints: movable joints of one degree of freedom to keep; empty keeps all but those that mimic another.
         held: where others are held [rad] ([m]); the rest is at zero, or at the nearest limit.
 
     Raises:
-        RobotError: the text is not a usable URDF or lacks a joint.
+        RobotError: the text is not a usable URDF, lacks a joint, or that has more than one degree of freedom.
     """
     if not urdf.strip():
         raise RobotError("The robot description is empty.", "Check who writes it.")
@@ -101,9 +103,10 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
             f"The robot description is not a usable URDF ({reasons[0].rstrip('.')}).",
             "Check it with check_urdf.",
         ) from None
-    movable = tuple(full.names[1:])
-    if full.nv != len(movable):
-        raise RobotError("The URDF has a joint of more than one degree of freedom.", "Use a fixed-base arm.")
+    free = free_joints(urdf)
+    movable = tuple(name for name in full.names[1:] if name not in free)
+    if {*free} & {*joints} or (free and not movable):
+        refuse_free(urdf)
     mimics = mimicking(urdf)
     names = joints or tuple(name for name in movable if name not in mimics) or movable
     missing = [name for name in names if name not in movable]
@@ -114,13 +117,33 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
             f"The URDF has no movable joint {listed(missing)}; it has {listed(movable, 20)}.",
             "Use the URDF of this robot, or map the bag's names with --rename.",
         )
-    lock = [full.getJointId(name) for name in movable if name not in names]
+    lock = [full.getJointId(name) for name in full.names[1:] if name not in names]
     if lock:
         rest = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
         for name in set(held) & set(movable):
             rest[full.idx_qs[full.getJointId(name)]] = held[name]
         full = _without(full, lock, rest)
     return full, tuple(names)
+
+
+def free_joints(urdf: str) -> list[str]:
+    """Joints of more than one degree of freedom: they are held where they are described."""
+    return [str(joint.get("name")) for joint in _read(urdf).findall("joint") if joint.get("type") in FREE]
+
+
+def refuse_free(urdf: str) -> None:
+    """Refuses a URDF whose joints are not all of one degree of freedom, for those who have not said which they mean.
+
+    Raises:
+        RobotError: one has more than one.
+    """
+    free = free_joints(urdf)
+    if free:
+        raise RobotError(
+            f"The URDF has joints of more than one degree of freedom ({listed(free)}), and only where others are named "
+            "(--joints) are they held still.",
+            "Name those of a fixed-base arm with --joints (the node: parameter joints).",
+        )
 
 
 def _without(model: pin.Model, lock: list[int], rest: np.ndarray) -> pin.Model:
