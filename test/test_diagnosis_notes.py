@@ -114,6 +114,23 @@ def test_which_link_was_touched_is_no_matter_of_motion():
     assert said == "Whether arm6_link6 or arm6_link5 was pushed, no motion shows: look where it was touched."
 
 
+def test_what_lasts_is_told_from_a_push_that_is_over_without_contact():
+    """A motion of another kind would show neither whether it had been there; its other rivals a motion does tell."""
+    push, link = (
+        Term(get("external_wrench", "link"), 4, "arm6_link5"),
+        Term(get("link_inertia"), 5, "arm6_link6"),
+    )
+    again = "record the same motion again without contact."
+    for one, other in ((push, link), (link, push)):
+        (said,) = advised(one, other)
+        assert said.startswith(f"To tell {one.title} at {one.link} from {other.title} at") and said.endswith(
+            again
+        )
+    past, lasting = advised(link, push, Term(get("armature"), 5))
+    assert past.endswith(again) and "rotor" not in past
+    assert "rotor" in lasting and "bdnn excite" in lasting and "wrench" not in lasting
+
+
 def carried(link: int) -> Term:
     return Term(get("payload"), link - 1, f"arm6_link{link}")
 

@@ -31,8 +31,11 @@ def advice(
         values = one.values if term.effect.name == "payload" else {}
         looks, close = looked_for(term, values, close, causes, robot, places)
         sentences += looks
-        if close:
-            sentences.append(_to_tell(term, close, robot, places, k not in unnamed))
+        passed = [rival for rival in close if rival.effect.timed is not term.effect.timed]
+        lasting = [rival for rival in close if rival not in passed]
+        sentences += [
+            _to_tell(term, some, robot, places, k not in unnamed) for some in (passed, lasting) if some
+        ]
     return sentences
 
 
@@ -46,6 +49,9 @@ def _to_tell(
     place = places(term)
     names = in_words(_with_place(r, places) if places(r) != place else r.title for r in close)
     told = f"{_with_place(term, places)} from {names}"
+    push = next((one for one in (term, *close) if one.effect.timed), None)
+    if push is not None:  # it is over: other motions show what lasts, none shows what pushed then
+        return f"To tell {told}, record {push.effect.shown_by}."
     if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
         return f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
     made = "; `bdnn excite --for diagnosis.json` makes such a motion" if named else ""
