@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.linear import inverse, solve
 from bdnn_ros.physical.parameters import Prior
-from bdnn_ros.physical.recursive import FEWEST_BLOCKS, MOST_BLOCKS, Recursion, inverse, solve
+from bdnn_ros.physical.recursive import FEWEST_BLOCKS, MOST_BLOCKS, Recursion
+from bdnn_ros.physical.sensing import SensorNoise
 from bdnn_ros.physical.statistics import Statistics, summed
 from bdnn_ros.physical.structure import Layout
 
@@ -182,3 +184,44 @@ def test_badly_scaled_systems_are_solved():
     np.testing.assert_allclose(solve(matrix, matrix @ x), x, rtol=1e-4)
     np.testing.assert_allclose(solve(matrix, matrix @ x[:, 0]), x[:, 0], rtol=1e-4)
     np.testing.assert_allclose(inverse(matrix) @ matrix, np.eye(6), atol=1e-3)
+
+
+def shaken(size, rows=20000, seed=0):
+    """The problem with noise of a size on its columns, and a recursion that knows of it."""
+    columns, effort = problem(seed, rows)
+    noise = size * np.random.default_rng(seed + 1).normal(size=columns.shape)
+    sums = recursion()
+    known = np.array([size**2 * rows * np.eye(3)] * 2)
+    sensors = SensorNoise(np.full(2, 1e-4 * rows), np.full(2, 1e-4 * rows), known, float(rows))
+    sums.update(columns + noise, effort, None, sensors)
+    return sums
+
+
+def test_noise_in_the_columns_makes_no_coefficient_smaller():
+    size = 0.5 * problem(rows=20000)[0].std()
+    sums = shaken(size)
+    posterior = sums.solve(LAYOUT, 10)
+    error = posterior.mean - TRUTH
+    sums.sensors = None
+    attenuated = sums.solve(LAYOUT, 0).mean - TRUTH
+    assert np.abs(attenuated).max() > 0.2 and np.abs(error).max() < 0.1 * np.abs(attenuated).max()
+    assert (np.abs(error) < 3.0 * posterior.std).all()
+    # whoever knows of no noise, or hears hardly any, is told the same as ever
+    quiet = shaken(1e-4)
+    told = quiet.solve(LAYOUT, 10)
+    quiet.sensors = None
+    plain = quiet.solve(LAYOUT, 0)
+    np.testing.assert_allclose(told.mean, plain.mean, atol=0.01 * plain.std.min())
+    np.testing.assert_allclose(told.std, plain.std, rtol=1e-3)
+
+
+@pytest.mark.parametrize("louder", [1.0, 3.0])
+def test_columns_of_nothing_but_noise_blow_nothing_up(louder):
+    generator = np.random.default_rng(0)
+    sums, rows = recursion(), 1000
+    known = np.array([louder * rows * np.eye(3)] * 2)
+    sensors = SensorNoise(np.full(2, rows), np.full(2, rows), known, float(rows))
+    sums.update(generator.normal(size=(rows, 2, 3)), generator.normal(size=(rows, 2)), None, sensors)
+    posterior = sums.solve(LAYOUT, 10)
+    assert np.linalg.eigvalsh(posterior.information)[0] > 0.0
+    assert np.abs(posterior.mean).max() < 1.0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bdnn_ros.physical.columns import smooth_columns, tilting
 from bdnn_ros.physical.sensing import SensorNoise
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -76,3 +77,17 @@ def test_noise_of_two_chunks_adds_up(made):
     assert both.count == noise.count
     np.testing.assert_allclose(both.effort, noise.effort)
     np.testing.assert_allclose(both.alike, noise.alike, rtol=1e-2)
+
+
+def test_a_joint_that_turns_round_accelerates_and_one_that_stands_shows_noise():
+    robot, time = Robot.bundled("arm2"), np.arange(0.0, 12.0, 0.01)
+    swing = 0.5 * np.cos(np.minimum(1.2 * time, 2.0 * np.pi))
+    position = np.stack([swing, 0.3 * np.sin(time)], axis=1)
+    position += 2e-4 * np.random.default_rng(0).normal(size=position.shape)
+    signals = prepare(Recording(time, robot.joints, position, None, np.zeros_like(position)))
+    turns = np.abs(signals.time - np.pi / 1.2) < 0.02
+    stands = signals.time > 2.0 * np.pi / 1.2 + 0.3
+    assert signals.at_rest[turns, 0].any() and signals.standing[stands, 0].mean() > 0.99
+    own = smooth_columns(robot, signals, tilting(robot))[:, 0, robot.inertials.size]
+    np.testing.assert_array_equal(own[turns], signals.acceleration[turns, 0])
+    assert np.mean(own[stands] == 0.0) > 0.99

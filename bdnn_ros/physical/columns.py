@@ -31,8 +31,8 @@ def smooth_columns(robot: Robot, signals: Signals, tilts: tuple[Robot, Robot]) -
     Args:
         tilts: of `tilting`, the bodies as far as they are known.
     """
-    # noise that is taken for motion would seem to tell inertias
-    moves = ~signals.at_rest
+    # noise of a joint that stands says nothing; one that turns round accelerates
+    moves = ~signals.standing
     q, v, a = signals.position, signals.velocity * moves, signals.acceleration * moves
     own = np.stack([a, v, np.ones_like(q)], axis=-1)
     motors = np.stack([coupled(a), coupled(v)], axis=-1)

@@ -10,10 +10,11 @@ from bdnn_ros.errors import UpdateRejected
 from bdnn_ros.physical.consistency import consistent, feasible
 from bdnn_ros.physical.couplings import PER_COUPLING, CoupledMotors
 from bdnn_ros.physical.dictionary import CURVE_FEATURES, Scales
+from bdnn_ros.physical.linear import inverse, solve
 from bdnn_ros.physical.local import LocalResiduals, spread_weights
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT, Parameters
-from bdnn_ros.physical.recursive import Posterior, inverse, solve
+from bdnn_ros.physical.recursive import Posterior
 from bdnn_ros.physical.structure import TILT, Structure
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import tilt_of

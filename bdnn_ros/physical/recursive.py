@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.linear import inverse, principal, solve
 from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.sensing import SensorNoise
 from bdnn_ros.physical.statistics import Blocks, Statistics
@@ -25,6 +25,10 @@ FIRST_ITERATIONS = 40
 """Of noise and parameters, at most, after the start from the sensors."""
 SETTLED = 0.02
 """Share by which the weights of the joints' rows change no more."""
+LEAST_LEFT = 0.05
+"""Share of the information that is left, at least, where all of it seems to be the position's noise."""
+NOISE_DOUBT = 0.2
+"""Share of what the position's noise took, and is given back, that is its standard deviation."""
 MOST_BLOCKS = 32
 """Blocks of time kept apart."""
 FEWEST_BLOCKS = 6
@@ -135,7 +139,7 @@ class Recursion:
             posterior = self._posterior(layout)
             if np.allclose(self.weights(), before, rtol=SETTLED, atol=0.0):
                 break
-        return posterior
+        return posterior if self.sensors is None else self._freed(posterior)
 
     def weights(self) -> np.ndarray:
         """Information of a row of each joint, (n,) [1/(N·m)²]."""
@@ -167,6 +171,33 @@ class Recursion:
         information, vector = self._accumulated(layout, self.total, self.weights())
         mean = solve(information, vector)
         return Posterior(mean, information, self.noise, self.correlation, layout)
+
+    def _freed(self, posterior: Posterior) -> Posterior:
+        """The same without what the position's noise takes from bodies and rotors.
+
+        Noise in the columns makes their coefficients too small, however long the motion (Fuller, Measurement Error
+        Models, 1987). Its own share F of the information A is known, so the mean is that of A - F; the information is
+        (A - F) A⁻¹ (A - F), which stays definite where F is nearly all there is.
+        """
+        assert self.total is not None and self.sensors is not None
+        layout, known = posterior.layout, self.sensors.columns.shape[-1]
+        noise = np.zeros_like(posterior.information)
+        shares = self.weights() * self.total.count / self.sensors.count
+        for rows, share, columns in zip(layout.parameters, shares, self.sensors.columns, strict=True):
+            own = rows[:known]
+            noise[own[:, None], own] += share * columns
+        taken = np.flatnonzero(noise.any(axis=0))
+        if not len(taken):
+            return posterior
+        follow = solve(posterior.information, noise[:, taken])
+        twice = noise[:, taken] @ (np.eye(len(taken)) - follow[taken])
+        information = posterior.information - noise
+        information[:, taken] -= twice - LEAST_LEFT * noise[:, taken] @ follow[taken]
+        given = solve(information, twice @ posterior.mean[taken])
+        # how loud the noise is, is not known exactly
+        doubt = information @ (NOISE_DOUBT * given)
+        information -= np.outer(doubt, doubt) / (1.0 + NOISE_DOUBT * given @ doubt)
+        return replace(posterior, mean=posterior.mean + given, information=information)
 
     def _accumulated(
         self, layout: Layout, total: Statistics | None, weights: np.ndarray
@@ -219,7 +250,7 @@ class Recursion:
         for joint in range(len(result)):
             coefficients = posterior.coefficients(joint)
             scores = np.array([layout.score(block, joint, coefficients) for block in blocks])
-            values, vectors = _principal(layout.regression(self.total, joint).gram)
+            values, vectors = principal(layout.regression(self.total, joint).gram)
             whitened = scores @ vectors / np.sqrt(values)
             free = (len(blocks) - 1) / len(blocks)
             ratio = float(np.sum(whitened**2)) / (len(values) * free * posterior.noise[joint] ** 2)
@@ -254,34 +285,3 @@ class Recursion:
             ]
         )
         return np.maximum(each, np.median(each))
-
-
-def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Solution of a positive-definite system whose unknowns differ in scale."""
-    factor, size = _scaled(matrix)
-    if vector.ndim == 2:
-        size = size[:, None]
-    return np.asarray(size * cho_solve(factor, size * vector, check_finite=False))
-
-
-def inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a positive-definite matrix whose rows differ in scale."""
-    factor, size = _scaled(matrix)
-    return np.asarray(cho_solve(factor, np.diag(size), check_finite=False) * size[:, None])
-
-
-def _scaled(matrix: np.ndarray) -> tuple[tuple[np.ndarray, bool], np.ndarray]:
-    """Cholesky factor of a positive-definite matrix scaled to a unit diagonal, and the scaling."""
-    size = 1.0 / np.sqrt(np.diagonal(matrix))
-    return cho_factor(matrix * np.outer(size, size), lower=True, check_finite=False), size
-
-
-def _principal(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues and vectors of the excited directions, after scaling columns to one size."""
-    size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-    used = size > 1e-9 * size.max()
-    values, vectors = np.linalg.eigh(gram[np.ix_(used, used)] / np.outer(size[used], size[used]))
-    keep = values > 1e-8 * values[-1]
-    full = np.zeros((len(gram), int(np.count_nonzero(keep))))
-    full[used] = vectors[:, keep] / size[used, None]
-    return values[keep], full

@@ -10,9 +10,10 @@ import numpy as np
 
 from bdnn_ros.physical.couplings import Coupling
 from bdnn_ros.physical.dictionary import FEATURES, GROUPS, largest_waves
+from bdnn_ros.physical.linear import inverse, solve
 from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
-from bdnn_ros.physical.recursive import SMALLEST_NOISE, Posterior, Recursion, inverse, solve
+from bdnn_ros.physical.recursive import SMALLEST_NOISE, Posterior, Recursion
 from bdnn_ros.physical.statistics import Statistics, summed
 from bdnn_ros.physical.structure import (
     LEAD,

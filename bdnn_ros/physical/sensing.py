@@ -45,7 +45,7 @@ class SensorNoise:
         acceleration = passed_noise(signals.position_noise, width, rate, order=2) ** 2
         chosen = rows[:: max(len(rows) // POSES, 1)]
         change = _by_acceleration(robot, signals.position[chosen])
-        weights = acceleration * ~signals.at_rest[chosen]
+        weights = acceleration * ~signals.standing[chosen]
         scaled = change * np.sqrt(weights)[:, None, :, None]
         columns = np.einsum("tjka,tjkb->jab", scaled, scaled, optimize=True) * (len(rows) / len(chosen))
         return cls(effort, repeated * effort, columns, float(len(rows)))

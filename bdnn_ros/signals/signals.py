@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import convolve1d
+from scipy.ndimage import binary_opening, convolve1d
 from scipy.sparse import csr_array
 
 from bdnn_ros.signals.kernels import (
@@ -31,6 +31,8 @@ SLOW_SHARE = 0.02
 """A joint hardly moves below this share of its usual speed."""
 REST_WIDTHS = 5.0
 """A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
+STANDING_SECONDS = 0.2
+"""A joint that turns round is as slow as one at rest for a shorter while than this."""
 
 
 def friction_direction(
@@ -211,6 +213,12 @@ class Signals:
         """Where a joint stands still, so that dry friction has no direction, (N, n) bool."""
         slow = np.abs(self.velocity) < self.rest_velocity
         return slow & (np.abs(self.acceleration) * self.motion_std < 2.0 * self.rest_velocity)
+
+    @cached_property
+    def standing(self) -> np.ndarray:
+        """Where a joint is at rest for longer than it takes to turn round, (N, n) bool."""
+        least = max(int(np.ceil(STANDING_SECONDS * self.rate)), 1)
+        return np.asarray(binary_opening(self.at_rest, np.ones((least, 1), bool)))
 
     @cached_property
     def hardly_moves(self) -> np.ndarray:
