@@ -8,6 +8,8 @@ import pytest
 from bdnn_ros.physical.columns import smooth_columns, tilting
 from bdnn_ros.physical.couplings import Coupling
 from bdnn_ros.physical.parameters import prior
+from bdnn_ros.physical.presliding import BREAKAWAYS
+from bdnn_ros.physical.selection import _best
 from bdnn_ros.physical.statistics import Statistics
 from bdnn_ros.physical.structure import TILT, Columns, Structure, layout, straightened
 from bdnn_ros.recording import Recording
@@ -115,3 +117,27 @@ def test_columns_of_zeros_are_what_they_add_to_the_effort():
         column = columns[:, :, Columns(6).setup + len(TILT) + joint]
         change = (more - less) / 2e-5
         np.testing.assert_allclose(column, change, atol=1e-6 * np.abs(change).max() + 1e-6)
+
+
+class Told:
+    """A joint whose errors on what was left out are given, by breakaway and whether it has a curve."""
+
+    count = 100.0
+
+    def __init__(self, errors):
+        self.errors = errors
+
+    def weigh(self, variance):
+        pass
+
+    def believe_waves(self, terms, couplings):
+        pass
+
+    def error(self, breakaway, groups=(), couplings=()):
+        return self.errors.get((breakaway, "curve" in groups), 1.0)
+
+
+@pytest.mark.parametrize("without, chosen", [(800.0, (0, ())), (0.5, (6, ("curve",)))])
+def test_no_curve_hides_a_sharp_direction_behind_a_soft_one(without, chosen):
+    softest = len(BREAKAWAYS) - 1
+    assert _best(Told({(softest, False): without, (softest, True): 0.3}), ()) == chosen

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -301,18 +301,19 @@ def _best(joint: _Joint, couplings: tuple[Coupling, ...]) -> Terms:
     chosen: Terms = (USUAL, ())
     for _ in range(ROUNDS):
         joint.weigh(joint.error(*chosen, couplings) / joint.count)
-        ranked = sorted((cost(terms), terms) for terms in _small_terms())
+        ranked = sorted((cost(terms), terms) for terms in _small_terms(joint, couplings))
         large = [(breakaway, (*groups, LARGE)) for _, (breakaway, groups) in ranked[:BEST]]
         joint.believe_waves(large[0], couplings)
         chosen = min([ranked[0], *((cost(terms), terms) for terms in large)])[1]
-    breakaway, groups = chosen
-    return breakaway, tuple(name for name in GROUPS if name in groups)
+    return chosen[0], tuple(name for name in GROUPS if name in chosen[1])
 
 
-def _small_terms() -> Iterator[Terms]:
-    """Every breakaway with every set of the small groups."""
-    small = [name for name in GROUPS if name != LARGE]
-    for breakaway in range(len(BREAKAWAYS)):
-        for count in range(len(small) + 1):
-            for groups in combinations(small, count):
-                yield breakaway, groups
+def _small_terms(joint: _Joint, couplings: tuple[Coupling, ...]) -> Iterator[Terms]:
+    """Every breakaway with every set of the small groups, with a curve only where it is no worse without one."""
+    small = [name for name in GROUPS if name not in ("curve", LARGE)]
+    for groups in chain(*(combinations(small, count) for count in range(len(small) + 1))):
+        errors = [joint.error(breakaway, groups, couplings) for breakaway in range(len(BREAKAWAYS))]
+        for breakaway, error in enumerate(errors):
+            yield breakaway, groups
+            if error <= errors[USUAL]:  # or the curve may hold a sharp direction beside a soft one
+                yield breakaway, ("curve", *groups)
