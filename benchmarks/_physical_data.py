@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -20,6 +20,8 @@ WRONG = 0.2
 RATE = 500.0
 PIECE = 20.0
 """Every so many seconds a new random motion [s]: a Fourier series repeats itself."""
+ROUGH, ROUGH_RATE = 2e-4, 100.0
+"""Noise of a shaky encoder [rad] and its rate [Hz]."""
 TESTED = 60.0
 """Seconds of other motions to judge by."""
 
@@ -89,6 +91,13 @@ def sensed(one: Real, motion: Trajectory, rng: np.random.Generator, coloured: bo
     felt = felt + noise.effort * one.reach * _noise(q.shape, noise.correlation * rate, rng)
     seen = measured_position(q, noise, rng)
     return Recording(motion.time, one.robot.joints, seen, None, felt, urdf=one.nominal.urdf)
+
+
+def rough(recording: Recording, seed: int) -> Recording:
+    """The same by a slow and shaky encoder: at `ROUGH_RATE`, with `ROUGH` more on its positions."""
+    rng, position = np.random.default_rng([seed, 4]), recording.position
+    seen = replace(recording, position=position + ROUGH * rng.standard_normal(position.shape))
+    return seen.part(slice(None, None, round(RATE / ROUGH_RATE)))
 
 
 def tests(one: Real, seed: int) -> list[Signals]:

@@ -7,7 +7,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from _physical_data import PIECE, motions, real, tests
+from _physical_data import PIECE, Real, motions, real, rough, tests
 from _physical_measures import Itself, poses, torque_error, true_error
 
 from bdnn_ros.online.identifier import Identifier
@@ -16,6 +16,7 @@ from bdnn_ros.physical.combinations import combinations
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Parameters, prior
+from bdnn_ros.recording import Recording
 
 EARLY = (1.0, 2.0, 5.0, 10.0)
 POSES = 1000
@@ -121,11 +122,11 @@ def coverage(args: argparse.Namespace) -> dict[str, Any]:
     result: dict[str, Any] = {"seeds": args.seeds or 20}
     print(f"{COVERED:g} s of motion, {result['seeds']} seeds: share of truths in their 95 % intervals")
     print(f"{'noise':10} {'bodies':>8} {'rotors':>8} {'viscous':>8} {'Coulomb':>8} {'offset':>8} {'all':>8}")
-    for coloured in (False, True):
+    for name in ("white", "coloured", "rough"):
         held: dict[str, list[bool]] = {}
         for seed in range(result["seeds"]):
             one = real(seed)
-            model = Identifier(one.nominal).fit(motions(one, COVERED, seed, coloured))
+            model = Identifier(one.nominal).fit(_recorded(one, seed, name))
             robot, ours = one.robot, model.parameters.vector()
             truth = Parameters(
                 robot.inertials, robot.armature, robot.viscous, robot.coulomb, 0.0 * robot.coulomb
@@ -138,11 +139,16 @@ def coverage(args: argparse.Namespace) -> dict[str, Any]:
                     held.setdefault(_kind(one_of.words), []).append(off <= NORMAL * std)
         shares = {kind: float(np.mean(values)) for kind, values in held.items()}
         shares["all"] = float(np.mean([x for values in held.values() for x in values]))
-        name = "coloured" if coloured else "white"
         kinds = ("bodies", "rotor", "viscous", "Coulomb", "effort", "all")
         print(f"{name:10} " + " ".join(f"{100 * shares[kind]:6.1f} %" for kind in kinds))
         result[name] = shares
     return result
+
+
+def _recorded(one: Real, seed: int, noise: str) -> list[Recording]:
+    """Motion whose intervals are judged, with a kind of noise."""
+    made = motions(one, COVERED, seed, noise == "coloured")
+    return [rough(each, seed) for each in made] if noise == "rough" else made
 
 
 def agreeing(args: argparse.Namespace) -> dict[str, Any]:
