@@ -181,19 +181,23 @@ class Recursion:
         """
         assert self.total is not None and self.sensors is not None
         layout, known = posterior.layout, self.sensors.columns.shape[-1]
-        noise = np.zeros_like(posterior.information)
-        shares = self.weights() * self.total.count / self.sensors.count
-        for rows, share, columns in zip(layout.parameters, shares, self.sensors.columns, strict=True):
-            own = rows[:known]
-            noise[own[:, None], own] += share * columns
-        taken = np.flatnonzero(noise.any(axis=0))
-        if not len(taken):
+        shared = min(layout.shared, known)
+        taken = 1 + max(int(rows[:known].max()) for rows in layout.parameters)
+        shares, columns = self.weights() * self.total.count / self.sensors.count, self.sensors.columns
+        noise = np.zeros((taken, taken))
+        noise[:shared, :shared] = np.tensordot(shares, columns[:, :shared, :shared], 1)
+        for rows, share, own in zip(layout.parameters, shares, columns, strict=True):
+            alone = rows[shared:known]
+            noise[alone[:, None], rows[:known]] += share * own[shared:]
+            noise[:shared, alone] += share * own[:shared, shared:]
+        if not noise.any():
             return posterior
-        follow = solve(posterior.information, noise[:, taken])
-        twice = noise[:, taken] @ (np.eye(len(taken)) - follow[taken])
-        information = posterior.information - noise
-        information[:, taken] -= twice - LEAST_LEFT * noise[:, taken] @ follow[taken]
-        given = solve(information, twice @ posterior.mean[taken])
+        follow = solve(posterior.information, np.pad(noise, ((0, layout.size - taken), (0, 0))))[:taken]
+        again = noise @ follow
+        information, vector = posterior.information.copy(), np.zeros(layout.size)
+        information[:taken, :taken] += (1.0 + LEAST_LEFT) * again - 2.0 * noise
+        vector[:taken] = (noise - again) @ posterior.mean[:taken]
+        given = solve(information, vector)
         # how loud the noise is, is not known exactly
         doubt = information @ (NOISE_DOUBT * given)
         information -= np.outer(doubt, doubt) / (1.0 + NOISE_DOUBT * given @ doubt)
