@@ -199,8 +199,8 @@ def _on_axis(push: Truth, robot: Robot) -> bool:
     point = np.array([push.values.get(axis, 0.0) for axis in GIVEN["external_wrench"]])
     torque = math.hypot(*(push.values.get(f"torque_{axis}", 0.0) for axis in "xyz"))
     link, pose = robot.moving_link(robot.joints[push.target]), np.zeros((1, robot.width))
-    turning = robot.link_jacobian(pose, link)[0, 3:, push.target]
-    arm = np.cross(robot.link_rotation(pose, link)[0].T @ turning, point)
+    jacobian, rotation = robot.link_motion(pose, link)
+    arm = np.cross(rotation[0].T @ jacobian[0, 3:, push.target], point)
     return bool(torque == 0.0 and np.linalg.norm(arm) < ON_AXIS)
 
 

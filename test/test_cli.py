@@ -379,7 +379,8 @@ def test_load_takes_the_joints_that_bag_and_robot_share(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first = bag_of(tmp_path / "first", motion(joints=("wheel", "arm7_joint2", "arm7_joint1")))
-    second = bag_of(tmp_path / "second", motion(joints=("arm7_joint3", "arm7_joint2", "arm7_joint1")))
+    later = replace(motion(joints=("arm7_joint3", "arm7_joint2", "arm7_joint1")), epoch=10**18)
+    second = bag_of(tmp_path / "second", later)
     recordings, robot = _load([str(first), str(second), "--robot", "arm7"])
     assert robot is not None
     assert robot.joints == ("arm7_joint1", "arm7_joint2")
