@@ -290,7 +290,7 @@ def test_joints_that_hardly_move_are_named(tmp_path: Path, capsys) -> None:
     assert f"\n{JOINTS[1]}: travels less than 0.0005 rad" in said and JOINTS[0] not in said
     assert main([*words, "--velocity", "1e-9"]) == 1
     said = capsys.readouterr().err
-    assert said.startswith("bdnn: error: Inside these limits every joint travels less than 0.0005 rad")
+    assert "\nbdnn: error: Inside these limits every joint travels less than 0.0005 rad" in said
 
 
 @pytest.mark.parametrize(
