@@ -2,28 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 
+@dataclass(frozen=True)
+class Definite:
+    """A positive-definite matrix (P, P) whose rows differ in scale; it is factored once, when first asked."""
+
+    matrix: np.ndarray
+
+    def solve(self, vector: np.ndarray) -> np.ndarray:
+        """Solution of its system for a right-hand side (P,), or for several (P, k)."""
+        factor, size = self._scaled
+        scale = size if vector.ndim == 1 else size[:, None]
+        return np.asarray(scale * cho_solve(factor, scale * vector, check_finite=False))
+
+    def inverse(self) -> np.ndarray:
+        """(P, P)."""
+        factor, size = self._scaled
+        return np.asarray(cho_solve(factor, np.diag(size), check_finite=False) * size[:, None])
+
+    @cached_property
+    def _scaled(self) -> tuple[tuple[np.ndarray, bool], np.ndarray]:
+        """Cholesky factor of the matrix scaled to a unit diagonal, and the scaling."""
+        size = 1.0 / np.sqrt(np.diagonal(self.matrix))
+        return cho_factor(self.matrix * np.outer(size, size), lower=True, check_finite=False), size
+
+
 def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Solution of a positive-definite system whose unknowns differ in scale."""
-    factor, size = _scaled(matrix)
-    if vector.ndim == 2:
-        size = size[:, None]
-    return np.asarray(size * cho_solve(factor, size * vector, check_finite=False))
+    return Definite(matrix).solve(vector)
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
     """Inverse of a positive-definite matrix whose rows differ in scale."""
-    factor, size = _scaled(matrix)
-    return np.asarray(cho_solve(factor, np.diag(size), check_finite=False) * size[:, None])
-
-
-def _scaled(matrix: np.ndarray) -> tuple[tuple[np.ndarray, bool], np.ndarray]:
-    """Cholesky factor of a positive-definite matrix scaled to a unit diagonal, and the scaling."""
-    size = 1.0 / np.sqrt(np.diagonal(matrix))
-    return cho_factor(matrix * np.outer(size, size), lower=True, check_finite=False), size
+    return Definite(matrix).inverse()
 
 
 def principal(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.physical.linear import inverse, principal, solve
+from bdnn_ros.physical.linear import Definite, inverse, principal, solve
 from bdnn_ros.physical.parameters import Prior
 from bdnn_ros.physical.sensing import SensorNoise
 from bdnn_ros.physical.statistics import Blocks, Statistics
@@ -41,22 +41,27 @@ class Posterior:
 
     Attributes:
         mean: (P,).
-        information: inverse of the covariance, (P, P).
+        known: inverse of the covariance, (P, P).
         noise: standard deviation of each joint's residual, (n,) [N·m].
         correlation: rows that say as much as one independent row, of each joint, (n,).
         layout: what the parameters are.
     """
 
     mean: np.ndarray
-    information: np.ndarray
+    known: Definite
     noise: np.ndarray
     correlation: np.ndarray
     layout: Layout
 
+    @property
+    def information(self) -> np.ndarray:
+        """Inverse of the covariance, (P, P)."""
+        return self.known.matrix
+
     @cached_property
     def covariance(self) -> np.ndarray:
         """(P, P)."""
-        return inverse(self.information)
+        return self.known.inverse()
 
     @cached_property
     def std(self) -> np.ndarray:
@@ -169,8 +174,8 @@ class Recursion:
 
     def _posterior(self, layout: Layout) -> Posterior:
         information, vector = self._accumulated(layout, self.total, self.weights())
-        mean = solve(information, vector)
-        return Posterior(mean, information, self.noise, self.correlation, layout)
+        known = Definite(information)
+        return Posterior(known.solve(vector), known, self.noise, self.correlation, layout)
 
     def _freed(self, posterior: Posterior) -> Posterior:
         """The same without what the position's noise takes from bodies and rotors.
@@ -180,28 +185,29 @@ class Recursion:
         (A - F) A⁻¹ (A - F), which stays definite where F is nearly all there is.
         """
         assert self.total is not None and self.sensors is not None
-        layout, known = posterior.layout, self.sensors.columns.shape[-1]
-        shared = min(layout.shared, known)
-        taken = 1 + max(int(rows[:known].max()) for rows in layout.parameters)
-        shares, columns = self.weights() * self.total.count / self.sensors.count, self.sensors.columns
-        noise = np.zeros((taken, taken))
-        noise[:shared, :shared] = np.tensordot(shares, columns[:, :shared, :shared], 1)
-        for rows, share, own in zip(layout.parameters, shares, columns, strict=True):
-            alone = rows[shared:known]
-            noise[alone[:, None], rows[:known]] += share * own[shared:]
-            noise[:shared, alone] += share * own[:shared, shared:]
+        layout, count = posterior.layout, self.sensors.columns.shape[-1]
+        shared = min(layout.shared, count)
+        taken = 1 + max(int(rows[:count].max()) for rows in layout.parameters)
+        columns = (
+            self.sensors.columns * (self.weights() * self.total.count / self.sensors.count)[:, None, None]
+        )
+        noise = np.zeros((layout.size, taken))
+        noise[:shared, :shared] = columns.sum(axis=0)[:shared, :shared]
+        for rows, own in zip(layout.parameters, columns, strict=True):
+            alone = rows[shared:count]
+            noise[alone[:, None], rows[:count]] += own[shared:]
+            noise[:shared, alone] += own[:shared, shared:]
         if not noise.any():
             return posterior
-        follow = solve(posterior.information, np.pad(noise, ((0, layout.size - taken), (0, 0))))[:taken]
-        again = noise @ follow
+        again = noise[:taken] @ posterior.known.solve(noise)[:taken]
         information, vector = posterior.information.copy(), np.zeros(layout.size)
-        information[:taken, :taken] += (1.0 + LEAST_LEFT) * again - 2.0 * noise
-        vector[:taken] = (noise - again) @ posterior.mean[:taken]
+        information[:taken, :taken] += (1.0 + LEAST_LEFT) * again - 2.0 * noise[:taken]
+        vector[:taken] = (noise[:taken] - again) @ posterior.mean[:taken]
         given = solve(information, vector)
         # how loud the noise is, is not known exactly
         doubt = information @ (NOISE_DOUBT * given)
-        information -= np.outer(doubt, doubt) / (1.0 + NOISE_DOUBT * given @ doubt)
-        return replace(posterior, mean=posterior.mean + given, information=information)
+        information -= np.outer(doubt, doubt / (1.0 + NOISE_DOUBT * given @ doubt))
+        return replace(posterior, mean=posterior.mean + given, known=Definite(information))
 
     def _accumulated(
         self, layout: Layout, total: Statistics | None, weights: np.ndarray
