@@ -187,16 +187,18 @@ class Recursion:
         assert self.total is not None and self.sensors is not None
         layout, count = posterior.layout, self.sensors.columns.shape[-1]
         shared = min(layout.shared, count)
-        taken = 1 + max(int(rows[:count].max()) for rows in layout.parameters)
+        alone = np.array([rows[shared:count] for rows in layout.parameters])
+        taken = max(shared, 1 + int(alone.max(initial=0)))
         columns = (
             self.sensors.columns * (self.weights() * self.total.count / self.sensors.count)[:, None, None]
         )
         noise = np.zeros((layout.size, taken))
         noise[:shared, :shared] = columns.sum(axis=0)[:shared, :shared]
-        for rows, own in zip(layout.parameters, columns, strict=True):
-            alone = rows[shared:count]
-            noise[alone[:, None], rows[:count]] += own[shared:]
-            noise[:shared, alone] += own[:shared, shared:]
+        for own, row in enumerate(alone.T, start=shared):
+            np.add.at(noise[:, :shared], row, columns[:, own, :shared])
+            np.add.at(noise[:shared].T, row, columns[:, :shared, own])
+            for other, column in enumerate(alone.T, start=shared):
+                np.add.at(noise, (row, column), columns[:, own, other])
         if not noise.any():
             return posterior
         again = noise[:taken] @ posterior.known.solve(noise)[:taken]
