@@ -226,10 +226,8 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
 def _acted(model: Ahead, signals: Signals) -> tuple[np.ndarray, np.ndarray]:
     """The measured effort at the time at which a model says it acted, (N, n) [N·m], and where it is known, (N, n) bool."""
     assert signals.effort is not None
-    effort, seen = signals.effort, signals.seen
-    if model.lag:
-        effort = effort + model.lag * signals.derivative(effort)
-    effort, known = effort.copy(), seen.copy()
+    seen, known = signals.seen, signals.seen.copy()
+    effort = signals.effort + (model.lag * signals.derivative(signals.effort) if model.lag else 0.0)
     for joint in np.flatnonzero(model.leads):
         for rows in signals.segments:
             time = signals.time[rows]

@@ -293,27 +293,28 @@ def _best(joint: _Joint, couplings: tuple[Coupling, ...]) -> Terms:
     Every breakaway with every set of small groups is tried, then the best of them with the large one as well.
     """
 
-    def cost(terms: Terms) -> float:
+    def cost(terms: Terms, error: float) -> float:
         breakaway, groups = terms
         price = sum(GROUP_COST[name] for name in groups) + BREAKAWAY_COST * (breakaway != USUAL)
-        return float(np.log(joint.error(breakaway, groups, couplings))) + price
+        return float(np.log(error)) + price
 
     chosen: Terms = (USUAL, ())
     for _ in range(ROUNDS):
         joint.weigh(joint.error(*chosen, couplings) / joint.count)
-        ranked = sorted((cost(terms), terms) for terms in _small_terms(joint, couplings))
+        ranked = sorted((cost(*tried), tried[0]) for tried in _small_terms(joint, couplings))
         large = [(breakaway, (*groups, LARGE)) for _, (breakaway, groups) in ranked[:BEST]]
         joint.believe_waves(large[0], couplings)
-        chosen = min([ranked[0], *((cost(terms), terms) for terms in large)])[1]
+        waves = ((cost(terms, joint.error(*terms, couplings)), terms) for terms in large)
+        chosen = min([ranked[0], *waves])[1]
     return chosen[0], tuple(name for name in GROUPS if name in chosen[1])
 
 
-def _small_terms(joint: _Joint, couplings: tuple[Coupling, ...]) -> Iterator[Terms]:
-    """Every breakaway with every set of the small groups, with a curve only where it is no worse without one."""
+def _small_terms(joint: _Joint, couplings: tuple[Coupling, ...]) -> Iterator[tuple[Terms, float]]:
+    """Every breakaway with every set of small groups, a curve only where it is no worse without one; and their errors."""
     small = [name for name in GROUPS if name not in ("curve", LARGE)]
     for groups in chain(*(combinations(small, count) for count in range(len(small) + 1))):
         errors = [joint.error(breakaway, groups, couplings) for breakaway in range(len(BREAKAWAYS))]
         for breakaway, error in enumerate(errors):
-            yield breakaway, groups
+            yield (breakaway, groups), error
             if error <= errors[USUAL]:  # or the curve may hold a sharp direction beside a soft one
-                yield breakaway, ("curve", *groups)
+                yield (breakaway, ("curve", *groups)), joint.error(breakaway, ("curve", *groups), couplings)
