@@ -1,4 +1,4 @@
-# setup, demo, test, bench, lint, clean. PYTHON picks the interpreter of a new .venv: make setup PYTHON=python3.12
+# setup, demo, test, test-all, bench, lint, clean. PYTHON picks the interpreter of a new .venv: make setup PYTHON=python3.12
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -10,9 +10,10 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 
 INTERFACES := $(shell find bdnn_interfaces -path '*/build' -prune -o -path '*.egg-info' -prune -o -type f -print)
 PACKAGING := setup.py setup.cfg package.xml pyproject.toml $(wildcard resource/* scripts/launchers/* launch/*.py config/*.*)
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
 BENCHMARKS := $(wildcard benchmarks/[!_]*.py)
 
-.PHONY: setup demo test bench lint clean
+.PHONY: setup demo test test-all bench lint clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.package $(VENV)/.interfaces
@@ -20,8 +21,12 @@ setup: $(VENV)/.package $(VENV)/.interfaces
 demo: setup
 	$(BIN)/bdnn demo --out demo_output
 
+# What a change is tried by; test-all takes nearly three times as long and is run before a release.
 test: setup lint
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal test
+	$(PYTEST) -m "not slow" test
+
+test-all: setup lint
+	$(PYTEST) test
 
 bench: setup
 	@set -e; for file in $(BENCHMARKS); do echo "== $$file"; $(BIN)/python $$file; done

@@ -45,6 +45,7 @@ def little() -> Data:
     return data("arm2", 20.0, 0)
 
 
+@pytest.mark.slow
 def test_the_true_robot_is_judged_without_error(little):
     errors = judge(Known(little.truth), little)
     assert errors["nmse"] < 1e-4
@@ -156,6 +157,7 @@ def test_an_effort_without_inertia_lets_the_rollout_run_away():
     )
 
 
+@pytest.mark.slow
 def test_least_squares_on_the_true_axes_finds_the_robot(little):
     errors = judge(least_squares(little, 1.0, 0), little)
     assert errors["nmse"] < 1e-3
@@ -163,6 +165,7 @@ def test_least_squares_on_the_true_axes_finds_the_robot(little):
     assert errors["friction"] < 0.02
 
 
+@pytest.mark.slow
 def test_a_run_is_saved_and_goes_on(tmp_path, monkeypatch):
     path = tmp_path / "bdnn.json"
     words = ["--robots", "arm2", "--methods", "squares", "--results", str(path)]

@@ -93,6 +93,7 @@ def test_the_same_seed_gives_the_same_model(arm2, black_box):
     np.testing.assert_array_equal(again.predict(test), black_box.predict(test))
 
 
+@pytest.mark.slow
 def test_a_black_box_learns_what_no_chain_has(arm2):
     robot, *_ = arm2
     extra = lambda q, v: 0.15 * np.sin(8.0 * q) * np.ptp(robot.gravity(q), axis=0)  # noqa: E731
@@ -130,6 +131,7 @@ def test_networks_learn_beside_a_prior_that_cannot_be_identified(arm2):
     )
 
 
+@pytest.mark.slow
 def test_networks_alone_learn_both_ways(arm2):
     _, train, validation, _ = arm2
     model = identify(train, validation, budget=12.0, architecture="networks", clock=Clock(0.004))
@@ -179,6 +181,7 @@ def test_progress_rises_to_the_end(arm2):
     assert all(what for _, what in told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("architecture", ["chain", "networks"])
 def test_an_interrupted_training_goes_on(arm2, tmp_path, architecture):
     _, train, validation, test = arm2
@@ -382,6 +385,7 @@ def without_sensor(whole: Signals, joint: int) -> Signals:
     return unmeasured(whole, np.broadcast_to(np.arange(whole.width) == joint, whole.position.shape))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [0, 1])
 @pytest.mark.parametrize("how", ["chain", "networks", "prior"])
 def test_a_joint_without_a_sensor_spoils_nothing(arm2, how, joint):

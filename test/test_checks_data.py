@@ -61,6 +61,7 @@ def test_good_data_is_not_remarked_on(name):
     assert remarks(Robot.bundled(name), good(Robot.bundled(name))) == []
 
 
+@pytest.mark.slow
 def test_every_remark_says_what_to_do(robot, recording):
     still = recording.position.copy()
     still[:, 3] = 0.5

@@ -46,6 +46,7 @@ def recording() -> Recording:
     return worn()
 
 
+@pytest.mark.slow
 def test_a_load_that_comes_and_goes_is_noticed_with_its_times(recording):
     found = handling(prepare(carrying(recording, 2.0, 8.0)), ARM)
     assert found is not None and found.link == "arm6_link6" and found.mass == pytest.approx(2.0, rel=0.15)
@@ -84,6 +85,7 @@ def test_when_it_is_there_takes_no_memory_for_each_time() -> None:
     assert peak < 10 * len(time)
 
 
+@pytest.mark.slow
 def test_what_was_recorded_without_it_is_diagnosed(tmp_path, capsys):
     """With it a push, a payload elsewhere, offsets and ripples were named instead, after minutes."""
     robot = Robot.bundled("arm2")

@@ -95,6 +95,7 @@ def test_interruptions_and_full_pipes(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert int(done.stdout) in (0, 141)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("closed", "prints", "complains"),
     [(">&-", False, True), ("2>&-", True, False), ("<&- >&- 2>&-", False, False)],

@@ -162,6 +162,7 @@ def test_the_first_description_that_can_be_used_counts(capsys: pytest.CaptureFix
         describing.described_robot(broken, None, needed=True)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_names_the_description_that_was_used(tmp_path: Path) -> None:
     assert main(["simulate", "--robot", "arm2", "--duration", "12", "--out", str(tmp_path)]) == 0
     spoilt = replace(bags.read(tmp_path / "bag"), urdf="no description")
@@ -175,6 +176,7 @@ def test_a_diagnosis_names_the_description_that_was_used(tmp_path: Path) -> None
     assert used == ["/robot_description of the bag", "arm2"]
 
 
+@pytest.mark.slow
 def test_a_diagnosis_keeps_that_a_joint_of_the_description_is_in_no_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

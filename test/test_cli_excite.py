@@ -123,6 +123,7 @@ def test_the_same_seed_gives_the_same_files(diagnosis: Path, tmp_path: Path) -> 
     assert texts[0] == texts[1] != texts[2]
 
 
+@pytest.mark.slow
 def test_a_model_or_a_robot_without_a_diagnosis(tmp_path: Path, capsys) -> None:
     model = save_model(tmp_path, ExtendedModel(Robot.bundled("arm2"), (), np.zeros(2)))
     for robot in ([str(model)], ["--robot", "arm2"]):
@@ -130,6 +131,7 @@ def test_a_model_or_a_robot_without_a_diagnosis(tmp_path: Path, capsys) -> None:
         assert "shows all parameters" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_model_beside_a_diagnosis_is_its_robot(tmp_path: Path, capsys) -> None:
     """As where the bag had the description; a model of other joints is another's."""
     friction = finding(place("coulomb_friction", JOINTS[0]), {"coulomb": 0.3})
@@ -147,6 +149,7 @@ def test_the_model_beside_a_diagnosis_is_its_robot(tmp_path: Path, capsys) -> No
     assert (tmp_path / "out" / "trajectory.csv").read_text().startswith(f"time,{JOINTS[0]}.position")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("findings", "says"),
     [
@@ -210,6 +213,7 @@ def test_damaged_diagnoses(diagnosis: Path, change: tuple[str, str], says: str, 
     assert says in error and "Traceback" not in error
 
 
+@pytest.mark.slow
 def test_limits_that_stand_for_missing_ones_are_said(tmp_path: Path, capsys) -> None:
     urdf = Robot.bundled("arm2").urdf
     open_ = re.sub(r"<limit[^>]*/>", "", urdf).replace('type="revolute"', 'type="continuous"')
@@ -234,6 +238,7 @@ def test_limits_that_stand_for_missing_ones_are_said(tmp_path: Path, capsys) -> 
     assert "limit" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_effort_limit_of_zero_is_none_and_said(tmp_path: Path, capsys) -> None:
     """As drafts of a description have it: the motion keeps none, in silence."""
     urdf = re.sub(r'effort="4[^"]*"', 'effort="0"', Robot.bundled("arm2").urdf)
@@ -245,6 +250,7 @@ def test_an_effort_limit_of_zero_is_none_and_said(tmp_path: Path, capsys) -> Non
     assert f"a recording of 5 s is mostly too short for `bdnn diagnose`, which asks for {ENOUGH:g} s" in said
 
 
+@pytest.mark.slow
 def test_joints_that_are_not_named_stand_still(tmp_path: Path, capsys) -> None:
     """As wheels and fingers beside an arm; the motion of the others is simulated and ordered as asked for."""
     picked = ("arm6_joint3", "arm6_joint2")
@@ -261,6 +267,7 @@ def test_joints_that_are_not_named_stand_still(tmp_path: Path, capsys) -> None:
     assert "truth.yaml is of the joints arm6_joint3, arm6_joint2" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_joints_of_a_model_or_a_diagnosis_are_put_in_order_but_not_left_out(
     diagnosis: Path, tmp_path: Path, capsys
 ) -> None:
@@ -282,6 +289,7 @@ def test_joints_of_a_model_or_a_diagnosis_are_put_in_order_but_not_left_out(
         assert says in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_joints_that_hardly_move_are_named(tmp_path: Path, capsys) -> None:
     words = ["excite", "--robot", "arm2", "--duration", "6", "--out", str(tmp_path / "next")]
     assert main([*words, "--range", f"{JOINTS[1]}=0.1:0.10001"]) == 0

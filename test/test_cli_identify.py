@@ -112,6 +112,7 @@ def test_bags_of_different_rates_are_scored_behind_one_low_pass(bag, tmp_path, m
     assert "low-passed alike at 3.33 Hz." in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_recordings_that_differ_are_never_joined_unseen(bag, tmp_path, capsys):
     assert main(["identify", bag["first"], bag["second"], bag["worn"], "--out", str(tmp_path)]) == 0
     _, parameters = contents(tmp_path)
@@ -198,6 +199,7 @@ def test_parameters_are_written_where_there_is_a_prior(bag, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_parameters_of_another_model_beside_stay(bag, tmp_path):
     """Whether or not the file that is replaced had any; its own go with it."""
     words = ["identify", bag["first"], "--budget", "0.5", "--prior"]

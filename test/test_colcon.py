@@ -48,7 +48,6 @@ def test_plain_colcon_finds_both_packages(checkout: Path) -> None:
     assert run(["colcon", "list", "--names-only"], checkout).split() == ["bdnn_interfaces", "bdnn_ros"]
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_colcon_build_makes_packages_that_run(checkout: Path) -> None:
     run(["colcon", "build"], checkout)

@@ -65,6 +65,7 @@ def test_nothing_is_wrong_with_a_robot_as_described(tmp_path, seed, wrong):
     assert report["verdict"] == "nothing_wrong"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_wear_is_found_on_every_joint_and_nothing_else(tmp_path, seed):
     bag, truth = recorded(tmp_path, "arm2", seed=seed, duration=20.0, wrong=0.05, worn=True)
@@ -78,6 +79,7 @@ def test_wear_is_found_on_every_joint_and_nothing_else(tmp_path, seed):
             assert value == pytest.approx(true, rel=0.1), finding["sentence"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "effect, seed, robot, worn",
     [

@@ -114,6 +114,7 @@ def test_friction_that_comes_on_at_once_does_beside_a_joint_that_creeps():
         assert not found[OTHER].any()
 
 
+@pytest.mark.slow
 def test_a_joint_that_stands_still_to_the_last_digit_has_none():
     """Its friction fell with a velocity of zero by zero, and the diagnosis broke down."""
     full = fourier(ROBOT, np.arange(0.0, 15.0, 1.0 / RATE), np.random.default_rng(1))
@@ -150,6 +151,7 @@ def test_friction_that_creeps_alike_is_uneven_by_an_offset_alone():
         assert np.allclose(ahead - back, 1.0) is same
 
 
+@pytest.mark.slow
 def test_a_smooth_law_is_taken_for_the_nearest_of_these():
     """As simulators write it: tanh of the velocity."""
     examined = examine([recorded(lambda q, v: 8.0 * np.tanh(v / 0.1))], ROBOT)
@@ -179,6 +181,7 @@ def examined():
     return examine([recorded(soft(0.15, 0.15, 8.0))], ROBOT)
 
 
+@pytest.mark.slow
 def test_friction_that_creeps_is_named_by_its_size_and_predicted(examined):
     (finding,) = examined.diagnosis.findings
     assert (finding.effect, finding.joint) == ("coulomb_friction", ROBOT.joints[JOINT])
@@ -191,6 +194,7 @@ def test_friction_that_creeps_is_named_by_its_size_and_predicted(examined):
     assert score_model(at_once, others).nmse[JOINT] > 10.0 * score_model(model, others).nmse[JOINT]
 
 
+@pytest.mark.slow
 def test_a_point_has_as_much_of_it_as_its_velocity_asks_for():
     model = extend(examine([recorded(soft(0.2, 0.08, 10.0, 4.0))], ROBOT))
     still, moves = np.zeros((4, ROBOT.width)), np.zeros((4, ROBOT.width))
@@ -201,6 +205,7 @@ def test_a_point_has_as_much_of_it_as_its_velocity_asks_for():
     assert own[1] - own[3] == pytest.approx(14.0, rel=0.03)
 
 
+@pytest.mark.slow
 def test_what_changed_since_comes_on_as_it_did(examined):
     before = extend(examined)
     same = examine([recorded(soft(0.15, 0.15, 8.0), seed=5)], before.robot, model=before)
@@ -295,6 +300,7 @@ def test_what_is_never_all_there_is_not_taken_for_friction():
     assert creeping(seen(recorded(soft(fastest, fastest, 20.0))), ROBOT) is None
 
 
+@pytest.mark.slow
 def test_friction_that_creeps_is_named_by_its_size_beside_a_push(pushed):
     examined = examine([pushed], ROBOT)
     found = {one.effect: one for one in examined.diagnosis.findings}
@@ -304,6 +310,7 @@ def test_friction_that_creeps_is_named_by_its_size_beside_a_push(pushed):
     assert "comes on little by little" in examined.recordings[0].notes[-1]
 
 
+@pytest.mark.slow
 def test_friction_of_a_light_mujoco_joint_creeps_as_its_constraint_does(monkeypatch):
     """What MuJoCo takes for the joint's inertia is that of its first pose."""
     monkeypatch.setattr(_naming_mujoco, "SHARE", (3.0, 3.001))
@@ -324,6 +331,7 @@ def test_friction_of_a_light_mujoco_joint_creeps_as_its_constraint_does(monkeypa
     assert finding.parameters["coulomb"].value == pytest.approx(one["parameters"]["coulomb"], rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_a_tilted_base_asks_of_a_joint_is_not_taken_for_friction():
     """Where a joint moves as one sine, gravity that the description knows nothing of comes and goes with its velocity."""
     recording, _ = made(drawn(65914, "sines", ("arm2", "arm6", "arm7")))

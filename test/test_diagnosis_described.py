@@ -30,6 +30,7 @@ def examined(recording: Recording, viscous: tuple[float, float], coulomb: tuple[
     return examine([recording], described)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("viscous", "coulomb", "less"),
     [

@@ -57,6 +57,7 @@ def test_of_many_short_ones_some_are_left_out_and_named():
     assert "Of 719 s of motion" in said and f"({60 - len(kept)} in all)" in said
 
 
+@pytest.mark.slow
 def test_what_drifts_all_the_while_is_named_as_it_was(monkeypatch):
     monkeypatch.setattr("bdnn_ros.diagnosis.excerpts.MOST_SECONDS", 40.0)
     monkeypatch.setattr("bdnn_ros.diagnosis.excerpts.PIECE", 5.0)

@@ -177,6 +177,7 @@ RUBS = 2.0
 RUBBED = ARM.with_joint_parameters(coulomb=np.array([0.0, RUBS]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "earlier"), [(RUBBED, None), (ARM, model_of(f"coulomb_friction@{JOINT}:coulomb={RUBS}"))]
 )

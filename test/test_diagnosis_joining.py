@@ -61,6 +61,7 @@ def test_a_velocity_that_one_driver_differentiates_is_no_low_pass_of_anothers(ra
     assert diagnose(made, ARM).findings == ()
 
 
+@pytest.mark.slow
 def test_a_push_in_one_of_several_is_told_with_when_each_begins():
     """Its time is of no recording's own clock."""
     pushed = recorded(2, "external_wrench@arm2_joint2:torque=3,start=9,end=11")
@@ -97,6 +98,7 @@ def test_what_is_cut_away_moves_no_time_of_what_is_left(first):
         assert starts([before.time, after.time])[0] == before.time[0]
 
 
+@pytest.mark.slow
 def test_a_push_that_lasts_until_a_recording_ends_is_over_then():
     """Not when the next one begins: nobody knows what was in between."""
     pushed = recorded(2, "external_wrench@arm2_joint2:torque=3,start=17,end=99")
@@ -104,6 +106,7 @@ def test_a_push_that_lasts_until_a_recording_ends_is_over_then():
     assert 19.8 < finding.parameters["end"].value < 20.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [True, False])
 def test_what_pushes_at_an_inner_end_only_is_at_an_end(first):
     """A filter makes the same of every recording's ends, wherever it comes in a row."""
@@ -137,6 +140,7 @@ def test_recordings_of_two_rates_go_together_by_one_cutoff():
     assert found.verdict == "nothing_wrong"
 
 
+@pytest.mark.slow
 def test_recordings_of_one_rate_go_together_though_their_clocks_differ():
     """Of slow ones the low-pass follows the rate that was measured, which is never twice the same."""
     slow, other = recorded(1, rate=50.0), recorded(2, rate=50.0)

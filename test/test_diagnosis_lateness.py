@@ -158,6 +158,7 @@ def test_what_is_taken_back_is_what_the_efforts_move_by():
     assert in_time([recording], Lateness(lag=0.03))[1] == Lateness(lag=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [lambda robot: Identifier(robot).fit, extended])
 def test_a_model_predicts_efforts_that_come_late_by_no_whole_samples(build):
     """Its lead counted all of the delay, where whole samples were taken back: off by a third of one."""
@@ -170,6 +171,7 @@ def test_a_model_predicts_efforts_that_come_late_by_no_whole_samples(build):
     assert score_model(model, [prepare(seldom)]).nrmse_mean < 0.025
 
 
+@pytest.mark.slow
 def test_the_same_is_named_and_the_extended_model_predicts_what_is_recorded():
     robot = Robot.bundled("arm6")
     spec = parse_spec("viscous_friction@arm6_joint2:viscous=8.0", robot)
@@ -196,6 +198,7 @@ def test_info_tells_of_it(tmp_path, capsys):
         assert words or not ("after the motion" in out or "first order" in out)
 
 
+@pytest.mark.slow
 def test_friction_behind_a_slow_effort_sensor_is_named_as_what_it_is():
     robot = Robot.bundled("arm6")
     specs = ["coulomb_friction@arm6_joint3:coulomb=6", "viscous_friction@arm6_joint2:viscous=8"]
@@ -210,6 +213,7 @@ def test_friction_behind_a_slow_effort_sensor_is_named_as_what_it_is():
     assert score_model(extend(examination), [prepare(recording)]).nrmse_mean < 0.05
 
 
+@pytest.mark.slow
 def test_what_is_identified_predicts_efforts_as_late_as_they_came():
     robot = Robot.bundled("arm6")
     recording = Scenario(robot, seed=6, duration=20.0, worn=True, wrong=0.05).run()[0].recording
@@ -219,6 +223,7 @@ def test_what_is_identified_predicts_efforts_as_late_as_they_came():
     assert score_model(model, [prepare(late(recording, 0.06))]).nrmse_mean < before + 0.02
 
 
+@pytest.mark.slow
 def test_what_is_identified_predicts_efforts_as_slow_as_they_came(tmp_path):
     robot = Robot.bundled("arm6")
     recording = Scenario(robot, seed=6, duration=20.0, worn=True, wrong=0.05).run()[0].recording

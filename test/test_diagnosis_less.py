@@ -114,6 +114,7 @@ def test_what_became_less_is_told_alone_and_taken_from_what_there_was(
     assert (described.coulomb >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_dry_friction_that_is_as_it_was_may_hold_a_joint_that_rests():
     same = f"coulomb_friction@{SECOND}:coulomb=1.0"
     diagnosis = compared(model_of(same), same).diagnosis
@@ -141,6 +142,7 @@ def at(spec: str) -> str:
     return f"{name}@{FIRST}:{values}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("now", "told", "values"),
     [
@@ -160,6 +162,7 @@ def test_friction_of_an_earlier_model_grows_with_the_load_that_is_found(now, tol
     assert (error(extend(examination), *specs) < 1.1 * error(model_of(*specs), *specs)).all()
 
 
+@pytest.mark.slow
 def test_a_base_that_was_tilted_far_is_told_to_be_tilted_a_little_further():
     robot = Robot.bundled("arm6")
     earlier = ExtendedModel(robot, (parse_spec("base_tilt:pitch_deg=40", robot),), np.full(6, 0.01))

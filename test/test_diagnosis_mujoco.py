@@ -91,12 +91,14 @@ def of_kind(diagnosis: Diagnosis, effect: str) -> dict[str | None, float]:
     return {finding.joint: next(iter(finding.parameters.values())).value for finding in found}
 
 
+@pytest.mark.slow
 def test_links_that_are_slightly_off_are_no_cause(robot):
     none = np.zeros(6)
     diagnosis = diagnose([recorded(robot, none, none, none, none)], robot)
     assert diagnosis.findings == () and diagnosis.verdict == "nothing_wrong"
 
 
+@pytest.mark.slow
 def test_wear_and_a_drag_are_all_that_is_named(robot, usual):
     friction, damping, armature = (
         joint_values(robot, seed, share, motion)
@@ -114,6 +116,7 @@ def test_wear_and_a_drag_are_all_that_is_named(robot, usual):
         }
 
 
+@pytest.mark.slow
 def test_a_push_at_the_centre_of_mass_is_one_finding(robot):
     """Simulators push there, not at the origin of the link's frame: the torque about that turns with the link."""
     none, force = np.zeros(6), np.array([-12.0, 7.0, -9.0])
@@ -126,6 +129,7 @@ def test_a_push_at_the_centre_of_mass_is_one_finding(robot):
     assert values["point_z"] > 0.05
 
 
+@pytest.mark.slow
 def test_a_delay_is_as_long_as_it_is(robot):
     """The lead that is a nuisance takes nothing of it, and gives nothing to it."""
     none = np.zeros(6)
@@ -135,6 +139,7 @@ def test_a_delay_is_as_long_as_it_is(robot):
     assert delay.value == pytest.approx(0.014, abs=0.5 / RATE) and delay.std < 0.5 / RATE
 
 
+@pytest.mark.slow
 def test_a_delay_of_worn_joints_leaves_their_friction_what_it_is():
     """What sticks turns round late; ahead of the motion it does so earlier, and no bristle bends."""
     robot = Robot.bundled("arm2")

@@ -77,6 +77,7 @@ def sticky():
     return examine([simulated.recording], robot)
 
 
+@pytest.mark.slow
 def test_friction_that_holds_a_joint_is_neither_a_finding_nor_an_error_of_the_model(sticky):
     diagnosis = sticky.diagnosis
     assert diagnosis.findings == () and diagnosis.verdict == "nothing_wrong"

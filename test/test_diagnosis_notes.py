@@ -31,6 +31,7 @@ RAIL = """<robot name="rail"><link name="base"/>
 <limit lower="-1" upper="1" velocity="1" effort="100"/></joint></robot>"""
 
 
+@pytest.mark.slow
 def test_what_the_extended_model_mends_without_a_name_is_told_by_its_reason():
     """Links that are a little off, or efforts that are read a sample or two late: neither is a cause."""
 
@@ -90,6 +91,7 @@ def test_a_load_may_be_of_one_of_several_recordings(start, end, said):
     assert len(notes) == bool(said) and all(said in note for note in notes)
 
 
+@pytest.mark.slow
 def test_a_load_that_is_taken_up_is_told_so():
     """By its weight: nothing but the recording's end tells it from a hand that pulls down."""
     weight = parse_spec("external_wrench@arm6_link6:start=9,end=100,force_z=-6", ARM)
@@ -236,6 +238,7 @@ def test_that_links_errors_make_up_most_is_said_where_they_do():
     assert mostly_links(0.3, since=False) == []
 
 
+@pytest.mark.slow
 def test_links_that_are_wrong_beside_a_small_cause_are_told_of():
     """What their corrections take is said where the verdict is read."""
     cause = "coulomb_friction@arm6_joint3:coulomb=1.5"

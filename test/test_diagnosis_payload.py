@@ -53,6 +53,7 @@ def test_a_payload_is_within_reach_or_not_known_to_be_beyond_it():
     assert values["com_z"] == pytest.approx(1.0) and values["mass"] == pytest.approx(0.4)
 
 
+@pytest.mark.slow
 def test_a_long_tool_is_a_payload_however_the_links_seem_without_it():
     """Beyond reach it was none, and the links' masses that made up for it left the next payload no spread at all."""
     robot = Robot.bundled("arm6")
@@ -77,6 +78,7 @@ def test_a_payload_is_expected_by_what_the_robot_weighs_as_described():
     assert (spreads[0] > 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worn", [False, True])
 def test_a_payload_far_from_a_light_wrist_has_its_centre(worn):
     """A point mass at the flange would turn the wrist less than this one does: no mass, says a search that begins there."""
@@ -91,6 +93,7 @@ def test_a_payload_far_from_a_light_wrist_has_its_centre(worn):
     assert height.value == pytest.approx(0.128, abs=2.0 * height.std) and height.std < 0.02
 
 
+@pytest.mark.slow
 def test_a_point_that_all_links_of_a_wrist_turn_about_is_on_any_of_them():
     """That its inertia is seen to be nothing on the last one does not speak against that."""
     robot, links = Robot.bundled("arm6"), {"arm6_link4", "arm6_link5", "arm6_link6"}
@@ -101,6 +104,7 @@ def test_a_point_that_all_links_of_a_wrist_turn_about_is_on_any_of_them():
     assert found.probability + sum(rivals.values()) > 0.95 and min(rivals.values()) > 0.05
 
 
+@pytest.mark.slow
 def test_a_tool_on_the_axis_of_a_flange_hangs_there_as_likely_as_on_the_link_before():
     """That its centre is seen to be on that axis spoke against the flange alone: 0.95 said the link before, with no rival."""
     robot = Robot.bundled("arm6")
@@ -113,6 +117,7 @@ def test_a_tool_on_the_axis_of_a_flange_hangs_there_as_likely_as_on_the_link_bef
     assert each["arm6_link6"] > 0.3 and sum(each.values()) > 0.9
 
 
+@pytest.mark.slow
 def test_what_an_arm_carries_is_not_believed_smaller_where_only_its_wrist_shows_it():
     """A kilogram is twenty times what a light wrist does, and a twentieth of what the arm is."""
     robot, masses = Robot.bundled("arm7"), []
@@ -126,6 +131,7 @@ def test_what_an_arm_carries_is_not_believed_smaller_where_only_its_wrist_shows_
     assert np.mean(masses) == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass, size", [(0.6, (0.16, 0.08, 0.05)), (1.5, (0.3, 0.3, 0.2))])
 def test_what_is_carried_is_no_point_and_still_weighed_right(mass, size):
     """What turns about its own centre is not put down to the link, which would grow by mass that the payload has."""
@@ -148,6 +154,7 @@ def test_what_is_carried_is_no_point_and_still_weighed_right(mass, size):
     )
 
 
+@pytest.mark.slow
 def test_a_payload_of_which_the_first_moment_alone_is_known_is_not_passed_over():
     """A link whose centre of mass is elsewhere does the same: no name for it, and not nothing wrong either."""
     robot = Robot.bundled("arm6")

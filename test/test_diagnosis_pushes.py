@@ -373,6 +373,7 @@ def test_rows_of_a_push_are_its_columns_behind_the_low_pass(spec, passing, lead)
     assert np.abs(equations.made(one)).max() > 0.1
 
 
+@pytest.mark.slow
 def test_a_push_that_no_part_of_is_known_is_told_all_the_same():
     """A single joint shows one torque of it: nothing is wrong would be wrong."""
     robot = Robot.bundled("arm2")
@@ -400,6 +401,7 @@ def test_a_push_keeps_its_window_where_another_explains_less_beside_all_else(sta
     assert (moved is pool) is not better
 
 
+@pytest.mark.slow
 def test_a_push_that_no_held_out_block_saw_has_its_share_of_the_whole_recording():
     robot = Robot.bundled("arm2")
     push = parse_spec("external_wrench@arm2_joint2:torque=1.5,start=7,end=9", robot)

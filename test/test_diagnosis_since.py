@@ -50,6 +50,7 @@ def since(model: PhysicalModel, *effects: str) -> Examination:
     return examine([moved(30.0, *effects)], model.robot, model=model)
 
 
+@pytest.mark.slow
 def test_errors_of_a_model_are_those_of_all_its_parameters(model):
     """One unit of each of them does to the effort what moved parameters do, of links and of joints."""
     signals = flattened(prepare(moved(30.0)), 5.0)
@@ -83,6 +84,7 @@ def test_nothing_has_changed_where_only_the_motion_has(model):
     assert (found.findings, found.verdict) == ((), "nothing_wrong")
 
 
+@pytest.mark.slow
 def test_friction_that_grew_is_named_with_its_growth_alone(model):
     examination = since(model, f"coulomb_friction@{JOINT}:coulomb=0.4")
     (finding,) = examination.diagnosis.findings
@@ -101,6 +103,7 @@ def laden() -> PhysicalModel:
     return Identifier(ARM).fit([moved(40.0, *effects)])
 
 
+@pytest.mark.slow
 def test_what_became_less_is_named_with_how_much_less(laden, tmp_path):
     examination = since(laden)
     diagnosis = examination.diagnosis
@@ -144,6 +147,7 @@ def leaning() -> PhysicalModel:
     return Identifier(Robot.bundled("arm6")).fit([on_a_tilted_base()])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effects", "tilt", "changed", "near"),
     [
@@ -204,6 +208,7 @@ def error_of(model: ExtendedModel, signals: Signals) -> np.ndarray:
     return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "now", "changes"),
     [

@@ -53,6 +53,7 @@ def test_no_lowpass_is_found_where_there_was_none(name):
     assert softness(seen(recorded(name)), Robot.bundled(name)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, cutoff, order",
     [
@@ -67,6 +68,7 @@ def test_a_lowpass_before_the_recording_is_found(name, cutoff, order):
     assert found.lowpass.order == order
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, cutoff, order",
     [
@@ -169,6 +171,7 @@ def test_info_tells_of_it(tmp_path, capsys):
         assert ("efforts were low-passed at about" in capsys.readouterr().out) == told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start, named", [(17.0, ["external_wrench"]), (19.5, [])])
 def test_what_pushes_in_the_last_half_second_alone_may_be_what_a_filter_made_of_the_end(start, named):
     robot = Robot.bundled("arm2")
@@ -179,6 +182,7 @@ def test_what_pushes_in_the_last_half_second_alone_may_be_what_a_filter_made_of_
     assert any("recording's ends" in note for note in diagnosis.notes) == (not named)
 
 
+@pytest.mark.slow
 def test_friction_behind_a_lowpass_is_named_as_what_it_is():
     robot = Robot.bundled("arm2")
     specs = [

@@ -47,6 +47,7 @@ def test_an_offset_beside_a_wrong_scale_is_told_as_it_acts() -> None:
     assert installed == told.value
 
 
+@pytest.mark.slow
 def test_a_payload_hangs_from_a_tilted_base() -> None:
     """The tilt turns gravity for the payload as well, and the extended model errs as little as the fit."""
     robot = Robot.bundled("arm7")
@@ -66,6 +67,7 @@ def test_a_payload_hangs_from_a_tilted_base() -> None:
     assert (size(left) / equations.effort_scale).mean() < 1.3 * (size(fitted) / equations.effort_scale).mean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "link", "scale"),
     [
@@ -80,6 +82,7 @@ def test_a_wrong_link_is_told_beside_a_larger_cause(cause: str, link: str, scale
     assert named == {tuple(cause.split(":")[0].split("@")), ("link_inertia", link)}
 
 
+@pytest.mark.slow
 def test_what_a_soft_joint_left_at_first_is_no_cause_of_its_own() -> None:
     """The load that bends it is known once nothing else stands for what a first guess of its stiffness left."""
     found = examined(Robot.bundled("arm6"), "joint_elasticity@arm6_joint4:stiffness=22", wrong=0.05, seed=4)
@@ -107,6 +110,7 @@ def test_what_links_are_off_by_hangs_from_the_tilted_base_as_well() -> None:
     assert left[0] > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effects", "tilted"), [(("base_tilt:roll_deg=3,pitch_deg=-4",), True), ((), False)])
 def test_a_tilt_that_stands_out_is_where_the_links_hang(effects: tuple[str, ...], tilted: bool) -> None:
     robot = Robot.bundled("arm6")

@@ -87,6 +87,7 @@ def test_noise_that_is_the_smaller_for_an_elastic_joint_is_not_explained_by_one(
     assert at_own_noise([*common, term]) - at_own_noise(common) < 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("spec", ["arm2_joint1:stiffness=240", "arm2_joint2:stiffness=12"])
 def test_a_gear_that_rings_within_the_low_pass_is_found_elastic(spec, seed):
@@ -128,6 +129,7 @@ def test_columns_are_as_large_as_the_effect_behind_the_low_pass_of_a_diagnosis(s
     assert min(best)[1] == pytest.approx(1.0, abs=within)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", [0.042, 0.016])
 def test_the_screw_of_what_slides_ripples_many_times_a_metre(pitch: float) -> None:
     """Finer than the low-pass lets through at the usual speed, and no turning motor's few times in a revolution."""
@@ -175,6 +177,7 @@ def test_a_drag_and_a_short_delay_do_not_stand_for_a_long_one():
     assert other.coefficients(other.whole, 1) == pytest.approx(0.042, abs=0.001)
 
 
+@pytest.mark.slow
 def test_a_long_push_does_not_pass_for_slow_noise():
     robot = Robot.bundled("arm2")
     push = parse_spec("external_wrench@arm2_joint1:start=11.9,end=21.6,torque=-0.9", robot)
@@ -189,6 +192,7 @@ def test_a_long_push_does_not_pass_for_slow_noise():
     assert (values["start"], values["end"]) == pytest.approx((11.9, 21.6), abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_push_that_begins_where_the_search_does_not_look_is_timed_rightly():
     """From 4 to 6 s is kept out of the search: its edge is found in all rows."""
     robot = Robot.bundled("arm2")
@@ -198,6 +202,7 @@ def test_a_push_that_begins_where_the_search_does_not_look_is_timed_rightly():
     assert values["start"] == pytest.approx(5.2, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_push_that_lasts_while_the_search_does_not_look_is_named():
     """From 4 to 6 s is kept out of the search at first: nothing else shows it, so other blocks are kept out."""
     robot = Robot.bundled("arm2")
@@ -209,6 +214,7 @@ def test_a_push_that_lasts_while_the_search_does_not_look_is_named():
     }
 
 
+@pytest.mark.slow
 def test_a_joint_held_still_by_its_friction_tells_nothing():
     """What holds it is any effort its friction allows: no cause is named for it."""
     robot = Robot.bundled("arm6").with_joint_parameters(coulomb=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0]))
@@ -227,6 +233,7 @@ def test_a_joint_held_still_by_its_friction_tells_nothing():
     assert diagnose([simulated.recording], robot).findings == ()
 
 
+@pytest.mark.slow
 def test_a_joint_that_moves_alone_is_told_nothing_of_bodies():
     """What it carries, wrong links, a tilt and a wrong zero do the same to it; its friction shows as ever."""
     moves = np.array([1.0, 0.0])
@@ -288,6 +295,7 @@ def test_noise_does_not_stand_for_common_causes_that_are_still_to_be_found():
     assert stds[1] == pytest.approx(stds[2], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_link_that_may_be_far_off_is_no_all_clear():
     """Whether it is one link or all of them cannot be told on two axes, but something is more likely there than not."""
     robot = Robot.bundled("arm2")
@@ -298,6 +306,7 @@ def test_a_link_that_may_be_far_off_is_no_all_clear():
     assert diagnosis.gain > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["arm2", "arm6"])
 def test_links_far_off_throughout_are_no_all_clear(name):
     """No single cause stands out, yet nobody would call such a description right."""

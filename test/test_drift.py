@@ -49,6 +49,7 @@ def told(recording: Recording, until_named: bool = True) -> list[tuple[float, di
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "viscous", "coulomb"), [(1, 0.0, 1.0), (0, -0.6, -0.6)])
 def test_wear_and_warming_up_are_named(joint, viscous, coulomb):
     found = told(stream(ONSET + IN_TIME + 5.0, viscous, coulomb, joint))
@@ -78,10 +79,12 @@ def test_minutes_are_compared_where_no_moment_tells():
     assert ONSET < found.end < ONSET + LENGTH + 10.0
 
 
+@pytest.mark.slow
 def test_a_robot_that_stays_the_same_is_told_nothing_of():
     assert told(stream(80.0), until_named=False) == []
 
 
+@pytest.mark.slow
 def test_motion_that_changes_is_no_drift():
     """A slower, smaller program from some moment on: friction is met in another range."""
     first = motion(REAL, 40.0, RATE, seed=7, noise=0.003)
@@ -102,6 +105,7 @@ def test_motion_that_changes_is_no_drift():
     assert told(both, until_named=False) == []
 
 
+@pytest.mark.slow
 def test_a_payload_is_not_taken_for_drift_afterwards():
     mass = 0.8
     inertials = REAL.inertials.copy()

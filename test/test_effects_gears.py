@@ -58,6 +58,7 @@ def loose(robot: Robot, joint: int, gap: float, rotor: float, seed: int) -> Reco
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, joint, gap, rotor, seed", [("arm7", 6, 0.03, 0.003, 15), ("arm6", 0, 0.02, 0.37, 3)]
 )
@@ -70,6 +71,7 @@ def test_a_gap_before_a_heavy_rotor_is_no_spring_and_no_delay(name, joint, gap, 
     assert values == {"backlash": pytest.approx(gap, rel=0.12), "armature": pytest.approx(rotor, rel=0.1)}
 
 
+@pytest.mark.slow
 def test_a_worn_gear_that_bends_leaves_nothing_unexplained():
     """What bends it most is faster than the motion, and its load goes on while the motor sticks."""
     robot = Robot.bundled("arm6")
@@ -85,6 +87,7 @@ def test_a_worn_gear_that_bends_leaves_nothing_unexplained():
     }
 
 
+@pytest.mark.slow
 def test_a_gap_of_a_milliradian_is_looked_for():
     robot = Robot.bundled("arm2")
     loose = parse_spec("backlash@arm2_joint1:gap=0.001", robot)

@@ -79,6 +79,7 @@ def findings(path) -> list[tuple[str, str]]:
     return [(f["effect"], f["joint"]) for f in json.loads((path / "diagnosis.json").read_text())["findings"]]
 
 
+@pytest.mark.slow
 def test_a_bag_of_currents_is_refused_and_read_once_the_user_says_what_they_are(arm, tmp_path, capsys):
     recording = simulate(arm, seed=3, duration=15.0).recording
     currents = replace(recording, effort=recording.require_effort() / [12.0, -9.0])

@@ -110,6 +110,7 @@ def test_information_adds_up(robot: Robot, tmp_path: Path) -> None:
     assert design.value(a + b) > design.value(a)
 
 
+@pytest.mark.slow
 def test_a_motion_settles_what_was_open(robot: Robot, tmp_path: Path) -> None:
     payload = finding(
         place("payload", link="arm2_link2"),
@@ -144,6 +145,7 @@ def test_without_questions_it_shows_all_parameters(robot: Robot) -> None:
     assert singular[5] > 0.05 * singular[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["arm2", "arm7"])
 def test_a_short_motion_takes_its_time_and_tells_more_than_what_is_joined(name: str):
     """Ways from piece to piece take the time: a motion of 5 s was one piece of 1.25 s."""
@@ -230,6 +232,7 @@ def test_what_acts_for_a_time_or_on_the_velocity_is_not_asked(robot: Robot, tmp_
     assert len(said) == 3 and "repeat the same motion" in said[0] and "velocity" in said[1]
 
 
+@pytest.mark.slow
 def test_a_weak_robot_is_told_so() -> None:
     robot = Robot.bundled("arm7")
     with pytest.raises(DataError, match="No motion"):

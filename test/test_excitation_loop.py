@@ -24,7 +24,6 @@ def tied(diagnosis: Diagnosis) -> bool:
     return any(max((r.probability for r in f.rivals), default=0.0) >= CLEAR for f in at_joint)
 
 
-@pytest.mark.slow
 def test_a_tie_is_settled_by_the_motion_it_asks_for(tmp_path: Path) -> None:
     """A slow small motion hardly tells dry frictions apart; the proposed one names the right one."""
     robot = Robot.bundled("arm2")

@@ -438,6 +438,7 @@ def test_what_an_identified_model_learned_stays(tmp_path) -> None:
     assert np.abs(without.inverse_dynamics(*state) - effort).max() > 0.1
 
 
+@pytest.mark.slow
 def test_dry_friction_turns_round_before_a_joint_that_sticks():
     """What the fit says of sticking is in the model, in its file, and in what it predicts."""
     robot = Robot.bundled("arm6")
@@ -478,6 +479,7 @@ def test_friction_that_comes_on_little_by_little_does_so_wherever_it_is_held(rob
     assert along[:2] == pytest.approx([1.0, 1.0], rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_push_without_a_name_is_not_in_the_model():
     """At its time nothing pushes in another recording: it was in the files, and nothing told of it."""
     arm = Robot.bundled("arm2")

@@ -118,6 +118,7 @@ def test_files_say_it_and_those_of_before_take_times_as_they_are(tmp_path: Path)
         ExtendedModel.from_state(arrays, {**info, "recorded": [0.0, 11.0]})
 
 
+@pytest.mark.slow
 def test_a_diagnosis_keeps_what_its_times_belong_to() -> None:
     first, second = moved(seed=1, duration=12.0), moved(PUSH, duration=12.0)
     model = extend(examine([first, second], ARM2))

@@ -61,6 +61,7 @@ def test_a_wrong_urdf_is_put_right_within_seconds(real):
     np.testing.assert_allclose(model.robot.viscous, 2.0, atol=0.2)
 
 
+@pytest.mark.slow
 def test_how_samples_are_packed_makes_no_difference(real):
     recording = motion(real, duration=6.0, noise=0.01)
     whole = Identifier(Robot.bundled("arm6")).fit([recording])
@@ -81,6 +82,7 @@ def test_several_recordings_are_one_identification(real):
     np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.1)
 
 
+@pytest.mark.slow
 def test_a_gap_is_not_bridged(real):
     first, second = motion(real, 4.0), motion(real, 4.0, seed=3, start=9.0)
     joined = Recording(
@@ -96,6 +98,7 @@ def test_a_gap_is_not_bridged(real):
         np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.1)
 
 
+@pytest.mark.slow
 def test_recordings_of_other_rates_have_cutoffs_of_their_own(real):
     """That of the first was kept as if asked for, and slower ones were refused."""
     parts = [motion(real, 8.0, rate, seed=k) for k, rate in enumerate((200.0, 15.0, 100.0))]
@@ -128,6 +131,7 @@ def test_a_saved_model_answers_as_before(real, tmp_path):
     assert again.table() == model.table()
 
 
+@pytest.mark.slow
 def test_an_effort_that_is_ahead_is_told_from_inertia(real):
     recording = motion(real, 20.0, rate=500.0)
     ahead = np.stack([np.interp(recording.time + 0.004, recording.time, e) for e in recording.effort.T], 1)
@@ -149,6 +153,7 @@ def test_dynamics_agree_with_one_another(real):
     np.testing.assert_allclose(parts + model.friction(q, v), effort, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_motor_that_turns_with_two_joints_is_found_where_both_are_of_a_kind_and_move():
     """Of a gripper that holds still a coupling would tell whatever the wrist's friction gives it to explain."""
     robot = Robot.bundled("arm6")
@@ -258,6 +263,7 @@ def test_a_tilted_base_is_found_beside_wrong_bodies(real, seed, tmp_path):
     assert loaded.tilt == model.tilt and loaded.tilt_std == model.tilt_std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_zeros_that_are_off_are_found_beside_wrong_bodies(seed, tmp_path):
     """Of joints that are not parallel to the next one, whose zero its body could nearly stand for."""
@@ -279,6 +285,7 @@ def test_zeros_that_are_off_are_found_beside_wrong_bodies(seed, tmp_path):
     assert loaded.zeros == model.zeros and (loaded.robot.zeros == model.robot.zeros).all()
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_setup_is_kept_and_found_anew_as_motion_goes_on():
     """Whatever else a few seconds seem to show: a live model's zeros are those of all its motion."""
     urdf, zeros = Robot.bundled("arm7"), 0.07 * np.eye(7)[3]
@@ -312,6 +319,7 @@ def test_what_one_joint_alone_bears_is_no_setup(real):
     assert model.tilt == (0.0, 0.0) and not model.leans and not model.zeros
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_set_up_as_described_is_not_said_to_be_otherwise(real):
     for seed in range(3):
         model = Identifier(Robot.bundled("arm6")).fit([motion(real, seed=seed, noise=0.02)])

@@ -120,6 +120,7 @@ def test_several_that_move_are_told_as_several(recording, tmp_path, capsys):
     assert f"{ARM.joints[3]}, {ARM.joints[4]} move and are left out" in told.err
 
 
+@pytest.mark.slow
 def test_efforts_that_joints_left_out_make_are_in_no_other_unit(tmp_path, capsys):
     """They were told to be many times what the simulation says: the wrist's, while the arm swings."""
     swung, few = motion(ARM, 14.0, 250.0, seed=1), ["--joints", f"{ARM.joints[0]},{ARM.joints[5]}"]

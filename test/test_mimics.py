@@ -66,6 +66,7 @@ def test_a_robot_of_nothing_else_keeps_them() -> None:
     assert Robot.from_urdf(circle).joints == ARM.joints
 
 
+@pytest.mark.slow
 def test_a_motion_leaves_them_alone_and_says_so(urdf: str, tmp_path: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(choice, "DRAWS", 20)
     monkeypatch.setattr(choice, "CHANGES", 5)
@@ -122,6 +123,7 @@ def test_a_recording_is_of_the_others_unless_they_are_named(urdf: str, tmp_path:
     assert "samples of 2 joints" in captured.out and "mimics" not in captured.err
 
 
+@pytest.mark.slow
 def test_they_stand_where_the_recording_has_them_and_are_told_to_move(tmp_path: Path, capsys) -> None:
     model = tmp_path / "model"
     for moves, told in ((0.0, False), (1.0, True)):

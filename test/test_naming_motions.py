@@ -22,6 +22,7 @@ ARM = Robot.bundled("arm6")
 TIME = np.arange(12000) / 1000.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOTIONS)
 def test_a_motion_keeps_the_limits_and_is_smooth(name):
     plan = planned(name, ARM, TIME, np.random.default_rng(3))
@@ -39,6 +40,7 @@ def test_joints_take_turns():
     assert moving.sum(axis=1).max() == 1 and moving.any(axis=0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed, briefly", [(60250, True), (60253, False)])
 def test_a_cause_is_named_of_joints_that_move_one_after_the_other(seed, briefly):
     draw = drawn(seed, "in_turn")
@@ -49,6 +51,7 @@ def test_a_cause_is_named_of_joints_that_move_one_after_the_other(seed, briefly)
     assert any("changes with time" in note for note in report["notes"]) is briefly
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [61257, 61855])
 def test_what_changes_with_time_gets_no_other_name_of_joints_that_move_one_after_the_other(seed):
     """A drift on a joint that moves thrice, a push while a few joints move: friction and offsets may pass for either."""

@@ -54,6 +54,7 @@ def types(kind: type) -> list[str]:
     return [f"{package}/srv/{kind.__name__}"]
 
 
+@pytest.mark.slow
 def test_every_verb(tmp_path):
     with (
         node_process(tmp_path, 142, model_directory=tmp_path / "models", diagnosis_period=0.0),
@@ -136,6 +137,7 @@ def test_every_verb(tmp_path):
             assert ros.call(GetState, f"{NODE}/get_state").current_state.label == label
 
 
+@pytest.mark.slow
 def test_what_was_learned_outlives_a_node_that_is_killed(tmp_path):
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "save_period": 1.0}
     with node_process(tmp_path, 183, diagnosis_period=0.0, **parameters) as node, Robotics(183) as ros:
@@ -148,6 +150,7 @@ def test_what_was_learned_outlives_a_node_that_is_killed(tmp_path):
     assert [path.name for path in tmp_path.glob("*.bdnn*")] == ["model.bdnn"]
 
 
+@pytest.mark.slow
 def test_training_resumes_from_the_model_that_was_kept(tmp_path):
     """The next node predicts its first motion as well as the last one did, and learns on from there."""
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "diagnosis_period": 0.0}

@@ -16,6 +16,7 @@ ARM = Robot.bundled("arm2")
 REAL = real_robot(ARM)
 
 
+@pytest.mark.slow
 def test_bad_commands_are_counted_told_and_logged(tmp_path):
     """Some of the wrong size, then some that are not finite: reasons, a warning, one line in the log, no harm."""
     parameters = {

@@ -53,6 +53,7 @@ def state(ros: Robotics) -> int:
     return ros.call(GetState, f"{NODE}/get_state").current_state.id
 
 
+@pytest.mark.slow
 def test_lifecycle_and_parameters(tmp_path):
     with node_process(tmp_path, 121, autostart=False) as node, Robotics(121) as ros:
         assert state(ros) == State.PRIMARY_STATE_UNCONFIGURED
@@ -125,6 +126,7 @@ def test_the_configuration_files_hold_every_default(file, settings):
     assert {**empty, **loaded} == {setting.name: setting.default for setting in settings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("whole", [True, False], ids=["whole efforts", "turned, halved, without gravity"])
 def test_namespace_remapping_simulated_time_and_commands(tmp_path, whole):
     """In a namespace, on another topic, with /clock for time and the effort that was commanded."""
@@ -170,6 +172,7 @@ def test_namespace_remapping_simulated_time_and_commands(tmp_path, whole):
         print(process.output)
 
 
+@pytest.mark.slow
 def test_a_stream_and_a_description_that_do_not_go_together_are_told(tmp_path):
     """A diagnosis says how they differ, and what to do; put right and reset, there is nothing to tell."""
     recording = motion(REAL, 16.0, 250.0, noise=0.003)

@@ -23,6 +23,7 @@ ARM = Robot.bundled("arm2")
 REAL = real_robot(ARM)
 
 
+@pytest.mark.slow
 def test_two_nodes_can_be_told_apart(tmp_path):
     domain = 181
     (tmp_path / "left").mkdir()
@@ -38,6 +39,7 @@ def test_two_nodes_can_be_told_apart(tmp_path):
         assert {message.status[0].name for message in kept} == {"bdnn: identification"}
 
 
+@pytest.mark.slow
 def test_a_publisher_that_is_not_heard_is_told_of(tmp_path):
     domain = 182
     with node_process(tmp_path, domain, urdf_file=urdf_file(tmp_path, ARM)) as node, Robotics(domain) as ros:
@@ -61,6 +63,7 @@ def test_how_a_robot_is_set_up_is_told_where_motion_showed_it():
     assert setup(off) == {"zero_of_arm2_joint2": "0.0500"}
 
 
+@pytest.mark.slow
 def test_the_error_is_told_where_no_estimates_are_published(tmp_path):
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "estimate_rate": 0.0}
     with node_process(tmp_path, 210, **parameters), Robotics(210) as ros:
@@ -71,6 +74,7 @@ def test_the_error_is_told_where_no_estimates_are_published(tmp_path):
         assert float(status(kept)["effort_nrmse"]) > 0.0 and not estimates
 
 
+@pytest.mark.slow
 def test_stamps_that_are_none_are_told_of(tmp_path):
     domain = 183
 

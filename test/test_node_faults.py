@@ -52,6 +52,7 @@ def shared_memory() -> set[str]:
     return {name for name in names if "fastrtps" not in name and "fastdds" not in name}
 
 
+@pytest.mark.slow
 def test_the_trainer_is_killed(tmp_path):
     """It is started again, the last model serves on, and the end is as if nothing had happened."""
     recording = motion(REAL, 9.0, 250.0)
@@ -90,6 +91,7 @@ def test_the_trainer_is_killed(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_stream_with_faults(tmp_path):
     """NaN, infinite, short and foreign messages, joints in other orders, no effort, clocks that jump."""
     with node_process(tmp_path, 132, diagnosis_period=0.0) as node, Robotics(132) as ros:
@@ -165,6 +167,7 @@ def test_a_stream_with_faults(tmp_path):
         assert ros.call(InverseDynamics, f"{NODE}/inverse_dynamics", **pose(ARM)).success
 
 
+@pytest.mark.slow
 def test_the_publisher_is_killed_and_returns(tmp_path):
     """A process that plays a bag dies without a word; another begins the bag anew: learning goes on."""
     bags.write(replace(motion(REAL, 6.0, 250.0), epoch=1000 * SECOND), tmp_path / "bag")
@@ -206,6 +209,7 @@ def test_a_directory_that_cannot_hold_models(tmp_path):
     assert blocked.read_text() == "a file"
 
 
+@pytest.mark.slow
 def test_a_model_that_can_no_longer_be_written(tmp_path):
     """A directory that became a file: refused with a sentence, and the node goes on."""
     kept = tmp_path / "kept"
@@ -224,6 +228,7 @@ def test_a_model_that_can_no_longer_be_written(tmp_path):
     assert kept.read_text() == "a file"
 
 
+@pytest.mark.slow
 def test_another_arms_model_survives(tmp_path):
     """It cannot be gone on from, and is not written over: what is learned is saved beside it."""
     other = save_model(tmp_path / "kept", nominal(Robot.bundled("arm6")))
@@ -243,6 +248,7 @@ def test_another_arms_model_survives(tmp_path):
     assert load_model(other.with_name("model_2.bdnn")).joints == ARM.joints
 
 
+@pytest.mark.slow
 def test_the_disk_is_full_in_the_middle_of_a_save(tmp_path):
     """The write fails half-way: a sentence, the model saved before stays whole, nothing is left beside it."""
     kept = tmp_path / "kept"
@@ -278,6 +284,7 @@ def _in_a_terminal():
     signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_in_a_terminal")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_nothing_behind(tmp_path, number):

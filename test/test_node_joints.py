@@ -39,6 +39,7 @@ def rings(pid: int) -> int:
     return sum("bdnn_ring" in name for name in held)
 
 
+@pytest.mark.slow
 def test_a_gripper_that_comes_first_does_not_win(tmp_path):
     """The arm takes over as soon as it comes, with the model kept of it; the gripper's messages are told of."""
     arm = Robot.from_urdf(ARM.urdf.replace("</robot>", GRIPPER))
@@ -76,6 +77,7 @@ def test_a_gripper_that_comes_first_does_not_win(tmp_path):
     assert load_model(tmp_path / "kept").joints == ARM.joints
 
 
+@pytest.mark.slow
 def test_a_gripper_that_nobody_publishes_is_told_of(tmp_path):
     """In /diagnostics and, once, in the log, with what to set; that set, there is nothing to tell."""
     arm = Robot.from_urdf(ARM.urdf.replace("</robot>", GRIPPER))
@@ -100,6 +102,7 @@ def test_a_gripper_that_nobody_publishes_is_told_of(tmp_path):
         assert "gripper" not in node.output
 
 
+@pytest.mark.slow
 def test_a_finger_that_moves_the_other_one_is_told_to_be_left_out(tmp_path):
     other = GRIPPER.replace('"gripper"', '"other"').replace('"finger"', '"other_finger"')
     other = other.replace("</joint>", '<mimic joint="gripper"/></joint>')
@@ -113,6 +116,7 @@ def test_a_finger_that_moves_the_other_one_is_told_to_be_left_out(tmp_path):
         assert "gripper moves other as well, which mimics it: left out" in node.output
 
 
+@pytest.mark.slow
 def test_an_arm_in_two_messages_is_one_robot(tmp_path):
     """Two controllers publish a joint each; their messages are put together, and one that stops is told of."""
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0}

@@ -34,6 +34,7 @@ ARM = Robot.bundled("arm2")
 REAL = real_robot(ARM)
 
 
+@pytest.mark.slow
 def test_a_reset_takes_back_errors_and_findings(tmp_path):
     """Also those of a diagnosis that was under way; its asker gets the answer, but it does not stand."""
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "diagnosis_period": 0.0, "training": False}
@@ -68,6 +69,7 @@ def test_a_reset_takes_back_errors_and_findings(tmp_path):
         assert "diagnose" in message.advice[0]
 
 
+@pytest.mark.slow
 def test_another_description_of_the_same_joints_is_taken_over(tmp_path):
     """It serves, learning begins again, and the log says so, once; the same description again changes nothing."""
     with node_process(tmp_path, 169, diagnosis_period=0.0, training=False) as node, Robotics(169) as ros:
@@ -88,6 +90,7 @@ def test_another_description_of_the_same_joints_is_taken_over(tmp_path):
         assert node.output.count("robot_description has changed") == 1 and answer.model_version == 0
 
 
+@pytest.mark.slow
 def test_without_a_robot_there_is_nothing_to_reset(tmp_path):
     with node_process(tmp_path, 163), Robotics(163) as ros:
         for _ in range(2):

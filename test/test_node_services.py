@@ -104,6 +104,7 @@ def test_the_life_of_a_model(tmp_path):
         np.testing.assert_allclose(asked_effort(ros), learned)  # before it saw the robot move
 
 
+@pytest.mark.slow
 def test_a_model_in_another_order_of_joints_serves_in_ours(tmp_path):
     """It answers in the node's order, and learning goes on from it."""
     real = real_robot(ARM)
@@ -152,6 +153,7 @@ def test_a_model_in_another_order_of_joints_serves_in_ours(tmp_path):
     assert load_model(tmp_path / "models" / "learned").joints == turned
 
 
+@pytest.mark.slow
 def test_pausing_and_diagnosing(tmp_path):
     save_model(tmp_path / "described", nominal(ARM))
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path, "diagnosis_period": 0.0}
@@ -183,6 +185,7 @@ def test_pausing_and_diagnosing(tmp_path):
         wait_until(lambda: int(status(diagnostics)["model_version"]) > 0)
 
 
+@pytest.mark.slow
 def test_a_payload_gripped_on_the_way_is_named(tmp_path):
     """On ~/findings, with its mass, within five seconds of motion."""
     mass, moment = 1.0, 10.0
@@ -202,6 +205,7 @@ def test_a_payload_gripped_on_the_way_is_named(tmp_path):
         assert value["start"] == pytest.approx(1000 + moment, abs=0.6)
 
 
+@pytest.mark.slow
 def test_no_request_ends_the_node(tmp_path):
     """Numbers that no robot can have, nor an effect's formula hold, and names that say nothing."""
     slip = parse_spec(f"stribeck_friction@{ARM.joints[0]}:coulomb=1,static=2,velocity=0.1", ARM)

@@ -106,6 +106,7 @@ def test_friction_beside_learned_terms_may_differ_by_motion(robot, models, chang
     assert not any(one.by_motion for one in agreement(plain))
 
 
+@pytest.mark.slow
 def test_bases_that_lean_otherwise_are_told_apart(robot):
     level, *turned = (
         Identifier(robot).fit([recorded(robot.tilted(*np.radians(angles)), seed)])
@@ -120,6 +121,7 @@ def test_bases_that_lean_otherwise_are_told_apart(robot):
     assert not any("of the base" in one.words for one in agreement([level, turned[0]]))
 
 
+@pytest.mark.slow
 def test_zeros_are_compared_where_two_recordings_show_them(robot):
     models = [
         Identifier(robot).fit([recorded(replace(robot, zeros=np.eye(robot.width)[1] * zero), seed)])

@@ -53,6 +53,7 @@ def identified():
     return identifier, identifier.fit([moved(40.0, 1)])
 
 
+@pytest.mark.slow
 def test_of_all_waves_the_one_that_is_there_is_learned(identified):
     structure = identified[0].structure
     for groups, relevance in zip(structure.groups, structure.relevance, strict=True):
@@ -76,6 +77,7 @@ def test_friction_that_turns_round_between_two_samples_is_no_curve():
     assert identifier.structure.groups == ((), ())
 
 
+@pytest.mark.slow
 def test_what_wide_motion_told_is_not_pulled_over_by_a_narrow_one():
     """Narrow and slow, friction turns round where the position's noise hides it."""
 

@@ -85,6 +85,7 @@ def test_the_same_seed_moves_alike_and_another_does_not():
     assert np.abs(first - other).max() > 0.1
 
 
+@pytest.mark.slow
 def test_an_arm_that_cannot_hold_itself_is_refused():
     robot = Robot.bundled("arm7")
     weak = replace(robot, limits=replace(robot.limits, effort=np.full(7, 0.5)))

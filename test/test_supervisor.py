@@ -179,6 +179,7 @@ def test_both_sides_may_send_more_than_a_socket_holds_at_once(conversation):
     assert supervisor.restarts == 0
 
 
+@pytest.mark.slow
 def test_a_trainer_that_hangs_while_it_is_written_to_is_replaced(conversation, monkeypatch):
     monkeypatch.setattr(module, "HANG", 2.0)
     heard, supervisor = conversation(DEAF)

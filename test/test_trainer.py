@@ -56,6 +56,7 @@ def session():
     assert session.supervisor.pid == 0
 
 
+@pytest.mark.slow
 def test_a_session_learns_restarts_and_resets(session):
     assert session.served.number == 0
     first, second = motion(REAL, 7.0, 250.0).split(0.5)
@@ -110,6 +111,7 @@ def test_a_question_that_dies_with_the_trainer_is_answered(session):
         later.result(30.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["killed", "trainer killed", "stopped"])
 def test_a_diagnosis_that_is_broken_off_leaves_no_process(session, ending):
     send(session, motion(REAL, 20.0, 250.0, noise=0.002))
@@ -128,6 +130,7 @@ def test_a_diagnosis_that_is_broken_off_leaves_no_process(session, ending):
     wait_until(lambda: not Path(f"/proc/{diagnosis}").exists())
 
 
+@pytest.mark.slow
 def test_a_signal_that_every_process_gets_does_not_end_what_the_node_ends(session):
     """As systemd stops a service: what the trainer learned last is handed over all the same."""
     send(session, motion(REAL, 20.0, 250.0, noise=0.002))

@@ -106,6 +106,7 @@ def test_an_effort_that_never_changes_is_none():
     np.testing.assert_array_equal(unmeasured(effort), [[True, False]] * 50)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", [STRIBECK, None])
 def test_wrong_readings_change_no_verdict(arm, spec):
     hidden = [] if spec is None else [parse_spec(spec, arm)]
@@ -119,6 +120,7 @@ def test_wrong_readings_change_no_verdict(arm, spec):
         assert [(f.effect, f.joint) for f in found.findings] == [(f.effect, f.joint) for f in right.findings]
 
 
+@pytest.mark.slow
 def test_a_joint_whose_effort_is_not_reported_is_left_out_and_the_others_are_told(arm):
     recording = simulate(arm, [parse_spec(STRIBECK, arm)], seed=3, duration=30.0).recording
     found = diagnose([without_effort(recording, 1)], arm)
@@ -129,6 +131,7 @@ def test_a_joint_whose_effort_is_not_reported_is_left_out_and_the_others_are_tol
     assert note.startswith("No effort of arm2_joint2 is compared")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [dropped, lambda recording: without_effort(recording, 1)])
 def test_identification_leaves_out_what_was_not_measured(arm, plain, wrong):
     """A joint without a sensor keeps what is believed of it, and the other is as good as ever."""

@@ -84,6 +84,7 @@ def in_turn(robot: Robot, friction: np.ndarray) -> Recording:
     return Recording(time, robot.joints, position, None, effort + friction * dry + noise)
 
 
+@pytest.mark.slow
 def test_a_joint_that_moves_for_the_first_time_has_not_changed():
     """What is left of it grows from nothing to something, which is learning: it was told as a push, or negative friction."""
     arm = Robot.bundled("arm6")
@@ -118,6 +119,7 @@ def from_pose_to_pose(robot: Robot, seed: int, step: float = 2.5) -> Recording:
     return Recording(np.arange(len(position)) / RATE, robot.joints, position, None, effort)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_robot_on_a_tilted_base_picks_nothing_up_in_new_poses(seed):
     """Bodies that make up for the tilt in some poses are wrong in others: a load was told, or friction that drives."""

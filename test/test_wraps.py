@@ -69,6 +69,7 @@ def crossing() -> tuple[Robot, Recording, Recording]:
     return robot, recording, wrapped(recording, np.pi + np.median(recording.position, axis=0))
 
 
+@pytest.mark.slow
 def test_a_diagnosis_names_the_same(crossing):
     robot, recording, cut = crossing
     before, after = diagnose([recording], robot), diagnose([cut], robot)
@@ -78,6 +79,7 @@ def test_a_diagnosis_names_the_same(crossing):
     )
 
 
+@pytest.mark.slow
 def test_so_does_what_is_identified_live(crossing):
     robot, recording, cut = crossing
     models = [Identifier(robot).fit([one]) for one in (recording, cut)]
