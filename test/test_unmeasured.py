@@ -10,7 +10,7 @@ import pytest
 from reading_cases import clipped, dropped, glitched, without_effort
 
 from bdnn_ros import bags
-from bdnn_ros.checks import data
+from bdnn_ros.checks import efforts
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import diagnose
@@ -163,7 +163,7 @@ def test_rows_that_saw_a_limit_do_not_count_for_its_joint(arm, plain):
 def test_every_kind_is_remarked_on(arm, plain):
     def about(recording):
         return [
-            (one.about, one.problem) for one in (*data.unread(recording), *data.saturated(recording, arm))
+            (one.about, one.problem) for one in (*efforts.unread(recording), *efforts.saturated(recording, arm))
         ]
 
     effort = plain.require_effort()

@@ -9,6 +9,7 @@ import numpy as np
 
 from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.description import doubts
+from bdnn_ros.checks.efforts import braked, saturated, unread
 from bdnn_ros.checks.handling import handled
 from bdnn_ros.checks.rattled import rattled
 from bdnn_ros.checks.sampling import brisk
@@ -22,7 +23,6 @@ from bdnn_ros.physical.structure import LEAD
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, mended, prepare
-from bdnn_ros.signals.unmeasured import absent, at_limit, held
 
 UNKNOWN = 0.5
 """A parameter whose standard deviation is still this share of what it was before is hardly known."""
@@ -42,10 +42,6 @@ CERTAIN = 3.0
 """Standard deviations that make a delay, or a lag of the velocity, certain."""
 VELOCITY_GAIN = 0.03
 """Share by which the reported velocity may differ from the position's derivative."""
-SATURATED = 0.01
-"""Share of saturated samples that is worth a word."""
-HELD_SECONDS = 0.05
-"""Efforts that stand still for less than this are not worth a word [s]."""
 BEYOND = 0.05
 """A joint that leaves its range by this share of it is another, or in another unit."""
 EXAMPLES = 3
@@ -110,6 +106,7 @@ def _oddities(
             *([] if disturbed else handled(recording, one, robot)),
             *(remark for remark in beyond(recording, robot) if remark.about not in told),
             *unread(recording),
+            *braked(recording, robot),
             *rattled(recording),
             *saturated(recording, robot),
         ]
@@ -239,37 +236,6 @@ def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:
             f"{lower[k]:.3g} and {upper[k]:.3g}.",
             "Check its unit (radians, metres), its zero, and that this is the robot's description.",
         )
-
-
-def unread(recording: Recording) -> Iterator[Remark]:
-    """Joints whose driver reports no effort, and for how long it repeated all of them."""
-    effort = recording.require_effort()
-    missing = [joint for joint, gone in zip(recording.joints, absent(effort), strict=True) if gone]
-    if missing:
-        yield Remark(
-            listed(missing),
-            f"{recording.name}: the effort of {listed(missing)} never changes.",
-            "Check that the driver reports it: nothing can be said about it.",
-        )
-    seconds = float(held(effort).sum() / max(recording.rate, 1e-9))
-    if seconds > HELD_SECONDS and len(missing) < recording.width:
-        yield Remark(
-            "",
-            f"{recording.name}: all efforts stand still for {seconds:.2g} s, longer than usual.",
-            "If the robot moved meanwhile, check the driver; such moments do not count.",
-        )
-
-
-def saturated(recording: Recording, robot: Robot) -> Iterator[Remark]:
-    """Joints that are at their effort limit."""
-    shares = at_limit(recording.require_effort(), robot.limits.effort).mean(axis=0)
-    for joint, share in zip(robot.joints, shares, strict=True):
-        if share > SATURATED:
-            yield Remark(
-                joint,
-                f"{recording.name}: {joint} is at its effort limit {100 * share:.0f} % of the time.",
-                "Move it more gently: what is cut off cannot be identified.",
-            )
 
 
 def odd_velocity(recording: Recording, signals: Signals) -> Iterator[Remark]:

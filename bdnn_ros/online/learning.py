@@ -168,6 +168,9 @@ class Learning:
         if latest is None:
             return
         signals, rows = latest
+        rows = rows[signals.seen[rows].any(axis=1)]
+        if not len(rows):  # on its brakes, say: nothing here tells a good model from a bad one
+            return
         assert signals.effort is not None
         measured = signals.smooth(signals.effort)[rows]
         self._spread.add(measured)

@@ -18,6 +18,7 @@ from bdnn_ros.signals.copies import without_copies
 from bdnn_ros.signals.glitches import without_glitches
 from bdnn_ros.signals.jitter import without_jitter
 from bdnn_ros.signals.kernels import even_grid, gaussian_kernel, gaussian_std, grid_of
+from bdnn_ros.signals.powerless import powerless
 from bdnn_ros.signals.rattling import rattling
 from bdnn_ros.signals.repeats import without_repeats
 from bdnn_ros.signals.signals import Signals
@@ -91,11 +92,11 @@ def prepare(recording: Recording, cutoff: float | None = None, working: float | 
 
 
 def _unmeasured(recording: Recording, time: np.ndarray) -> np.ndarray | None:
-    """At which moments (N,) an effort says nothing of what acts, (N, n) bool: where one drive rattles, none does."""
+    """At which moments (N,) an effort says nothing of what acts, (N, n) bool: where one drive rattles or all rest, none does."""
     if recording.effort is None:
         return None
-    shaken = np.asarray(rattling(recording).any(axis=1))
-    nothing = unmeasured(recording.effort) | shaken[:, None]
+    none = np.asarray(rattling(recording).any(axis=1)) | powerless(recording)
+    nothing = unmeasured(recording.effort) | none[:, None]
     return nothing[np.searchsorted(recording.time, time)]
 
 

@@ -1,0 +1,67 @@
+"""Where the efforts of a recording tell nothing: none is reported, brakes hold the robot, a limit cuts them off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bdnn_ros.errors import listed
+from bdnn_ros.physical.remark import Remark
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals.powerless import USUAL, powerless
+from bdnn_ros.signals.unmeasured import absent, at_limit, held
+
+SATURATED = 0.01
+"""Share of saturated samples that is worth a word."""
+HELD_SECONDS = 0.05
+"""Efforts that stand still for less than this are not worth a word [s]."""
+HEAVY = 0.1
+"""Links weigh on a joint where they ask for so much of what its efforts come to, and more than its friction holds."""
+
+
+def unread(recording: Recording) -> Iterator[Remark]:
+    """Joints whose driver reports no effort, and for how long it repeated all of them."""
+    effort = recording.require_effort()
+    missing = [joint for joint, gone in zip(recording.joints, absent(effort), strict=True) if gone]
+    if missing:
+        yield Remark(
+            listed(missing),
+            f"{recording.name}: the effort of {listed(missing)} never changes.",
+            "Check that the driver reports it: nothing can be said about it.",
+        )
+    seconds = float((held(effort) & ~powerless(recording)).sum() / max(recording.rate, 1e-9))
+    if seconds > HELD_SECONDS and len(missing) < recording.width:
+        yield Remark(
+            "",
+            f"{recording.name}: all efforts stand still for {seconds:.2g} s, longer than usual.",
+            "If the robot moved meanwhile, check the driver; such moments do not count.",
+        )
+
+
+def braked(recording: Recording, robot: Robot) -> Iterator[Remark]:
+    """For how long nothing but brakes can have held a robot."""
+    effort = recording.require_effort()
+    usual = np.percentile(np.abs(effort), USUAL, axis=0)
+    weight = np.abs(robot.gravity(recording.position[powerless(recording)]))
+    held_up = (weight > np.maximum(HEAVY * usual, robot.coulomb)).any(axis=1)
+    seconds = float(held_up.sum() / max(recording.rate, 1e-9))
+    if seconds > HELD_SECONDS:
+        yield Remark(
+            "",
+            f"{recording.name}: for {seconds:.2g} s the robot stands without an effort, though its links weigh on it.",
+            "Its brakes seem to hold it, or its driver reports no efforts then: such moments do not count.",
+        )
+
+
+def saturated(recording: Recording, robot: Robot) -> Iterator[Remark]:
+    """Joints that are at their effort limit."""
+    shares = at_limit(recording.require_effort(), robot.limits.effort).mean(axis=0)
+    for joint, share in zip(robot.joints, shares, strict=True):
+        if share > SATURATED:
+            yield Remark(
+                joint,
+                f"{recording.name}: {joint} is at its effort limit {100 * share:.0f} % of the time.",
+                "Move it more gently: what is cut off cannot be identified.",
+            )
