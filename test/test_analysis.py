@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity
+from bdnn_ros.effects.environment import ExternalTorque
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.analysis import Analyst, Noticed, diagnosis_with_stamps, with_stamps
 from bdnn_ros.online.buffer import Chunk, Ring
@@ -153,4 +155,39 @@ def test_sentences_tell_the_same_times_as_the_values():
         == told["advice"]
         == ["Or l carries 1.2 kg from 1700000008.2 s on: move it for 10.0 s, at 8.3 s or at 5.0 s."]
     )
+    ring.close()
+
+
+@pytest.mark.parametrize("gone", [0.0, 2e4, 2e5])
+def test_times_are_as_exact_after_hours_of_stream(gone):
+    """After 2.8 h a push was told up to 50 ms off, after 28 h up to half a second, and its sentence in stream time."""
+    ring = Ring.create(2000, 1)
+    for row in range(-1, 1000):  # the first sample ever, and those that are still kept
+        time = BEGUN_AT + (round(gone * 1e9) + row * 10_000_000 if row >= 0 else 0)
+        ring.slot()[:] = 0.0
+        ring.commit(time, time, time)
+    values = {"start": gone + 3.4564, "end": gone + 5.1236, "torque": 3.0}
+    told = {name: Quantity(value, 0.01, "s") for name, value in values.items()}
+    sentence = ExternalTorque().sentence("j", values)
+    push = Finding("external_wrench", "j", None, told, 0.5, 0.99, (), sentence, "joint")
+    note = f"j carries something from {values['start']:.1f} s on, for {values['end']:.1f} s."
+    diagnosis = Diagnosis({}, "explained", (push,), {}, 0.5, (0.4, 0.6), 0.0, (), "", (), (note,))
+    stamped = diagnosis_with_stamps(diagnosis.as_json(), ring)
+    (found,), begun = stamped["findings"], BEGUN_AT * 1e-9 + gone
+    starts, ends = (found["parameters"][edge]["value"] - begun for edge in ("start", "end"))
+    assert (starts, ends) == (pytest.approx(3.456, abs=1e-5), pytest.approx(5.124, abs=1e-5))
+    assert f"from {begun + 3.46:.2f} s to {begun + 5.12:.2f} s with" in found["sentence"]
+    assert stamped["notes"] == [
+        f"j carries something from {begun + 3.5:.1f} s on, for {values['end']:.1f} s."
+    ]
+    ring.close()
+
+
+def test_of_two_times_that_are_near_a_sentence_tells_the_nearer():
+    """Told to a tenth, the end of a short push was taken for its start."""
+    ring = Ring.create(2000, 1)
+    write(ring, 0, 1000)
+    push = {"start": {"value": 8.24, "std": 0.1}, "end": {"value": 8.31, "std": 0.1}}
+    told = with_stamps({"parameters": push, "sentence": "Something pushed l from 8.2 s to 8.3 s."}, ring)
+    assert told["sentence"] == "Something pushed l from 1700000008.2 s to 1700000008.3 s."
     ring.close()

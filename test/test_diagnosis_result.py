@@ -11,6 +11,7 @@ import pytest
 from diagnosis_cases import check_contract
 
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
+from bdnn_ros.effects.environment import ExternalTorque
 
 
 @pytest.fixture
@@ -85,6 +86,20 @@ def test_it_has_the_contracts_form(diagnosis):
         "depends_on": ["panda_joint4.position"],
         "sentence": "5 % is left.",
     }
+
+
+@pytest.mark.parametrize("begun", [0.0, 2e4, 2e5])
+def test_a_moment_is_told_to_the_millisecond_however_long_the_recording(diagnosis, begun):
+    """Above 10 000 s the file told another time than the sentence."""
+    push, values = ExternalTorque(), {"start": begun + 1.2344, "end": begun + 3.5678, "torque": 3.0}
+    parameters = {name: Quantity(value, 0.01, "s") for name, value in values.items()}
+    parameters["torque"] = Quantity(3.00000049, 0.01, "N*m")
+    sentence = push.sentence("panda_joint4", values)
+    finding = Finding(push.name, "panda_joint4", None, parameters, 0.5, 0.99, (), sentence, "joint")
+    (told,) = replace(diagnosis, findings=(finding,)).as_json()["findings"]
+    start, end, torque = (quantity["value"] for quantity in told["parameters"].values())
+    assert start == round(begun + 1.234, 3) and end == round(begun + 3.568, 3) and torque == 3.0
+    assert f"from {start:.2f} s to {end:.2f} s" in told["sentence"]
 
 
 def test_the_file_says_the_same(diagnosis, tmp_path):

@@ -14,10 +14,11 @@ from bdnn_ros.diagnosis.gains import removed, squares
 from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.lookalikes import Placed
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import EDGES, leftover, together
+from bdnn_ros.diagnosis.pushes import leftover, together
 from bdnn_ros.diagnosis.result import Finding, Rival
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR
 from bdnn_ros.effects.actuation import EffortDelay
+from bdnn_ros.effects.base import EDGES
 from bdnn_ros.robot import Robot
 
 SAMPLES_LATE = 0.75

@@ -11,9 +11,10 @@ from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import HARDLY_USABLE, Equations
 from bdnn_ros.diagnosis.joining import own_zeros, stretches
 from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import EDGES, ENDS
+from bdnn_ros.diagnosis.pushes import ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
 from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.base import EDGES
 from bdnn_ros.effects.environment import FORCE, ExternalWrench
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording

@@ -13,10 +13,10 @@ from bdnn_ros.diagnosis.candidates import acting_per_measured
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.leads import hold_spread, parted
-from bdnn_ros.diagnosis.pushes import EDGES, distance, edges, unseen
+from bdnn_ros.diagnosis.pushes import distance, edges, unseen
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.effects.base import SHOWN
+from bdnn_ros.effects.base import EDGES, SHOWN
 from bdnn_ros.effects.environment import POINT
 
 RELATIVE_STEP = 1e-3

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bdnn_ros.effects.base import EDGES
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.written import whole
 
@@ -133,7 +134,7 @@ def _finding_json(finding: Finding) -> dict[str, Any]:
     return {
         **_place_json(finding),
         "parameters": {
-            name: {"value": _rounded(q.value), "std": _rounded(q.std), "unit": q.unit}
+            name: {"value": _value(name, q.value), "std": _rounded(q.std), "unit": q.unit}
             for name, q in finding.parameters.items()
         },
         # a share of the velocity's error would come before what removes a part of the effort's
@@ -150,6 +151,11 @@ def _place_json(one: Finding | Rival) -> dict[str, Any]:
     if one.variant:
         named["variant"] = one.variant
     return named | {"joint": one.joint, "link": one.link}
+
+
+def _value(name: str, value: float) -> float:
+    """A parameter's value; a moment to the millisecond, however long the recording had gone on by then."""
+    return round(float(value), 3) if name in EDGES else _rounded(value)
 
 
 def _rounded(value: float) -> float:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bdnn_ros.effects.base import EDGES
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
@@ -24,8 +25,6 @@ from bdnn_ros.robot import Robot
 FIRST = 10.0
 """Stream time before the first diagnosis of its own accord [s]."""
 MOST_WAITING = 4
-EDGES = ("start", "end")
-"""Parameters of findings that are moments."""
 MOMENT = re.compile(r"\b(at|from|to|until|since) (\d+\.\d+) s\b")
 """How sentences tell them."""
 UNDIAGNOSED = (
@@ -225,10 +224,9 @@ def _in_stamps(sentence: str, times: Sequence[tuple[float, float]]) -> str:
     def stamped(match: re.Match[str]) -> str:
         word, text = match.groups()
         digits = len(text.partition(".")[2])
-        for time, stamp in times:
-            if abs(float(text) - time) <= 10.0**-digits:
-                return f"{word} {stamp:.{digits}f} s"
-        return match[0]
+        time, stamp = min(times, key=lambda one: abs(float(text) - one[0]), default=(np.nan, np.nan))
+        near = abs(float(text) - time) <= 10.0**-digits
+        return f"{word} {stamp:.{digits}f} s" if near else match[0]
 
     return MOMENT.sub(stamped, sentence)
 
