@@ -22,6 +22,19 @@ ARM = Robot.bundled("arm2")
 BEGUN = {"epoch": 3, "diagnosis_period": 0.0, "diagnosis_window": 0.0, "kept": 0, "start": 0}
 
 
+def change(effect: str, where: str, *times: str) -> dict[str, Any]:
+    """A change as a finding, with parameters of these names."""
+    place = {"joint": where, "link": None} if effect == "drift" else {"joint": None, "link": where}
+    parameters = {name: {"value": 1.0} for name in times}
+    return {
+        "effect": effect,
+        **place,
+        "parameters": parameters,
+        "share": 0.5,
+        "sentence": f"{effect} {where}",
+    }
+
+
 class Broken:
     """A stream whose recording fails in one way after the other."""
 
@@ -95,13 +108,51 @@ def test_the_latched_message_holds_all_that_changed_since_the_last_diagnosis(mon
     analyst = Analyst(said.put)
     analyst.begin(ARM, Feed(ARM.joints, ring), BEGUN)
     one, two, three = (
-        {"sentence": name, "share": share} for name, share in zip("abc", (0.1, 0.7, 0.3), strict=True)
+        {**change("drift", name), "share": share} for name, share in zip("abc", (0.1, 0.7, 0.3), strict=True)
     )
     analyst.with_changes([Noticed(3.0, one), Noticed(3.0, two)])
     assert analyst.with_changes([Noticed(6.0, three)])["findings"] == [two, three, one]
     analyst.ask(0.0, 1)
     told = said.get(timeout=5.0).info["diagnosis"]
     assert told["findings"] == [old, three]  # it has seen the first two happen, the third it could not
+
+
+def test_a_robot_that_grips_all_day_is_told_what_it_holds():
+    """Where every diagnosis refused, each message held all changes of the day."""
+    analyst = Analyst(lambda message: None)
+    grips, lets_go = change("payload", "hand", "mass", "start"), change("payload", "hand", "mass", "end")
+    elsewhere, drifts = change("payload", "tool", "mass", "start"), change("drift", "elbow", "start")
+    analyst.with_changes(
+        [Noticed(0.0, elsewhere), Noticed(1.0, drifts), Noticed(1.0, change("drift", "wrist"))]
+    )
+    for k in range(50):
+        held = analyst.with_changes([Noticed(5.0 * k + 2.0, grips)])["findings"]
+        freed = analyst.with_changes([Noticed(5.0 * k + 4.0, lets_go), Noticed(5.0 * k + 4.0, drifts)])
+        analyst._take({"error": "too short"}, 5.0 * k + 4.0)
+        others = [elsewhere, change("drift", "wrist")]
+        assert [one for one in held if one not in (*others, drifts)] == [lets_go] * (k > 0) + [grips]
+        assert freed["findings"] == [*others, lets_go, drifts] and "notes" not in freed
+
+
+def test_changes_that_nobody_looks_at_are_told_for_a_while_and_counted_then():
+    analyst, push = Analyst(lambda message: None), change("external_wrench", "hand", "start", "end")
+    analyst._last = {
+        "verdict": "explained",
+        "findings": [],
+        "gain": {"value": 0.5},
+        "advice": [],
+        "notes": ["n"],
+    }
+    told = [analyst.with_changes([Noticed(float(k), {**push, "share": 1.0 - 0.01 * k})]) for k in range(20)]
+    assert len(told[15]["findings"]) == 16 and told[15]["notes"] == ["n"]
+    assert told[19]["findings"] == [{**push, "share": 1.0 - 0.01 * k} for k in range(4, 20)]
+    note, *more = [note for note in told[19]["notes"] if note != "n"]
+    assert note.startswith("4 older changes") and not more
+    late = analyst.with_changes([Noticed(615.0, push)])  # ten minutes after the one at 15 s
+    assert [one["share"] for one in late["findings"]] == pytest.approx([0.85, 0.84, 0.83, 0.82, 0.81, 0.5])
+    assert late["notes"][-1].startswith("15 older changes")
+    analyst._take({"diagnosis": {"verdict": "explained", "findings": [], "gain": {}, "notes": []}}, 615.0)
+    assert analyst.with_changes([Noticed(616.0, push)])["notes"] == []  # it has looked at all of them
 
 
 class Overtaken(Ring):

@@ -25,6 +25,11 @@ from bdnn_ros.robot import Robot
 FIRST = 10.0
 """Stream time before the first diagnosis of its own accord [s]."""
 MOST_WAITING = 4
+MOST_CHANGES = 16
+"""So many changes are told beside the last diagnosis."""
+LONGEST = 600.0
+"""And each no longer than this [s], where no diagnosis looks at them."""
+UNTOLD = "{count} older changes are no longer told. Call ~/diagnose for what differs now."
 MOMENT = re.compile(r"\b(at|from|to|until|since) (\d+\.\d+) s\b")
 """How sentences tell them."""
 UNDIAGNOSED = (
@@ -50,6 +55,14 @@ class Noticed:
     seen: float
     finding: dict[str, Any]
 
+    def takes_back(self, earlier: Noticed) -> bool:
+        """Whether it says what has become of an earlier one: a release at its link, more drift of its joint."""
+        one, other = self.finding, earlier.finding
+        if any(one[key] != other[key] for key in ("effect", "joint", "link")):
+            return False
+        released = one["effect"] == "payload" and "start" not in one["parameters"]
+        return released or one["effect"] == "drift"
+
 
 class Analyst:
     """Has one diagnosis at a time made, in a process of its own; learning goes on beside it.
@@ -73,6 +86,7 @@ class Analyst:
         self._due = FIRST
         self._last: dict[str, Any] = {}
         self._changes: list[Noticed] = []
+        self._untold = 0
         self._merging = threading.Lock()
         self.since = 0.0
         self.unlike = False
@@ -84,14 +98,23 @@ class Analyst:
         self._epoch = int(info["epoch"])
         self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
         self._due = feed.latest_time() + FIRST
-        self._last, self._changes, self.unlike = {}, [], False
+        self._last, self._changes, self._untold, self.unlike = {}, [], 0, False
         if info["kept"] == info["start"]:  # else the same stream goes on, and what changed in it has changed
             self.since = 0.0
 
     def with_changes(self, changes: Sequence[Noticed]) -> dict[str, Any]:
-        """The last diagnosis with all changes that were noticed since it looked, these too, the largest share first."""
+        """The last diagnosis with the changes that were noticed since it looked, these too, the largest share first.
+
+        Those that a later one takes back are left out, and the oldest where they are many.
+        """
         with self._merging:
-            self._changes += changes
+            every = [*self._changes, *changes]
+            valid = [
+                one for k, one in enumerate(every) if not any(new.takes_back(one) for new in every[k + 1 :])
+            ]
+            since = max(change.seen for change in every) - LONGEST
+            self._changes = [change for change in valid if change.seen >= since][-MOST_CHANGES:]
+            self._untold += len(valid) - len(self._changes)
             return self._merged()
 
     def _merged(self) -> dict[str, Any]:
@@ -100,6 +123,8 @@ class Analyst:
         findings.sort(key=lambda finding: -finding["share"])
         gain = 1.0 - float(np.sqrt(1.0 - max(change.finding["share"] for change in self._changes)))
         last = self._last or {"gain": {"value": gain, "interval": [gain, gain]}, "advice": [UNDIAGNOSED]}
+        if self._untold:
+            last = {**last, "notes": [*last.get("notes", []), UNTOLD.format(count=self._untold)]}
         explained = last.get("verdict") in ("nothing_wrong", "explained")
         return {**last, "verdict": "explained" if explained else "partly_explained", "findings": findings}
 
@@ -109,7 +134,7 @@ class Analyst:
         if "diagnosis" not in told:
             return
         with self._merging:
-            self._last = told["diagnosis"]
+            self._last, self._untold = told["diagnosis"], 0
             self._changes = [change for change in self._changes if change.seen > until]
             if self._changes:
                 told["diagnosis"] = self._merged()
