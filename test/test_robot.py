@@ -422,6 +422,34 @@ def test_threads_that_read_descriptions_leave_stderr_where_it_was() -> None:
     assert os.readlink("/proc/self/fd/2") == before and said == ["theirs"]
 
 
+def test_what_others_write_while_a_description_is_read_comes_out(capfd: pytest.CaptureFixture[str]) -> None:
+    """Log lines of other threads were lost."""
+    said: list[str] = []
+    with _overheard(said):
+        os.write(2, b"a log line\nError:   a complaint\n         at line 7 in model.cpp\nhalf")
+    assert said == ["a complaint"] and capfd.readouterr().err == "a log line\nhalf"
+
+
+def test_a_description_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each change of a robot's parameters read it anew, and took the process's stderr for as long."""
+    read, build, text = [], pin.buildModelFromXML, two_link() + "<!-- read nowhere else -->"
+
+    def counted(xml: str) -> pin.Model:
+        read.append(xml)
+        return build(xml)
+
+    monkeypatch.setattr(pin, "buildModelFromXML", counted)
+    arm = Robot.from_urdf(text)
+    q, v, a = states(arm)
+    before = arm.rigid_effort(q, v, a)
+    others = [arm.with_inertials(2.0 * arm.inertials), arm.tilted(0.3, 0.4), Robot.from_urdf(text, ["one"])]
+    for other in others:
+        other.rigid_effort(*states(other))
+    for same in (Robot.from_urdf(text), replace(arm)):  # nobody changed what is kept
+        np.testing.assert_array_equal(same.rigid_effort(q, v, a), before)
+    assert len(read) == 1
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [

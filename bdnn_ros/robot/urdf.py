@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 import threading
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
@@ -28,6 +29,8 @@ FREE = {"planar", "floating"}
 Held = Mapping[str, float]
 """Joints that do not move, and where they stand [rad] ([m])."""
 NONE_HELD: Held = MappingProxyType({})
+WHERE = re.compile(rb" +at line \d+ in ")
+"""How the URDF parser goes on after a complaint."""
 _STDERR = threading.Lock()
 """Whose turn it is to stand in for stderr, of which the process has one."""
 
@@ -93,16 +96,7 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
     """
     if not urdf.strip():
         raise RobotError("The robot description is empty.", "Check who writes it.")
-    said: list[str] = []
-    try:
-        with _overheard(said):
-            full = pin.buildModelFromXML(_bounded(urdf))
-    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
-        reasons = [*said, *str(error).strip().splitlines(), "no reason given"]
-        raise RobotError(
-            f"The robot description is not a usable URDF ({reasons[0].rstrip('.')}).",
-            "Check it with check_urdf.",
-        ) from None
+    full = _parsed(urdf).copy()
     free = free_joints(urdf)
     movable = tuple(name for name in full.names[1:] if name not in free)
     if {*free} & {*joints} or (free and not movable):
@@ -124,6 +118,25 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
             rest[full.idx_qs[full.getJointId(name)]] = held[name]
         full = _without(full, lock, rest)
     return full, tuple(names)
+
+
+@lru_cache(maxsize=4)
+def _parsed(urdf: str) -> pin.Model:
+    """Pinocchio's model with all joints, only to be copied: robots of other parameters are of the same description.
+
+    Raises:
+        RobotError: the text is not a usable URDF.
+    """
+    said: list[str] = []
+    try:
+        with _overheard(said):
+            return pin.buildModelFromXML(_bounded(urdf))
+    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
+        reasons = [*said, *str(error).strip().splitlines(), "no reason given"]
+        raise RobotError(
+            f"The robot description is not a usable URDF ({reasons[0].rstrip('.')}).",
+            "Check it with check_urdf.",
+        ) from None
 
 
 def free_joints(urdf: str) -> list[str]:
@@ -164,8 +177,11 @@ def _without(model: pin.Model, lock: list[int], rest: np.ndarray) -> pin.Model:
 
 @contextmanager
 def _overheard(said: list[str]) -> Iterator[None]:
-    """Collects what the URDF parser complains about: it writes to the process's stderr instead of raising."""
-    with _STDERR, tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as heard:
+    """Collects what the URDF parser complains about: it writes to the process's stderr instead of raising.
+
+    What others wrote meanwhile is passed on afterwards.
+    """
+    with _STDERR, tempfile.TemporaryFile() as heard:
         stderr = os.dup(2)
         os.dup2(heard.fileno(), 2)
         try:
@@ -174,8 +190,12 @@ def _overheard(said: list[str]) -> Iterator[None]:
             os.dup2(stderr, 2)
             os.close(stderr)
             heard.seek(0)
-            lines = [line.strip() for line in heard.read().splitlines()]
-            said += [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
+            lines = heard.readlines()
+            mine = [line for line in lines if line.startswith(b"Error:")]
+            said += [line.decode(errors="replace").removeprefix("Error:").strip() for line in mine]
+            others = b"".join(line for line in lines if line not in mine and not WHERE.match(line))
+            with suppress(OSError):  # nobody may listen any more
+                os.write(2, others)
 
 
 def _bounded(urdf: str) -> str:
