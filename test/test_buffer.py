@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import UsageError
+from bdnn_ros.online import buffer
 from bdnn_ros.online.buffer import Ring
 
 
@@ -85,6 +86,35 @@ def test_another_mapping_sees_the_same(ring):
     other.beat()
     assert ring.silence < 1.0
     other.close()
+
+
+def test_the_order_of_samples_and_their_number_holds_on_any_machine(ring, monkeypatch):
+    """Only x86-64 keeps it unasked: elsewhere a number could be seen before its sample."""
+    write(ring, 20)
+    seen, row = [], 20 % ring.capacity
+
+    def look() -> None:
+        seen.append((int(ring._header[buffer._WRITTEN]), int(ring._stamp[row]), ring._values[row].tolist()))
+
+    monkeypatch.setattr(buffer, "fence", look)
+    write(ring, 1, start=20)
+    sample = (1020, [20.0, 40.0, 60.0])
+    assert seen == [(20, *sample), (21, *sample)]
+
+
+def test_the_number_is_read_after_what_is_read_before_and_before_what_is_read_after(ring, monkeypatch):
+    order: list[str] = []
+
+    class Header:
+        def __getitem__(self, key: int) -> int:
+            order.append("number")
+            return 0
+
+    monkeypatch.setattr(buffer, "fence", lambda: order.append("fence"))
+    with monkeypatch.context() as patch:
+        patch.setattr(ring, "_header", Header())
+        assert ring.written == 0
+    assert order == ["fence", "number", "fence"]
 
 
 def test_another_process_reads_while_it_is_written():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -124,8 +125,9 @@ class Ring:
         self._next = number + 1
         if number == 0:
             self._header[_ORIGIN] = stream_time
-        # last: x86-64, the only machine of these wheels, keeps the order of stores, so that who sees it sees the sample
+        fence()  # who sees the number sees the sample,
         self._header[_WRITTEN] = self._next
+        fence()  # and who sees the next sample in the slot of an old one, that this is no longer kept
         return number
 
     def restamp(self, number: int, stamp: int) -> None:
@@ -136,8 +138,11 @@ class Ring:
 
     @property
     def written(self) -> int:
-        """How many samples were ever written."""
-        return int(self._header[_WRITTEN])
+        """How many samples were ever written; what is read before this, or after, is of before, or after."""
+        fence()
+        number = int(self._header[_WRITTEN])
+        fence()
+        return number
 
     @property
     def origin(self) -> int:
@@ -238,3 +243,15 @@ class Ring:
             self._memory.close()
         os.close(self.descriptor)
         self.descriptor = -1
+
+
+def fence() -> None:
+    """Keeps the order in which memory is written and read before and after it, which arm64 may change.
+
+    What is done before a lock's release stays before it, what is done after its acquisition stays after, and an acquisition
+    after the release before it. Nobody else knows the lock: it is never waited for.
+    """
+    lock = threading.Lock()
+    lock.acquire()
+    lock.release()
+    lock.acquire()
