@@ -79,8 +79,7 @@ class Scene:
             own[:, each, k, each] = values
         regressor = robot.regressor(signals.position, signals.velocity, signals.acceleration)
         columns = np.concatenate([regressor, own.reshape(len(signals), n, PER_JOINT * n)], axis=2)
-        weights = signals.smooth(np.eye(len(signals)))[rows]
-        return np.asarray(np.tensordot(weights, columns, axes=1))
+        return signals.smooth_at(columns, rows)
 
     def pulls(self, signals: Signals, rows: np.ndarray) -> np.ndarray:
         """Columns of the wrenches on each body, (R, n, n, 6): they hardly change within a low-pass."""

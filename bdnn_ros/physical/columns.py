@@ -11,7 +11,7 @@ from bdnn_ros.physical.presliding import COUPLING_SIGNS, USUAL, Directions, coup
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import gravity_of, tilt_of
 from bdnn_ros.signals import Signals
-from bdnn_ros.signals.kernels import gaussian_kernel
+from bdnn_ros.signals.kernels import convolving_at, gaussian_kernel
 
 TURNED = 1e-4
 """Angle by which the base is turned both ways to see what tilting it adds [rad]."""
@@ -64,23 +64,9 @@ def low_passed(signals: Signals, smooth: np.ndarray, sharp: np.ndarray, rows: np
     Sharp columns pass the low-pass twice, as the effort has.
     """
     weights = gaussian_kernel(signals.kernel_std, signals.rate)[0]
-    once, twice = (_filter(signals, kernel, rows) for kernel in (weights, np.convolve(weights, weights)))
-    parts = [
-        (matrix @ values.reshape(len(signals), -1)).reshape(len(rows), *values.shape[1:])
-        for matrix, values in ((once, smooth), (twice, sharp))
-    ]
-    return np.concatenate(parts, axis=-1)
-
-
-def _filter(signals: Signals, kernel: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Matrix that low-passes along time at the chosen samples only, (len(rows), N); ends are held."""
-    half = len(kernel) // 2
-    result = np.zeros((len(rows), len(signals)))
-    for segment in signals.segments:
-        inside = np.flatnonzero((rows >= segment.start) & (rows < segment.stop))
-        taps = np.clip(rows[inside, None] + np.arange(-half, half + 1), segment.start, segment.stop - 1)
-        np.add.at(result, (inside[:, None], taps), kernel)
-    return result
+    twice = convolving_at(np.convolve(weights, weights), rows, signals.segments)
+    soft = (twice @ sharp.reshape(len(signals), -1)).reshape(len(rows), *sharp.shape[1:])
+    return np.concatenate([signals.smooth_at(smooth, rows), soft], axis=-1)
 
 
 def _of_pairs(values: np.ndarray) -> np.ndarray:
