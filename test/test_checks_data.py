@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from bdnn_ros.checks import data
+from bdnn_ros.checks.velocities import odd_velocity
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -189,7 +190,7 @@ def test_velocity_in_degrees_is_found(recording):
     wrong = recording.velocity.copy()
     wrong[:, 2] = np.degrees(wrong[:, 2])
     odd = replace(recording, velocity=wrong)
-    found = list(data.odd_velocity(odd, prepare(odd)))
+    found = list(odd_velocity(odd, prepare(odd)))
     assert [one.about for one in found] == [recording.joints[2]]
     assert "57.3" in found[0].problem
     assert "unit" in found[0].remedy
@@ -200,7 +201,7 @@ def test_a_velocity_behind_a_low_pass_is_found(recording):
     wrong = recording.velocity.copy()
     wrong[:, 4] = lfilter([1.0 - keep], [1.0, -keep], wrong[:, 4])
     odd = replace(recording, velocity=wrong)
-    found = list(data.odd_velocity(odd, prepare(odd)))
+    found = list(odd_velocity(odd, prepare(odd)))
     assert [one.about for one in found] == [recording.joints[4]]
     assert float(found[0].problem.split("low-pass of ")[1].split()[0]) == pytest.approx(8.0, abs=1.5)
 
@@ -211,18 +212,27 @@ def test_velocities_behind_low_passes_are_one_remark(recording):
         keep = np.exp(-2.0 * np.pi * cutoff / RATE)
         wrong[:, joint] = lfilter([1.0 - keep], [1.0, -keep], wrong[:, joint])
     odd = replace(recording, velocity=wrong)
-    (found,) = data.odd_velocity(odd, prepare(odd))
+    (found,) = odd_velocity(odd, prepare(odd))
     assert found.about == ", ".join(recording.joints[joint] for joint in (1, 4, 5))
     low, high = found.problem.split("low-passes of ")[1].split(" Hz")[0].split(" to ")
     assert (float(low), float(high)) == (pytest.approx(8.0, abs=1.5), pytest.approx(16.0, abs=6.0))
 
 
+def test_a_velocity_of_which_a_finding_tells_is_no_remark_as_well(robot, recording):
+    wrong = recording.velocity * np.where(np.arange(recording.width) == 2, 3.0, 1.0)
+    keep = np.exp(-2.0 * np.pi * 8.0 / RATE)
+    wrong[:, [1, 4]] = lfilter([1.0 - keep], [1.0, -keep], wrong[:, [1, 4]], axis=0)
+    odd, joints = replace(recording, velocity=wrong), recording.joints
+    for told, left in (((joints[1],), [joints[2], joints[4]]), (joints[1:3], [joints[4]]), (joints, [])):
+        assert [one.about for one in data.check_data([odd], robot, told=told)] == left
+
+
 def test_a_good_or_missing_velocity_is_not_odd(recording):
     noise = 1e-3 * np.random.default_rng(0).normal(size=recording.velocity.shape)
     noisy = replace(recording, velocity=recording.velocity + noise)
-    assert list(data.odd_velocity(noisy, prepare(noisy))) == []
+    assert list(odd_velocity(noisy, prepare(noisy))) == []
     silent = replace(recording, velocity=None)
-    assert list(data.odd_velocity(silent, prepare(silent))) == []
+    assert list(odd_velocity(silent, prepare(silent))) == []
 
 
 def test_a_delay_of_half_a_period_is_a_held_command(model, recording):

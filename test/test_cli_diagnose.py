@@ -30,6 +30,7 @@ from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.signals.kernels import lagging
 from bdnn_ros.simulation.simulate import simulate
 
 J1, J2 = "arm2_joint1", "arm2_joint2"
@@ -143,13 +144,25 @@ def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(recording, tmp
 
 
 def test_what_is_odd_about_the_data_is_said_and_reported(recording, tmp_path, capsys):
-    bag = changed_bag(recording, tmp_path / "fast", lambda r: replace(r, velocity=3.0 * r.velocity))
-    assert main(["diagnose", str(bag), "--out", str(tmp_path / "out")]) == 0
-    printed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Data check: ")]
-    assert len(printed) == 2 and all("3.00 times its position's derivative" in line for line in printed)
+    """But of a velocity behind a low-pass, which a finding tells of."""
+
+    def odd(given: Recording) -> Recording:
+        slow = lagging(given.velocity[:, :1], 1.0 / (2.0 * np.pi * 6.0), given.rate)
+        return replace(given, velocity=np.hstack([slow, 3.0 * given.velocity[:, 1:]]))
+
+    assert (
+        main(["diagnose", str(changed_bag(recording, tmp_path / "odd", odd)), "--out", str(tmp_path / "out")])
+        == 0
+    )
+    (printed,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Data check: ")]
+    said = printed.removeprefix("Data check: ")
+    assert f"the velocity of {J2} is 3.00 times its position's derivative" in said
     text = " ".join((tmp_path / "out" / "report.html").read_text(encoding="utf-8").split())
     check = text[text.index('id="data"') :]
-    assert all(line.removeprefix("Data check: ").split("'")[0] in check for line in printed)
+    assert said.split("'")[0] in check and f"velocity of {J1}" not in check
+    report = report_of(tmp_path / "out")
+    assert report["notes"][-1] == said and J1 not in " ".join(report["notes"])
+    assert ("velocity_filter", J1) in [(one["effect"], one["joint"]) for one in report["findings"]]
 
 
 def test_the_model_and_the_robot_predict_what_was_found(diagnosed, recording, capsys):

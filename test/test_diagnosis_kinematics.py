@@ -9,7 +9,7 @@ import pytest
 from diagnosis_cases import check_contract
 from scipy.signal import lfilter
 
-from bdnn_ros.checks.data import odd_velocity
+from bdnn_ros.checks.velocities import odd_velocity
 from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.kinematics import reported_velocity

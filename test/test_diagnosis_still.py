@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cli_cases import sliding_arm
 
-from bdnn_ros.checks.data import odd_velocity
+from bdnn_ros.checks.velocities import odd_velocity
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose

@@ -163,7 +163,8 @@ def test_rows_that_saw_a_limit_do_not_count_for_its_joint(arm, plain):
 def test_every_kind_is_remarked_on(arm, plain):
     def about(recording):
         return [
-            (one.about, one.problem) for one in (*efforts.unread(recording), *efforts.saturated(recording, arm))
+            (one.about, one.problem)
+            for one in (*efforts.unread(recording), *efforts.saturated(recording, arm))
         ]
 
     effort = plain.require_effort()

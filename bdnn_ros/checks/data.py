@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +12,15 @@ from bdnn_ros.checks.description import doubts
 from bdnn_ros.checks.efforts import braked, saturated, unread
 from bdnn_ros.checks.handling import handled
 from bdnn_ros.checks.rattled import rattled
-from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.checks.setup import tilted, zeros_off
+from bdnn_ros.checks.velocities import CERTAIN, PERIODS, SHORTEST_DELAY, odd_velocity
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.combinations import WORDS, Combination, combinations
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import JOINT_NAMES, Parameters, Prior, Spread, prior, usual_motion
 from bdnn_ros.physical.remark import Remark
 from bdnn_ros.physical.structure import LEAD
-from bdnn_ros.recording import Recording, moving
+from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, mended, prepare
 
@@ -34,14 +34,6 @@ HOPELESS = 1e5
 """The condition number is not told beyond, nor a delay: all there is may be a joint that turns round now and then."""
 MOST_ROWS = 2000
 """Samples that the condition is found from."""
-PERIODS = 0.75
-"""Delays shorter than this many sample periods are those of held commands."""
-SHORTEST_DELAY = 0.001
-"""Shorter delays are not worth a word [s]."""
-CERTAIN = 3.0
-"""Standard deviations that make a delay, or a lag of the velocity, certain."""
-VELOCITY_GAIN = 0.03
-"""Share by which the reported velocity may differ from the position's derivative."""
 BEYOND = 0.05
 """A joint that leaves its range by this share of it is another, or in another unit."""
 EXAMPLES = 3
@@ -83,34 +75,42 @@ def check(
     return found + _oddities(recordings, robot, signals, disturbed)
 
 
-def check_data(recordings: Sequence[Recording], robot: Robot, cutoff: float | None = None) -> list[Remark]:
+def check_data(
+    recordings: Sequence[Recording], robot: Robot, cutoff: float | None = None, told: Collection[str] = ()
+) -> list[Remark]:
     """What these recordings leave open or do oddly by themselves, whatever is made of them.
 
     Args:
         robot: the simulation's.
         cutoff: of the low-pass [Hz].
+        told: joints of whose reported velocity a finding tells already.
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
-    return [*doubts(robot), *conditioned(condition(robot, signals)), *_oddities(recordings, robot, signals)]
+    oddities = _oddities(recordings, robot, signals, told=told)
+    return [*doubts(robot), *conditioned(condition(robot, signals)), *oddities]
 
 
 def _oddities(
-    recordings: Sequence[Recording], robot: Robot, signals: Sequence[Signals], disturbed: bool = False
+    recordings: Sequence[Recording],
+    robot: Robot,
+    signals: Sequence[Signals],
+    disturbed: bool = False,
+    told: Collection[str] = (),
 ) -> list[Remark]:
     found: list[Remark] = []
     for recording, one in zip(recordings, signals, strict=True):
         broken = list(breaches(replace(one, effort=None) if disturbed else one, robot))
-        told = ", ".join(breach.about for breach in broken).split(", ")
+        breaching = ", ".join(breach.about for breach in broken).split(", ")
         found += [
             *broken,
             *([] if disturbed else handled(recording, one, robot)),
-            *(remark for remark in beyond(recording, robot) if remark.about not in told),
+            *(remark for remark in beyond(recording, robot) if remark.about not in breaching),
             *unread(recording),
             *braked(recording, robot),
             *rattled(recording),
             *saturated(recording, robot),
+            *odd_velocity(recording, one, told),
         ]
-        found += odd_velocity(recording, one)
     return found
 
 
@@ -236,47 +236,3 @@ def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:
             f"{lower[k]:.3g} and {upper[k]:.3g}.",
             "Check its unit (radians, metres), its zero, and that this is the robot's description.",
         )
-
-
-def odd_velocity(recording: Recording, signals: Signals) -> Iterator[Remark]:
-    """Joints whose reported velocity is not the derivative of their position."""
-    if signals.reported_velocity is None:
-        return
-    inside, late = signals.interior, {}
-    for k in np.flatnonzero(moving(recording) & brisk(signals, inside)):
-        joint = signals.joints[k]
-        v, a = signals.velocity[inside, k], signals.acceleration[inside, k]
-        reported = signals.reported_velocity[inside, k]
-        basis = np.stack([v, -a], axis=-1)
-        gram = basis.T @ basis
-        if len(v) < 3 or np.linalg.cond(gram) > 1e12:
-            continue
-        (gain, slope), residual, *_ = np.linalg.lstsq(basis, reported, rcond=None)
-        noise = float(np.sqrt(residual[0] / len(v))) if len(residual) else 0.0
-        doubt = noise * float(np.sqrt(np.linalg.inv(gram)[1, 1]))
-        lag = slope / gain if abs(gain) > 1e-3 else 0.0
-        if abs(gain - 1.0) > VELOCITY_GAIN:
-            yield Remark(
-                joint,
-                f"{recording.name}: the velocity of {joint} is {gain:.2f} times its position's derivative.",
-                "Check its unit and sign; it is not used here.",
-            )
-        elif lag > max(PERIODS / signals.raw_rate, SHORTEST_DELAY) and slope > CERTAIN * doubt:
-            late[joint] = float(lag)
-    if late:
-        ahead = (
-            "its position, as behind a low-pass" if len(late) == 1 else "the position, as behind low-passes"
-        )
-        lags = _between([1e3 * lag for lag in late.values()], 1)
-        cutoffs = _between([1.0 / (2.0 * np.pi * lag) for lag in late.values()], 0)
-        yield Remark(
-            listed(late),
-            f"{recording.name}: the velocity of {listed(late)} lags {lags} ms behind {ahead} of {cutoffs} Hz.",
-            "It is not used here; a controller that uses it sees the past.",
-        )
-
-
-def _between(values: Sequence[float], digits: int) -> str:
-    """One number, or the least and the largest where they differ."""
-    ends = dict.fromkeys(f"{value:.{digits}f}" for value in (min(values), max(values)))
-    return " to ".join(ends)

@@ -101,10 +101,9 @@ def run(args: argparse.Namespace) -> int:
         recordings = unloaded(recordings, robot, args.cutoff)
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
         absent = [] if args.joints or earlier is not None else unheld(robot, recordings[0])
-        remarks = [
-            *of_the_unheld(absent),
-            *(spelled(remark) for remark in check_data(known.acting(recordings), robot, args.cutoff)),
-        ]
+        told = {one.joint for one in examination.diagnosis.findings if one.of_velocity and one.joint}
+        odd = check_data(known.acting(recordings), robot, args.cutoff, told)
+        remarks = [*of_the_unheld(absent), *map(spelled, odd)]
         lines = verdict_lines(examination, said)
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")
