@@ -17,6 +17,7 @@ from bdnn_ros.online.order import belief, predicted
 from bdnn_ros.online.silent import LEAST_VARIANCE, changes, relative
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
+from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import Signals
 
 PAUSE_SECONDS = 1.0
@@ -249,12 +250,7 @@ def check(
 
 def squared_error(model: Dynamics, signals: Signals, rows: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """Mean squared error of a model's effort, low-passed like the measured one, (n,) [N²·m²]."""
-    if isinstance(model, Robot):
-        rigid = model.rigid_effort(signals.position, signals.velocity, signals.acceleration)
-        own = model.viscous * signals.velocity + model.coulomb * signals.sign
-        effort = rigid + model.armature * signals.acceleration + own
-    else:
-        effort = predicted(model, signals)
+    effort = described_effort(model, signals) if isinstance(model, Robot) else predicted(model, signals)
     return np.asarray(np.mean((signals.smooth(effort)[rows] - measured) ** 2, axis=0))
 
 
