@@ -8,12 +8,12 @@ from live_support import motion, real_robot
 
 from bdnn_ros.online import estimate
 from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.estimate import Smoother, effort_std, parts
+from bdnn_ros.online.estimate import Smoother, parts
 from bdnn_ros.online.feed import Feed, Samples
 from bdnn_ros.online.intake import Intake
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording
-from bdnn_ros.robot import Robot
+from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import prepare
 
 ARM = Robot.bundled("arm6")
@@ -28,7 +28,12 @@ def test_the_parts_add_up():
     np.testing.assert_allclose(total, told.effort, atol=1e-12)
     np.testing.assert_allclose(told.inertial, told.mass_matrix @ a)
     np.testing.assert_allclose(told.friction, MODEL.friction(q, v), atol=1e-9)
-    np.testing.assert_allclose(effort_std(MODEL, q, v, a), MODEL.effort_std(q[None], v[None], a[None])[0])
+    regressor, bodies = ARM.regressor(q[None], v[None], a[None])[0], 6 * PER_LINK
+    for joint, std in enumerate(told.std):
+        index = [*range(bodies), *(bodies + 6 * np.arange(4) + joint)]
+        row = np.array([*regressor[joint], a[joint], v[joint], np.sign(v[joint]), 1.0])
+        variance = row @ MODEL.covariance[np.ix_(index, index)] @ row
+        assert std == pytest.approx(np.sqrt(variance + MODEL.noise[joint] ** 2))
 
 
 @pytest.mark.parametrize(("rate", "jitter"), [(1000.0, 0.0), (1000.0, 0.3), (125.0, 0.0), (50.0, 0.2)])

@@ -28,12 +28,14 @@ class Parts:
         coriolis: C q̇.
         gravity: g.
         friction: the rest, with what an effort's sensor makes of it all.
+        mass_matrix: M, (..., n, n) [kg·m²].
     """
 
     inertial: np.ndarray
     coriolis: np.ndarray
     gravity: np.ndarray
     friction: np.ndarray
+    mass_matrix: np.ndarray
 
     @property
     def effort(self) -> np.ndarray:
@@ -108,11 +110,12 @@ def coriolis_matrix(model: Dynamics, position: np.ndarray, velocity: np.ndarray)
 
 def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Parts:
     """The effort of a motion by what it is for; the parts add up to the inverse dynamics."""
-    inertial = (model.mass_matrix(position) @ np.asarray(acceleration)[..., None])[..., 0]
+    matrix = model.mass_matrix(position)
+    inertial = (matrix @ np.asarray(acceleration)[..., None])[..., 0]
     coriolis, gravity = model.coriolis(position, velocity), model.gravity(position)
     # `friction` is that without acceleration, and the load that an acceleration asks for may make more of it
     rest = model.inverse_dynamics(position, velocity, acceleration) - (inertial + coriolis + gravity)
-    return Parts(inertial, coriolis, gravity, rest)
+    return Parts(inertial, coriolis, gravity, rest, matrix)
 
 
 def friction_split(model: Dynamics, position: np.ndarray, velocity: np.ndarray) -> FrictionSplit:

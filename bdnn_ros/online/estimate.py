@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from bdnn_ros.bdnn import mechanics
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.online.feed import Feed, Samples
 from bdnn_ros.physical.model import PhysicalModel
-from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.signals import SAMPLES_PER_CUTOFF, usual_cutoff
 from bdnn_ros.signals.jitter import taken_at
 from bdnn_ros.signals.kernels import gaussian_kernel, gaussian_std, kernel_half
@@ -25,36 +25,32 @@ BRIDGED, BRIDGED_PERIODS = 2.0, 2.5
 
 
 @dataclass(frozen=True)
-class Parts:
-    """Effort of a motion and the parts it is the sum of; (n,) each [N·m].
+class Parts(mechanics.Parts):
+    """Parts of the effort of one motion, (n,) each [N·m].
 
     Attributes:
-        effort: inertial + coriolis + gravity + friction + learned.
-        std: standard deviation of the measured effort around it; empty where the model does not know.
         learned: what the model's networks add, zero without.
-        mass_matrix: (n, n) [kg·m²].
+        std: standard deviation of the measured effort around it; empty where the model does not know.
     """
 
-    effort: np.ndarray
-    std: np.ndarray
-    inertial: np.ndarray
-    coriolis: np.ndarray
-    gravity: np.ndarray
-    friction: np.ndarray
     learned: np.ndarray
-    mass_matrix: np.ndarray
+    std: np.ndarray
+
+    @property
+    def effort(self) -> np.ndarray:
+        """Their sum."""
+        return super().effort + self.learned
 
     def arranged(self, order: np.ndarray) -> Parts:
         """The same with the joints in another order, places in this one."""
         return Parts(
-            effort=self.effort[order],
-            std=self.std[order] if len(self.std) else self.std,
             inertial=self.inertial[order],
             coriolis=self.coriolis[order],
             gravity=self.gravity[order],
             friction=self.friction[order],
-            learned=self.learned[order],
             mass_matrix=self.mass_matrix[np.ix_(order, order)],
+            learned=self.learned[order],
+            std=self.std[order] if len(self.std) else self.std,
         )
 
 
@@ -73,13 +69,8 @@ def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, accelerat
     """Effort of one motion, (n,) each, with its parts."""
     if isinstance(model, PhysicalModel):
         return _physical_parts(model, position, velocity, acceleration)
-    effort = model.inverse_dynamics(position, velocity, acceleration)
-    matrix = model.mass_matrix(position)
-    inertial = matrix @ acceleration
-    coriolis = model.coriolis(position, velocity)
-    gravity = model.gravity(position)
-    friction = effort - (inertial + coriolis + gravity)
-    return Parts(effort, np.empty(0), inertial, coriolis, gravity, friction, np.zeros_like(effort), matrix)
+    told = mechanics.parts(model, position, velocity, acceleration)
+    return Parts(**vars(told), learned=np.zeros_like(told.friction), std=np.empty(0))
 
 
 def _physical_parts(
@@ -99,23 +90,8 @@ def _physical_parts(
         learned = model.learned.effort(position, velocity, way, load)
     inertial = matrix @ acceleration
     coriolis = moving - inertial - gravity
-    std = effort_std(model, position, velocity, acceleration)
-    return Parts(moving + friction + learned, std, inertial, coriolis, gravity, friction, learned, matrix)
-
-
-def effort_std(
-    model: PhysicalModel, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
-) -> np.ndarray:
-    """`PhysicalModel.effort_std` of one motion, all joints at once, (n,) [N·m]."""
-    n = model.robot.width
-    regressor = model.robot.regressor(position[None], velocity[None], acceleration[None])[0]
-    own = np.zeros((n, PER_JOINT, n))
-    own[np.arange(n), :, np.arange(n)] = np.stack(
-        [acceleration, velocity, np.sign(velocity), np.ones(n)], axis=1
-    )
-    columns = np.concatenate([regressor, own.reshape(n, -1)], axis=1)
-    variance = ((columns @ model.covariance) * columns).sum(axis=1)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0) + model.noise**2))
+    std = model.effort_std(position[None], velocity[None], acceleration[None])[0]
+    return Parts(inertial, coriolis, gravity, friction, matrix, learned, std)
 
 
 @dataclass(frozen=True)

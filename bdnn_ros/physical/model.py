@@ -193,18 +193,13 @@ class PhysicalModel(ReadOnlyArrays):
 
     def effort_std(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Standard deviation of the effort by parameters and residual, (N, n) [N·m]; all (N, n)."""
-        width = self.robot.width
-        q, v, a = fitting(width, position, velocity, acceleration)
-        regressor = self.robot.regressor(q, v, a)
-        own = np.stack([a, v, np.sign(v), np.ones_like(q)], axis=-1)
-        result = np.empty(q.shape)
-        bodies = np.arange(regressor.shape[-1])
-        for joint in range(width):
-            index = np.concatenate([bodies, len(bodies) + np.arange(own.shape[-1]) * width + joint])
-            rows = np.concatenate([regressor[:, joint], own[:, joint]], axis=-1)
-            spread = np.einsum("tk,kl,tl->t", rows, self.covariance[np.ix_(index, index)], rows)
-            result[:, joint] = np.sqrt(np.maximum(spread, 0.0) + self.noise[joint] ** 2)
-        return result
+        n = self.robot.width
+        q, v, a = fitting(n, position, velocity, acceleration)
+        terms = np.stack([a, v, np.sign(v), np.ones_like(q)], axis=-1)
+        own = np.einsum("tjk,jl->tjkl", terms, np.eye(n)).reshape(len(q), n, -1)
+        columns = np.concatenate([self.robot.regressor(q, v, a), own], axis=-1)
+        variance = ((columns @ self.covariance) * columns).sum(axis=-1)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0) + self.noise**2))
 
     # -- files -----------------------------------------------------------------------------------
 
