@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from bdnn_ros.checks.sampling import brisk
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
@@ -13,6 +12,7 @@ from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.effects.sensing import VelocityFilter
 from bdnn_ros.recording import Recording, further
 from bdnn_ros.signals import Signals
+from bdnn_ros.signals.kernels import trailing
 
 SAMPLES_OF_LAG = 1.5
 """A lag of up to so many sample periods is what differentiating does; more is a filter."""
@@ -113,13 +113,4 @@ def _delayed(signals: Signals, joint: int, lag: float) -> np.ndarray:
     velocity = signals.velocity[:, joint]
     if lag <= 0.0:
         return velocity
-    keep = float(np.exp(-1.0 / (signals.rate * lag)))
-    result = np.empty_like(velocity)
-    # A straight line between samples, filtered exactly: what a fast filter sees of a smooth motion.
-    weight = lag * signals.rate * (1.0 - keep)
-    for rows in signals.segments:
-        piece = velocity[rows]
-        result[rows] = scipy.signal.lfilter(
-            [1.0 - weight, weight - keep], [1.0, -keep], piece, zi=[piece[0] * weight]
-        )[0]
-    return result
+    return np.concatenate([trailing(velocity[rows], lag, signals.rate) for rows in signals.segments])

@@ -65,6 +65,14 @@ def lagging(values: np.ndarray, lag: float, rate: float) -> np.ndarray:
     return np.asarray(values[:1] + scipy.signal.lfilter(passed, kept, values - values[:1], axis=0))
 
 
+def trailing(values: np.ndarray, lag: float, rate: float) -> np.ndarray:
+    """The same, exact for straight lines between samples: what a low-pass makes of a motion that it sees all along."""
+    keep = float(np.exp(-1.0 / (lag * rate)))
+    weight = lag * rate * (1.0 - keep)
+    passed, kept = [1.0 - weight, weight - keep], [1.0, -keep]
+    return np.asarray(values[:1] + scipy.signal.lfilter(passed, kept, values - values[:1], axis=0))
+
+
 def convolving_at(weights: np.ndarray, samples: np.ndarray, segments: Sequence[slice]) -> csr_array:
     """The convolution with a symmetric kernel (K,) at some samples (R,), segment by segment, as a sparse matrix (R, N).
 

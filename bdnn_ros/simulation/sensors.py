@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bdnn_ros.errors import UsageError
+from bdnn_ros.signals.kernels import trailing
 
 VelocitySource = Literal["sensor", "differentiated", "none"]
 
@@ -85,7 +86,8 @@ def measured_velocity(
         raw = velocity + noise.velocity * rng.standard_normal(velocity.shape)
     result = raw.copy()
     for joint in np.flatnonzero(np.isfinite(cutoff)):
-        result[:, joint] = _low_passed(raw[:, joint], float(cutoff[joint]), period)
+        lag = 1.0 / (2.0 * np.pi * float(cutoff[joint]))
+        result[:, joint] = trailing(raw[:, joint], lag, 1.0 / period)
     return result
 
 
@@ -102,15 +104,6 @@ def measured_effort(effort: np.ndarray, period: float, noise: Noise, rng: np.ran
     return np.stack(
         [_rounded(reported[:, j], noise.effort_resolution * span[j]) for j in range(len(span))], axis=1
     )
-
-
-def _low_passed(values: np.ndarray, cutoff: float, period: float) -> np.ndarray:
-    """Values (N,) behind a first-order low-pass, exact for straight lines between samples."""
-    lag = 1.0 / (2.0 * np.pi * cutoff)
-    keep = float(np.exp(-period / lag))
-    weight = lag / period * (1.0 - keep)
-    filtered = lfilter([1.0 - weight, weight - keep], [1.0, -keep], values, zi=[values[0] * weight])[0]
-    return np.asarray(filtered)
 
 
 def _rounded(values: np.ndarray, step: float) -> np.ndarray:
