@@ -22,6 +22,7 @@ from bdnn_ros.extension.files import MODEL, ROBOTS, require_own_effects, write_b
 from bdnn_ros.extension.unwritten import NETWORKS, of_joints
 from bdnn_ros.online.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.parameters import INERTIAL_NAMES
 from bdnn_ros.physical.parameters_report import tilt_entry, zeros_entry
 from bdnn_ros.robot import Robot
 
@@ -154,10 +155,9 @@ def describe(model: Model) -> dict[str, Any]:
 
 def _bodies(robot: Robot) -> dict[str, Any]:
     """Inertial and joint parameters by joint; moments and inertia about the joint's frame."""
-    names = ("mass", "mass_x", "mass_y", "mass_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
     return {
         "bodies": {
-            joint: dict(zip(names, map(float, values), strict=True))
+            joint: dict(zip(INERTIAL_NAMES, map(float, values), strict=True))
             for joint, values in zip(robot.joints, robot.inertials, strict=True)
         },
         "armature": dict(zip(robot.joints, robot.armature.tolist(), strict=True)),

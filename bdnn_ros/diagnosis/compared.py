@@ -18,18 +18,11 @@ from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals
-
-
-class Predicts(Protocol):
-    """A model that predicts the effort along a motion."""
-
-    def predict(self, signals: Signals) -> np.ndarray:
-        """(N, n) [N·m], not low-passed."""
+from bdnn_ros.scores import Predictor
 
 
 @runtime_checkable
-class KnowsSensors(Predicts, Protocol):
+class KnowsSensors(Predictor, Protocol):
     """A model that says of sensors what they do."""
 
     def compared(self) -> Compared:
@@ -37,7 +30,7 @@ class KnowsSensors(Predicts, Protocol):
 
 
 @runtime_checkable
-class Identified(Predicts, Protocol):
+class Identified(Predictor, Protocol):
     """A model whose parameters were identified, each with what is known of it."""
 
     offset: np.ndarray
@@ -66,7 +59,7 @@ class Compared:
         creep: how dry friction is known to come on, as `Signals.creep`, else None.
     """
 
-    model: Predicts | None
+    model: Predictor | None
     robot: Robot
     scale: np.ndarray
     delay: np.ndarray
@@ -77,7 +70,7 @@ class Compared:
     creep: np.ndarray | None = None
 
     @classmethod
-    def of(cls, model: Predicts | None, robot: Robot) -> Compared:
+    def of(cls, model: Predictor | None, robot: Robot) -> Compared:
         """A model with its robot; the robot is its own where it says of sensors what they do."""
         if isinstance(model, KnowsSensors):
             return model.compared()

@@ -12,7 +12,7 @@ from bdnn_ros.checks.description import require_mass
 from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, Looks, best_attempt
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.compared import Compared, Predicts
+from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
@@ -35,6 +35,7 @@ from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.scores import Predictor
 from bdnn_ros.signals import Signals, flattened, usual_cutoff, without_copies
 
 ENOUGH = 10.0
@@ -68,7 +69,7 @@ class Examination:
     test: np.ndarray
     extended: np.ndarray
     remainder: Remainder
-    model: Predicts | None = None
+    model: Predictor | None = None
     late: Lateness = field(default_factory=Lateness)
 
 
@@ -89,7 +90,7 @@ def examine(
     *,
     cutoff: float | None = None,
     progress: Progress | None = None,
-    model: Predicts | None = None,
+    model: Predictor | None = None,
 ) -> Examination:
     """Diagnose recordings of a robot against its simulation, or against a model identified earlier.
 
