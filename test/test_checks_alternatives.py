@@ -162,3 +162,19 @@ def test_a_load_is_seen_though_a_joint_reports_no_effort(arm: Robot, joint: int)
     effort = recording.require_effort() * (np.arange(arm.width) != joint)
     for one in (recording, replace(recording, effort=effort)):
         assert Motion(prepare(one), arm).explained_by_a_load() > 0.99
+
+
+@pytest.mark.parametrize("off, explained", [(0.5, True), (0.7, False)])
+def test_no_load_hangs_further_off_than_a_metre_in_all(arm: Robot, off: float, explained: bool) -> None:
+    """Though it does not along any axis."""
+    time = np.arange(0.0, 16.0, 0.01)
+    angle = np.sin(time[:, None] * np.linspace(0.7, 1.7, 6)) + 0.3 * np.sin(
+        3.0 * time[:, None] + np.arange(6)
+    )
+    velocity = np.gradient(angle, time, axis=0)
+    loaded = arm.inertials.copy()
+    loaded[-1, :4] += 3.0 * np.array([1.0, off, off, off])
+    real = arm.with_inertials(loaded)
+    effort = real.rigid_effort(angle, velocity, np.gradient(velocity, time, axis=0))
+    share = Motion(prepare(Recording(time, arm.joints, angle, None, effort)), arm).explained_by_a_load()
+    assert share > 0.99 if explained else share < 0.7

@@ -26,10 +26,15 @@ def worn(*effects: str, robot: Robot = ARM, duration: float = 40.0, rate: float 
 
 
 def carrying(
-    recording: Recording, mass: float, period: float, share: float = 0.5, robot: Robot = ARM
+    recording: Recording,
+    mass: float,
+    period: float,
+    share: float = 0.5,
+    robot: Robot = ARM,
+    centre: tuple[float, float, float] = (0.02, 0.03, 0.06),
 ) -> Recording:
     """The recording with what a point mass on the last link asks for, for a share of each period [s]."""
-    inertial, at = np.zeros((robot.width, 10)), np.array([0.02, 0.03, 0.06])
+    inertial, at = np.zeros((robot.width, 10)), np.array(centre)
     moments = mass * (at @ at * np.eye(3) - np.outer(at, at))
     inertial[-1] = [mass, *(mass * at), *moments[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
     signals = prepare(recording)
@@ -56,6 +61,21 @@ def test_a_load_that_comes_and_goes_is_noticed_with_its_times(recording):
 @pytest.mark.parametrize("period, share", [(8.0, 0.0), (8.0, 1.0), (40.0, 0.5), (20.0, 0.1)])
 def test_no_load_one_that_stays_and_one_or_two_pushes_are_none(recording, period, share):
     assert handling(prepare(carrying(recording, 2.0, period, share)), ARM) is None
+
+
+@pytest.mark.parametrize("off, told", [(0.5, True), (0.7, False)])
+def test_what_hangs_further_off_than_a_metre_in_all_is_no_load(off, told):
+    """Though it does not along any axis."""
+    time = np.arange(0.0, 16.0, 0.01)
+    angle = np.sin(time[:, None] * np.linspace(0.7, 1.7, 6)) + 0.3 * np.sin(
+        3.0 * time[:, None] + np.arange(6)
+    )
+    velocity = np.gradient(angle, time, axis=0)
+    effort = ARM.rigid_effort(angle, velocity, np.gradient(velocity, time, axis=0))
+    effort += 0.2 * np.random.default_rng(0).normal(size=effort.shape)
+    moves = Recording(time, ARM.joints, angle, None, effort)
+    found = handling(prepare(carrying(moves, 1.0, 4.0, centre=(off, off, off))), ARM)
+    assert (found is not None) == told
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import lsq_linear, nnls
 
 from bdnn_ros.checks.sampling import loud, some, telling
+from bdnn_ros.effects.rigid import POINT, REACH
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.physical.remark import Remark
@@ -27,8 +28,6 @@ POOR, GOOD = 0.97, 0.9
 explain more than the second."""
 BAD = 0.85
 """Two joints at once are read otherwise where it explains less than this."""
-FURTHEST = 1.0
-"""A load hangs no further from its link's joint [m]."""
 HARDLY = 0.3
 """It is hardly this robot's where it explains less than this, and so does any other reading."""
 BETTER = 4.0
@@ -170,7 +169,7 @@ class Motion:
             of_link = columns[:, :, PER_LINK * link : PER_LINK * (link + 1)]
             tall, target = _shared(effort - borne, of_link, *apart)
             load = np.linalg.lstsq(tall, target, rcond=1e-6)[0]
-            if np.abs(load[1:4]).max() <= FURTHEST * load[0]:
+            if np.linalg.norm(load[1:POINT]) <= REACH * load[0]:
                 best = max(best, explained(effort, borne + of_link @ load, *apart))
         return best
 

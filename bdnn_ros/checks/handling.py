@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bdnn_ros.checks.sampling import some
+from bdnn_ros.effects.rigid import POINT, REACH
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.physical.remark import Remark
 from bdnn_ros.recording import Recording
@@ -24,8 +25,6 @@ ROWS = 4000
 """Samples that are looked at, or three a block."""
 LINKS_OFF = 0.2
 """Standard deviation of the links' relative errors."""
-POINT = 4
-"""Mass and its moments: what of a body weighs."""
 SWITCH = 4.0
 """What a change costs, in blocks' usual misfits."""
 ROUNDS = 10
@@ -33,8 +32,6 @@ OFTEN = 3
 """So many times it is picked up, or it is one load, or a push."""
 EXPLAINED = 0.4
 """Share of the squared error that it has to explain: friction of any kind explained up to a quarter of it."""
-FURTHEST = 1.0
-"""A load's centre is no further from its link's joint [m]."""
 LEAST_FREE = 10.0
 """Motion without the load that is enough to be looked at by itself [s]."""
 
@@ -171,7 +168,7 @@ def _handled(motion: _Motion, robot: Robot, link: int) -> Handling | None:
         there = again
     times = _times(motion, there)
     explained = 1.0 - misfit / max(plain, 1e-30)
-    carried = load[0] > 0.0 and np.abs(load[1:]).max() < FURTHEST * load[0]
+    carried = np.linalg.norm(load[1:]) < REACH * load[0]
     if len(times) < OFTEN or explained < EXPLAINED or not carried:
         return None
     return Handling(robot.moving_link(robot.joints[link]), float(load[0]), explained, times)
