@@ -22,7 +22,7 @@ class Predictor(Protocol):
     """What predicts the effort along a motion."""
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort, (N, n) [N·m], not low-passed."""
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is."""
 
 
 @runtime_checkable
@@ -166,12 +166,12 @@ class _Described:
         self._robot = robot
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort, with dry friction as soft as the measured one is, (N, n) [N·m]."""
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is."""
         return described_effort(self._robot, signals)
 
 
 def described_effort(robot: Robot, signals: Signals) -> np.ndarray:
-    """Effort of a robot's bodies, armature and friction along a motion, (N, n) [N·m], dry friction as soft as the effort is."""
+    """Effort of a robot's bodies, armature and friction along a motion, as of `Predictor`, (N, n) [N·m]."""
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     return robot.rigid_effort(signals.position, signals.velocity, signals.acceleration) + drive
 

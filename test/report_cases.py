@@ -10,6 +10,7 @@ import numpy as np
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.gains import share_of
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
 from bdnn_ros.diagnosis.term import Term
@@ -185,8 +186,10 @@ def examined(
         advice=tuple(advice),
         notes=tuple(notes),
     )
+    links = equations.rigid @ fit.coefficients[: equations.rigid.shape[2]]
+    by_links = share_of(links, residual, equations.target, held)
     return Examination(
-        diagnosis, (recording,), robot, equations, fit, fit, tuple(found), test, residual, remainder
+        diagnosis, (recording,), robot, equations, fit, fit, tuple(found), test, residual, by_links, remainder
     )
 
 

@@ -246,7 +246,7 @@ def test_links_that_are_wrong_beside_a_small_cause_are_told_of():
     examination = examine([simulated.recording], ARM)
     assert [finding.effect for finding in examination.diagnosis.findings] == ["coulomb_friction"]
     (told,) = (line for line in verdict_lines(examination, []) if "masses and inertias make up" in line)
-    assert "simulation's squared error" in told
+    assert f"make up {100.0 * examination.by_links:.0f} % of the simulation's squared error" in told
 
 
 def test_the_base_and_the_zero_of_a_joint_that_turns_all_of_it_take_a_level():

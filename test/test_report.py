@@ -175,6 +175,13 @@ def test_everything_promised_is_there(page: Page) -> None:
     assert "Low-pass" in page.words and "bdnn_ros 0" in page.words
 
 
+@pytest.mark.parametrize(("share", "said"), [(0.123, "12"), (1.71, "100")])
+def test_what_the_links_make_up_is_as_held_out(three: Examination, share: float, said: str) -> None:
+    """That of all rows is flattered; and causes may undo some of it."""
+    shown = " ".join(Page(rendered(replace(three, by_links=share))).words.split())
+    assert f"their corrections make up {said} % of the simulation's squared error" in shown
+
+
 @pytest.mark.parametrize(
     ("verdict", "says"),
     [("nothing_wrong", "Nothing wrong found"), ("cannot_tell", "no cause stands out")],

@@ -68,9 +68,10 @@ def read_every(
     Late messages are put where their stamps belong. Only what cannot be decoded, or names no joint or position, is
     left out, with a note.
 
+    What is not told of here is as of `read`.
+
     Args:
         drop_invalid: move what follows a clock that was set back behind what came before, instead of refusing the bag.
-        others: as of `read`.
 
     Raises:
         UsageError, BagError: as `read`.

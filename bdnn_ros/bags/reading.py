@@ -100,10 +100,11 @@ def samples_of(
 ) -> tuple[Samples, str | None, list[str]]:
     """The joint states of a bag as they are in it, its robot description, and what there is to say.
 
+    What is not told of here is as of `read`.
+
     Args:
         every: leave out no message that holds the joints (or most of them, where none holds all); what is unknown
             then is NaN.
-        others: as of `read`.
 
     Raises:
         UsageError, BagError: as `read`.

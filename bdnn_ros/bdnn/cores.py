@@ -41,7 +41,7 @@ class Core(Protocol):
         """R(q, q̇), (B, n) [N·m]."""
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort along a motion, with dry friction as soft as the signals are, (N, n) [N·m]."""
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class NetworkCore:
         return self.field.bias(np.concatenate([position, velocity], axis=1))
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort along a motion, (N, n) [N·m]."""
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is."""
         state = np.concatenate([signals.position, signals.velocity], axis=1)
         return self.field.effort(state, signals.acceleration, signals.sign).effort
 
@@ -165,7 +165,7 @@ class PriorCore:
         return smooth + self.local(position, velocity, direction, load)
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort along a motion, (N, n) [N·m]."""
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is."""
         q, v = signals.position, signals.velocity
         smooth, load = self._prior_bias(q, v, signals.sign)
         bias = smooth + self.local(q, v, signals.sign, load)

@@ -68,7 +68,7 @@ class BDNN:
         return acceleration.reshape(np.shape(position))
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort along a motion, (N, n) [N·m], not low-passed."""
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is."""
         return self.core.predict(signals)
 
     # -- its parts ---------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.excerpts import excerpts
 from bdnn_ros.diagnosis.fit import Fit
+from bdnn_ros.diagnosis.gains import by_links
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
@@ -53,6 +54,7 @@ class Examination:
         estimates: the findings' terms with their parameters, in the order of `fit.terms`.
         test: rows kept out of the search, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
+        by_links: part of the simulation's squared error in the test rows that the links' corrections without them remove.
         recordings: what was looked at, efforts when and in the units in which they act.
         robot: what was believed of it, at the positions that the joints report.
         model: what took the simulation's place, if anything did.
@@ -68,6 +70,7 @@ class Examination:
     estimates: tuple[Estimate, ...]
     test: np.ndarray
     extended: np.ndarray
+    by_links: float
     remainder: Remainder
     model: Predictor | None = None
     late: Lateness = field(default_factory=Lateness)
@@ -157,6 +160,7 @@ def examine(
         tuple(found),
         attempt.test,
         attempt.extended,
+        by_links(equations, attempt.fitted, equations.usable & attempt.test[:, None]),
         remainder,
         given,
         late,

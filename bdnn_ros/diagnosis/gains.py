@@ -90,6 +90,12 @@ def share_of(part: np.ndarray, left: np.ndarray, before: np.ndarray, rows: np.nd
     return max((without - now) / max(total, 1e-30), 0.0)
 
 
+def by_links(equations: Equations, fitted: Pool, rows: np.ndarray) -> float:
+    """Part of the simulation's squared error in some rows (R, n) that the links' corrections remove."""
+    part = equations.rigid @ fitted.whole.coefficients[: equations.rigid.shape[2]]
+    return share_of(part, fitted.left(), equations.target, rows)
+
+
 def squares(mean: np.ndarray, rows: np.ndarray) -> float:
     """Sum of squares in some rows, (R, n) bool, of which each joint's mean is known, (n,): no row counts more than another."""
     return float(mean @ rows.sum(axis=0))

@@ -86,9 +86,15 @@ class Diagnosis:
         source: bags, duration without pauses [s], samples and rate [Hz] of what was looked at of them, urdf, joints.
         effort_rmse: root mean square error on held-out blocks per joint [N·m] of the simulation, the extended model, and
             the noise floor; zero where nothing was measured while the joint moved, of which a note tells.
-        gain: 1 - RMSE(extended) / RMSE(simulation) on held-out blocks; interval at 95 %.
-        unexplained: share of the simulation's squared error that is left above the noise, what it depends on, and a sentence.
+        verdict: whether the findings explain what the simulation gets wrong.
+        findings: those with the largest shares first, those of a reported velocity last.
+        gain: 1 - RMSE(extended) / RMSE(simulation) on held-out blocks.
+        gain_interval: its bounds at 95 %.
+        unexplained_share: part of the simulation's squared error that is left above the noise.
+        unexplained_depends_on: what that depends on, as `joint.quantity`.
+        unexplained_sentence: what is said of it.
         advice: what to do next.
+        notes: what else there is to say of the recordings and of what was found.
         above: joints where the extended model errs by more than the noise, those with most left first; not in diagnosis.json.
     """
 

@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import gain_of, rms, share_of, squares
+from bdnn_ros.diagnosis.gains import by_links, gain_of, rms, share_of, squares
 from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.naming import name_of, named
@@ -129,7 +129,7 @@ def told(
             ),
             *unknown([(found[one], name_of(robot, found[one].term)) for one in names.unknown]),
             *[FAR_OFF] * far_off,
-            *(mostly_links(_by_links(equations, attempt.fitted, held), bool(since)) if causes else ()),
+            *(mostly_links(by_links(equations, attempt.fitted, held), bool(since)) if causes else ()),
             *(
                 _mended(equations, attempt.fitted, held, interval[0], since)
                 if of_effort == "nothing_wrong"
@@ -141,20 +141,14 @@ def told(
     )
 
 
-def _by_links(equations: Equations, fitted: Pool, rows: np.ndarray) -> float:
-    """Part of the simulation's squared error in some rows that the links' corrections remove."""
-    part = equations.rigid @ fitted.whole.coefficients[: equations.rigid.shape[2]]
-    return share_of(part, fitted.left(), equations.target, rows)
-
-
 def _mended(
     equations: Equations, fitted: Pool, rows: np.ndarray, least: float, since: Compared | None
 ) -> list[str]:
     """What the extended model mends in some rows that has no name, `least` of the squared error for sure."""
     lead = parted(fitted, fitted.whole)[0]
     by_lead = share_of(equations.nuisances[:, :, 0] * lead, fitted.left(), equations.target, rows)
-    by_links = _by_links(equations, fitted, rows)
-    return mended(least, by_links, by_lead, lead, equations.hold, bool(since))
+    of_links = by_links(equations, fitted, rows)
+    return mended(least, of_links, by_lead, lead, equations.hold, bool(since))
 
 
 def _near(error: np.ndarray, floor: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -234,7 +234,7 @@ class ExtendedModel:
     # -- along a motion --------------------------------------------------------------------------------------
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Measured effort along a motion, (N, n) [N·m], not low-passed; every effect counts."""
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is; every effect counts."""
         plant, leads = self._planted, self.leads
         creep = np.array(self.creep) if self.creep else None
         motion, acting = self._acting(plant, replace(signals, creep=creep))

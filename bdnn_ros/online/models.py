@@ -21,7 +21,7 @@ class Model(Dynamics, Protocol):
     kind: ClassVar[str]
 
     def predict(self, signals: Signals) -> np.ndarray:
-        """Effort along a motion, (N, n) [N·m], not low-passed."""
+        """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is."""
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest that make the model again."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.gains import share_of, squares
+from bdnn_ros.diagnosis.gains import squares
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, reference
 from bdnn_ros.report import words
@@ -199,11 +199,6 @@ def link_rows(changes: list[LinkChange]) -> list[LinkRow]:
             )
         )
     return rows
-
-
-def links_share(shown: View) -> float:
-    """Part of the simulation's held-out squared error that the links' corrections remove."""
-    return share_of(shown.links, shown.residual, shown.before, shown.usable & shown.held[:, None])
 
 
 def recorded(examination: Examination) -> str:

@@ -85,7 +85,7 @@ def render(examination: Examination, model: ExtendedModel, data_check: Sequence[
             excerpt=None if last - first >= shown.time[-1] - shown.time[0] else (float(first), float(last)),
             parameters=contents.parameter_rows(shown.causes),
             links=contents.link_rows(link_changes(examination, links_of(model))),
-            links_share=contents.links_share(shown),
+            links_share=min(examination.by_links, 1.0),
             rest=panels.rest_panels(shown),
             coverage=coverage(shown),
             units=shown.units,

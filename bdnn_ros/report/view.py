@@ -48,7 +48,6 @@ class View:
             fitted without the held-out rows.
         before, after: measured minus simulated, and minus extended, (R, n) [N·m].
         residual: what the model fitted to all rows leaves, (R, n) [N·m].
-        links: what the links' corrections add to the effort, (R, n) [N·m].
         direction: of each joint's motion, (R, n), +1 or -1.
         usable, held: rows that count, (R, n) bool; rows kept out of the fit, (R,) bool.
         scale: spread of each joint's effort, (n,) [N·m].
@@ -61,7 +60,6 @@ class View:
     before: np.ndarray
     after: np.ndarray
     residual: np.ndarray
-    links: np.ndarray
     direction: np.ndarray
     usable: np.ndarray
     held: np.ndarray
@@ -153,7 +151,6 @@ def view(examination: Examination) -> View:
         before=equations.target,
         after=examination.extended,
         residual=pool.residual(fit, blur=False),
-        links=equations.rigid @ fit.coefficients[: equations.rigid.shape[2]],
         direction=np.where(inputs["velocity"] >= 0.0, 1.0, -1.0),
         usable=equations.usable,
         held=examination.test,
