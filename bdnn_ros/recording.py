@@ -234,8 +234,8 @@ def cleaned(
     name: str = "recording",
     urdf: str | None = None,
     drop_invalid: bool = False,
-) -> Recording:
-    """A recording from samples as they came: repeated stamps are left out with a note.
+) -> tuple[Recording, np.ndarray]:
+    """A recording from samples as they came, and which of them it holds: repeated stamps are left out with a note.
 
     Args:
         time: stamps [s], (N,), any.
@@ -291,7 +291,7 @@ def cleaned(
     for field, values in (("position", position), ("velocity", velocity), ("effort", effort)):
         if values is not None:
             refuse_incredible(name, field, joints, stamp, values[chosen])
-    return recording
+    return recording, rows
 
 
 def position_noise(recording: Recording) -> np.ndarray:

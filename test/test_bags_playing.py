@@ -67,7 +67,7 @@ def test_commands_that_cannot_be_played_are_told_of(tmp_path: Path) -> None:
         bags.read_to_play(path, "/joint_states", "/w")
 
 
-def test_the_number_beside_the_joints_changes_nothing_that_is_read(tmp_path: Path) -> None:
+def test_what_is_played_is_what_is_read(tmp_path: Path) -> None:
     still = motion(samples=50, joints=JOINTS)
     fields = {
         "all": still,

@@ -184,7 +184,7 @@ def test_cleaned_leaves_out_repeated_stamps_with_a_note() -> None:
     original = recording()
     twice = np.repeat(np.arange(100), 2)
     fields = [values[twice] for values in (original.position, original.velocity, original.effort)]
-    again = cleaned(original.time[twice], JOINTS, *fields, name="bag")
+    again, _ = cleaned(original.time[twice], JOINTS, *fields, name="bag")
     np.testing.assert_array_equal(again.position, original.position)
     assert "100 of 200 samples repeat" in again.notes[0]
 
@@ -197,7 +197,7 @@ def test_cleaned_drops_invalid_samples_only_when_asked() -> None:
     time[[20, 21]] = time[[21, 20]]
     with pytest.raises(RecordingError):
         cleaned(time, JOINTS, position)
-    again = cleaned(time, JOINTS, position, original.velocity, original.effort, drop_invalid=True)
+    again, _ = cleaned(time, JOINTS, position, original.velocity, original.effort, drop_invalid=True)
     kept = np.delete(np.arange(100), [5, 21])
     np.testing.assert_array_equal(again.velocity, original.velocity[kept])
     assert "2 of 100 samples" in again.notes[0]
@@ -208,7 +208,7 @@ def test_of_two_samples_of_one_stamp_the_valid_one_stays() -> None:
     effort = original.effort[twice].copy()
     effort[::2] = np.nan
     fields = (original.position[twice], original.velocity[twice], effort)
-    again = cleaned(original.time[twice], JOINTS, *fields, name="bag", drop_invalid=True)
+    again, _ = cleaned(original.time[twice], JOINTS, *fields, name="bag", drop_invalid=True)
     np.testing.assert_array_equal(again.effort, original.effort)
     np.testing.assert_array_equal(again.time, original.time)
     assert len(again.notes) == 1 and again.notes[0].startswith("bag: 100 of 200 samples are not finite")
@@ -238,7 +238,7 @@ def test_cleaned_refuses_what_no_robot_can_have(field: str) -> None:
         RecordingError, match=rf"{field} of b is -1e\+300 at 0.\d+ s.* \(1 of 100.*--drop-invalid"
     ):
         cleaned(original.time, JOINTS, **fields)
-    assert len(cleaned(original.time, JOINTS, **fields, drop_invalid=True)) == 99
+    assert len(cleaned(original.time, JOINTS, **fields, drop_invalid=True)[0]) == 99
     fields[field][:] = 1e13
     with pytest.raises(RecordingError, match=r"100 of 100 samples\). Check its unit"):
         cleaned(original.time, JOINTS, **fields)
@@ -250,7 +250,7 @@ def test_cleaned_joins_the_parts_of_a_clock_that_was_set_back_with_a_pause() -> 
     fields = (original.position, original.velocity, original.effort)
     with pytest.raises(RecordingError, match=r"sample 60 of 100.*late samples out and to join the parts"):
         cleaned(time, JOINTS, *fields)
-    again = cleaned(time, JOINTS, *fields, name="bag", drop_invalid=True)
+    again, _ = cleaned(time, JOINTS, *fields, name="bag", drop_invalid=True)
     np.testing.assert_array_equal(again.effort, original.effort)
     assert again.segments() == [slice(0, 60), slice(60, 100)]
     assert again.notes == ("bag: the clock jumps back once; the parts are joined with a pause between them.",)
@@ -259,7 +259,7 @@ def test_cleaned_joins_the_parts_of_a_clock_that_was_set_back_with_a_pause() -> 
 def test_cleaned_takes_nan_throughout_as_not_measured() -> None:
     original = recording()
     nothing = np.full((100, 3), np.nan)
-    again = cleaned(original.time, JOINTS, original.position, nothing, original.effort)
+    again, _ = cleaned(original.time, JOINTS, original.position, nothing, original.effort)
     assert again.velocity is None
     assert again.effort is not None
 

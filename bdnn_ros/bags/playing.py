@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bdnn_ros.bags.cdr import MalformedMessage
 from bdnn_ros.bags.commands import Commands
-from bdnn_ros.bags.joint_states import Samples
 from bdnn_ros.bags.reading import recording_of, samples_of
 from bdnn_ros.bags.storage import Storage
 from bdnn_ros.efforts import COMMAND_AGE
 from bdnn_ros.errors import BagError, RecordingError
 from bdnn_ros.recording import Recording
-
-NUMBER = "\0number"
-"""Stands beside the joints for the number of a sample while some are left out; no joint has such a name."""
-STEP = 2.0**-40
-"""What its position grows by a sample: nothing that moves."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +46,9 @@ def read_to_play(
     samples, urdf, notes = samples_of(
         path, joint_states, None, "measured", None, rename=rename, joints=(), robot_joints=()
     )
-    numbered = recording_of(str(path), _numbered(samples), urdf, True, notes)
-    recording = numbered.select(samples.joints)
+    recording, rows = recording_of(str(path), samples, urdf, True, notes)
     if not effort_commands or not len(recording):
         return Played(recording, [], np.zeros(0, int), np.zeros(0))
-    rows = (numbered.position[:, -1] / STEP).astype(int)
     times, values = _commands(Path(path), effort_commands)
     played = _placed(recording, samples.log[rows], times, values)
     if not played.commands:
@@ -65,23 +57,6 @@ def read_to_play(
             "Record both topics together.",
         )
     return played
-
-
-def _numbered(samples: Samples) -> Samples:
-    """The samples with their numbers as a further joint's position, whose other fields change nothing."""
-
-    def beside(values: np.ndarray | None) -> np.ndarray | None:
-        if values is None:
-            return None
-        return np.column_stack([values, np.where(np.isnan(values).all(axis=1), np.nan, 0.0)])
-
-    return replace(
-        samples,
-        joints=(*samples.joints, NUMBER),
-        position=np.column_stack([samples.position, STEP * np.arange(len(samples))]),
-        velocity=beside(samples.velocity),
-        effort=beside(samples.effort),
-    )
 
 
 def _commands(path: Path, topic: str) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -38,5 +38,5 @@ def _recording(name: str, joint: str, samples: Samples) -> Recording:
     """The positions of one joint."""
     epoch = begun(samples.stamp)
     time = (samples.stamp - epoch) * 1e-9
-    found = cleaned(time, [joint], samples.position, name=name, drop_invalid=True)
+    found, _ = cleaned(time, [joint], samples.position, name=name, drop_invalid=True)
     return replace(found, epoch=epoch)

@@ -83,7 +83,7 @@ def read(
         joints=joints,
         robot_joints=robot_joints,
     )
-    return recording_of(str(path), samples, urdf, drop_invalid, notes)
+    return recording_of(str(path), samples, urdf, drop_invalid, notes)[0]
 
 
 def samples_of(
@@ -277,8 +277,8 @@ def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> 
 
 def recording_of(
     name: str, samples: Samples, urdf: str | None, drop_invalid: bool, notes: list[str]
-) -> Recording:
-    """The recording of samples: fields that nobody measured recognised."""
+) -> tuple[Recording, np.ndarray]:
+    """The recording of samples, and which of them it holds: fields that nobody measured recognised."""
     velocity, silent, more = reported_velocity(name, samples.joints, samples.position, samples.velocity)
     effort, also = samples.effort, []
     if effort is not None:
@@ -287,7 +287,7 @@ def recording_of(
             which = listed(np.array(samples.joints)[absent])
             also.append(f"{name}: no effort is reported for {which} (NaN throughout): not measured there.")
             effort = np.where(absent, 0.0, effort)
-    recording = cleaned(
+    recording, rows = cleaned(
         (samples.stamp - samples.epoch) * 1e-9,
         samples.joints,
         samples.position,
@@ -298,4 +298,4 @@ def recording_of(
         drop_invalid=drop_invalid,
     )
     recording = with_derived(recording, silent)
-    return replace(recording, epoch=samples.epoch, notes=(*notes, *more, *also, *recording.notes))
+    return replace(recording, epoch=samples.epoch, notes=(*notes, *more, *also, *recording.notes)), rows
