@@ -73,7 +73,7 @@ def sticky():
     )
     reality = wrong_robot(robot, 0.05, np.random.default_rng(4))
     simulated = simulate(robot, reality=reality, seed=6, duration=15.0)
-    assert (np.abs(np.sign(simulated.motor_velocity[:, 4:])).mean(axis=0) < 0.99).all()
+    assert (np.abs(np.sign(np.diff(simulated.motor_position[:, 4:], axis=0))).mean(axis=0) < 0.99).all()
     return examine([simulated.recording], robot)
 
 

@@ -39,7 +39,7 @@ class Simulated:
         recording: what the sensors reported; effort is the command, held for one sample from its stamp.
         plan: what the controller was to follow.
         position, velocity: true motion of the links, (N, n) [rad], [rad/s].
-        motor_position, motor_velocity: true motion of the motors, which the encoders see, (N, n).
+        motor_position: true positions of the motors, which the encoders see, (N, n) [rad].
         effort: commanded effort without noise, (N, n) [N·m].
         effects: what was installed.
         real: the robot's bodies, rotors and friction with all effects.
@@ -50,7 +50,6 @@ class Simulated:
     position: np.ndarray
     velocity: np.ndarray
     motor_position: np.ndarray
-    motor_velocity: np.ndarray
     effort: np.ndarray
     effects: tuple[Installed, ...]
     real: Robot
@@ -104,7 +103,8 @@ def simulate(
     recording = _reported(
         robot, plant, plan, track, Noise() if noise is None else noise, np.random.default_rng([seed, 1])
     )
-    return Simulated(recording, plan, *track, placed, plant.robot)
+    position, velocity, motor_position, _, effort = track
+    return Simulated(recording, plan, position, velocity, motor_position, effort, placed, plant.robot)
 
 
 def check(duration: float, rate: float) -> None:
