@@ -83,9 +83,7 @@ def test_parts_and_friction_add_up():
     q, v, a = np.random.default_rng(4).normal(size=(3, 5, 2))
     parts = mechanics.parts(robot, q, v, a)
     np.testing.assert_allclose(parts.effort, robot.inverse_dynamics(q, v, a))
-    split = mechanics.friction_split(robot, q, v)
-    np.testing.assert_allclose(split.odd, robot.friction(q, v), atol=1e-12)
-    np.testing.assert_allclose(split.even, 0.0, atol=1e-12)
+    np.testing.assert_allclose(mechanics.odd_friction(robot, q, v), robot.friction(q, v), atol=1e-12)
 
 
 def test_parts_add_up_where_a_load_makes_friction_and_a_sensor_reads_in_another_scale():

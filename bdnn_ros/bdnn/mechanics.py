@@ -44,19 +44,6 @@ class Parts:
 
 
 @dataclass(frozen=True)
-class FrictionSplit:
-    """Friction of each joint by its velocity's sign and size, (..., n) each [N·m].
-
-    Attributes:
-        odd: changes sign with the velocity: what dissipates.
-        even: does not: offsets and what else gravity's place should hold.
-    """
-
-    odd: np.ndarray
-    even: np.ndarray
-
-
-@dataclass(frozen=True)
 class Consistency:
     """Whether a model can be a machine, over random motions in a range.
 
@@ -118,10 +105,10 @@ def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, accelerat
     return Parts(inertial, coriolis, gravity, rest, matrix)
 
 
-def friction_split(model: Dynamics, position: np.ndarray, velocity: np.ndarray) -> FrictionSplit:
-    """Friction at a velocity and against it."""
+def odd_friction(model: Dynamics, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """What of the friction changes sign with the velocity, (..., n) [N·m]: it dissipates, the rest is an offset."""
     ahead, back = model.friction(position, velocity), model.friction(position, -np.asarray(velocity))
-    return FrictionSplit(0.5 * (ahead - back), 0.5 * (ahead + back))
+    return 0.5 * (ahead - back)
 
 
 def kinetic_energy(model: Dynamics, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -188,7 +175,7 @@ def consistency(
     rate = np.einsum("...ijk,...k->...ij", mass_matrix_derivative(model, q), v)
     skew = rate - 2.0 * coriolis_matrix(model, q, v)
     slope = _gravity_slope(model, q)
-    power = np.sum(v * friction_split(model, q, v).odd, axis=-1)
+    power = np.sum(v * odd_friction(model, q, v), axis=-1)
     taken = float(np.mean(np.maximum(power, 0.0)))
     return Consistency(
         smallest_eigenvalue=float(eigenvalues[:, 0].min()),
