@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from bdnn_ros.bdnn.cores import NetworkCore
+from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -21,6 +25,14 @@ def random_field(n: int, hidden: int = 8, seed: int = 0, size: float = 0.3) -> F
     rng = np.random.default_rng(seed)
     field = Field.random(scales(n), hidden, rng)
     return field.with_vector(field.vector() + size * rng.normal(size=field.vector().size))
+
+
+def black_box(
+    joints: Sequence[str], sizes: Scales, hidden: int = 64, seed: int = 0, activation: str = "tanh"
+) -> BDNN:
+    """Untrained networks, as in the paper: one hidden layer each for H and R."""
+    field = Field.random(sizes, hidden, np.random.default_rng(seed), activation)
+    return BDNN(NetworkCore(tuple(joints), field))
 
 
 def worn(name: str) -> Robot:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bdnn_cases import random_field, scales, signals, worn
+from bdnn_cases import black_box, random_field, scales, signals, worn
 
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.bdnn.cores import NetworkCore, PriorCore
@@ -15,7 +15,7 @@ from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.networks import Network, vector_size
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.dynamics import Dynamics
-from bdnn_ros.errors import ModelFileError, UsageError
+from bdnn_ros.errors import ModelFileError
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
@@ -178,8 +178,6 @@ def test_prediction_follows_the_signals_direction():
 
 
 def test_an_untrained_black_box_is_already_a_machine():
-    model = BDNN.black_box(("a", "b"), scales(2), hidden=8)
+    model = black_box(("a", "b"), scales(2), hidden=8)
     assert model.kind == "bdnn"
     assert (np.linalg.eigvalsh(model.mass_matrix(np.zeros((1, 2)))) > 0.0).all()
-    with pytest.raises(UsageError, match="2 joints do not fit 3"):
-        BDNN.black_box(("a", "b", "c"), scales(2))

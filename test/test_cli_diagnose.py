@@ -15,11 +15,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from bdnn_cases import black_box
 from diagnosis_cases import check_contract
 from report_page import Page
 
 from bdnn_ros import bags
-from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.cli.diagnose import _grouped, _probability, _rivals, _share, _together, verdict_lines
 from bdnn_ros.cli.main import main
@@ -409,7 +409,7 @@ def test_a_description_beside_a_model_is_said_not_to_count(before, tmp_path, cap
 
 def test_a_black_box_is_no_simulation_to_compare_with(recording, tmp_path, capsys):
     ones = np.ones(2)
-    save_model(tmp_path / "box", BDNN.black_box((J1, J2), Scales(ones, ones, ones, 0.1 * ones), hidden=8))
+    save_model(tmp_path / "box", black_box((J1, J2), Scales(ones, ones, ones, 0.1 * ones), hidden=8))
     words = ["diagnose", str(recording), "--model", str(tmp_path / "box"), "--out", str(tmp_path / "out")]
     assert main(words) == 2
     assert "--prior urdf" in capsys.readouterr().err

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from bdnn_cases import black_box
 
 from bdnn_ros.bdnn.cores import PriorCore
-from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
@@ -45,7 +45,7 @@ def models() -> dict[str, Model]:
             tilt_std=(0.001, 0.002),
         ),
         "extended": ExtendedModel(robot, effects, np.full(2, 0.1), ({"mass": 0.1}, {})),
-        "bdnn": BDNN.black_box(("a", "b"), scales),
+        "bdnn": black_box(("a", "b"), scales),
         "bdnn_on_prior": BDNNOnPrior(PriorCore(robot, local, None, np.full(2, 0.05))),
     }
 

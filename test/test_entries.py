@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from bdnn_cases import black_box
 
 from bdnn_ros.bdnn.cores import PriorCore
-from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
@@ -29,7 +29,7 @@ def models() -> dict[str, Model]:
     return {
         "physical": physical,
         "extended": ExtendedModel(robot, (), np.zeros(2), beyond=physical),
-        "bdnn": BDNN.black_box(("a", "b"), scales),
+        "bdnn": black_box(("a", "b"), scales),
         "bdnn_on_prior": BDNNOnPrior(core),
     }
 

@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bdnn_cases import scales
+from bdnn_cases import black_box, scales
 from live_support import real_robot
 
 from bdnn_ros.bdnn.cores import PriorCore
-from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.dynamics import Dynamics
@@ -97,6 +96,6 @@ def test_models_of_every_kind_are_looked_at():
         ExtendedModel(ARM, (), np.ones(6)),
         on(ARM),
         on(nominal(ARM)),
-        BDNN.black_box(ARM.joints, scales(6), hidden=4),
+        black_box(ARM.joints, scales(6), hidden=4),
     ):
         require_arm(model, ARM, "kept")

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bdnn_cases import scales
+from bdnn_cases import black_box, scales
 from live_support import real_robot
 
-from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.online.models import load_model, save_model
@@ -97,7 +96,7 @@ def test_a_file_that_was_refused_is_kept(tmp_path, session, first):
 
 
 def test_a_model_that_learning_cannot_go_on_from_serves(tmp_path, session):
-    path = save_model(tmp_path, BDNN.black_box(ARM.joints, scales(2), hidden=4))
+    path = save_model(tmp_path, black_box(ARM.joints, scales(2), hidden=4))
     log = Log()
     Kept(str(tmp_path), session, log).resume()
     assert log == [f"a bdnn model serves, {path}; training is paused, it cannot go on from this kind"]
@@ -106,7 +105,7 @@ def test_a_model_that_learning_cannot_go_on_from_serves(tmp_path, session):
 
 def test_what_was_learned_is_not_lost_to_another_kind_that_serves_at_the_end(tmp_path, session):
     learned = save_model(tmp_path, nominal(ARM))
-    other = save_model(tmp_path / "other", BDNN.black_box(ARM.joints, scales(2), hidden=4))
+    other = save_model(tmp_path / "other", black_box(ARM.joints, scales(2), hidden=4))
     kept = Kept(str(tmp_path), session, Log())
     kept.resume()
     session.load_now(other)
@@ -162,7 +161,7 @@ def test_what_was_learned_meanwhile_is_kept_once(tmp_path, session):
 
 
 def networks(place: Path) -> Path:
-    return save_model(place, BDNN.black_box(ARM.joints, scales(2), hidden=4))
+    return save_model(place, black_box(ARM.joints, scales(2), hidden=4))
 
 
 def test_what_is_learned_after_a_reset_does_not_take_the_place_of_networks(tmp_path, session):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bdnn_cases import scales
+from bdnn_cases import black_box, scales
 from diagnostic_msgs.msg import DiagnosticArray
 from live_support import (
     Robotics,
@@ -25,7 +25,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
-from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.nodes.services import Services
@@ -109,7 +108,7 @@ def test_a_model_in_another_order_of_joints_serves_in_ours(tmp_path):
     """It answers in the node's order, and learning goes on from it."""
     real = real_robot(ARM)
     save_model(tmp_path / "models" / "kept", nominal(real))
-    save_model(tmp_path / "models" / "networks.bdnn", BDNN.black_box(ARM.joints, scales(2), hidden=4))
+    save_model(tmp_path / "models" / "networks.bdnn", black_box(ARM.joints, scales(2), hidden=4))
     parameters = {"urdf_file": urdf_file(tmp_path, ARM), "model_directory": tmp_path / "models"}
     turned = ARM.joints[::-1]
     asked = {"position": [0.1, -0.4], "velocity": [0.5, 0.2], "acceleration": [1.0, -2.0]}

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bdnn_cases import black_box
 
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.dynamics import BDNN
@@ -178,7 +179,7 @@ def test_symbols_do_what_numpy_does() -> None:
 @pytest.mark.parametrize("activation", ["tanh", "sigmoid", "softplus"])
 def test_a_black_box(activation: str) -> None:
     scales = Scales(np.array([1.0, 2.0]), np.array([5.0, 8.0]), np.array([10.0, 3.0]), np.array([0.1, 0.2]))
-    model = BDNN.black_box(("a", "b"), scales, hidden=16, seed=1, activation=activation)
+    model = black_box(("a", "b"), scales, hidden=16, seed=1, activation=activation)
     vector = np.random.default_rng(2).normal(size=model.core.field.vector().size)
     core = replace(model.core, field=model.core.field.with_vector(vector))
     assert error(BDNN(core)) < 1e-9

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bdnn_cases import scales
+from bdnn_cases import black_box, scales
 
-from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
@@ -38,7 +37,7 @@ def session() -> Iterator[Session]:
 def models(tmp_path) -> dict[str, Path]:
     return {
         "physical": save_model(tmp_path / "physical", nominal(ARM)),
-        "networks": save_model(tmp_path / "networks", BDNN.black_box(ARM.joints, scales(2), hidden=4)),
+        "networks": save_model(tmp_path / "networks", black_box(ARM.joints, scales(2), hidden=4)),
     }
 
 

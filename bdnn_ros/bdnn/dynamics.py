@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from bdnn_ros.bdnn.cores import Core, NetworkCore, PriorCore
-from bdnn_ros.bdnn.field import Field, Scales
 from bdnn_ros.bdnn.mechanics import coriolis_matrix
 from bdnn_ros.bdnn.restoring import Build, prior_core, prior_core_state
-from bdnn_ros.errors import UsageError
 from bdnn_ros.robot.entries import reading
 from bdnn_ros.signals import Signals
 
@@ -30,20 +27,6 @@ class BDNN:
     kind: ClassVar[str] = "bdnn"
 
     core: Core
-
-    @classmethod
-    def black_box(
-        cls, joints: Sequence[str], scales: Scales, hidden: int = 64, seed: int = 0, activation: str = "tanh"
-    ) -> BDNN:
-        """Untrained networks, as in the paper: one hidden layer each for H and R.
-
-        Raises:
-            UsageError: the scales are not those of the joints, or the activation is not known.
-        """
-        if len(scales.effort) != len(joints):
-            raise UsageError(f"Scales of {len(scales.effort)} joints do not fit {len(joints)} joints.")
-        field = Field.random(scales, hidden, np.random.default_rng(seed), activation)
-        return cls(NetworkCore(tuple(joints), field))
 
     @property
     def joints(self) -> tuple[str, ...]:
