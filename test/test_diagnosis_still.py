@@ -12,8 +12,8 @@ from bdnn_ros.checks.velocities import odd_velocity
 from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.predicting import Predictor
+from bdnn_ros.diagnosis.velocity_filter import reported_velocity
 from bdnn_ros.effects.motion import CALM, Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.recording import Recording, moving

@@ -13,7 +13,6 @@ from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gains import by_links, gain_of, rms, share_of, squares
-from bdnn_ros.diagnosis.kinematics import reported_velocity
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.naming import name_of, named
 from bdnn_ros.diagnosis.notes import (
@@ -35,6 +34,7 @@ from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import at_an_end, throughout
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference, remaining
 from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.diagnosis.velocity_filter import reported_velocity
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

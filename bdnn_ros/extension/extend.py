@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bdnn_ros.diagnosis.compared import offsets_of
-from bdnn_ros.diagnosis.kinematics import none_is_left
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.term import COMMON
+from bdnn_ros.diagnosis.velocity_filter import none_is_left
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
