@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of
 
-from bdnn_ros.diagnosis import diagnose, identifiability, telling
+from bdnn_ros.diagnosis import identifiability, plainly, telling
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
@@ -188,7 +188,7 @@ def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_
         seen.append((one, fit.terms))
         return pool.terms[one]
 
-    diagnose._exact(SimpleNamespace(refined=refined), equations, pool)
+    plainly._exact(SimpleNamespace(refined=refined), equations, pool)
     assert seen == [(0, (0, 1, 2)), (1, (0, 1, 2))]
     np.testing.assert_array_equal(equations.usable, counted & ~equations.dwelling)
 
@@ -204,12 +204,12 @@ def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=np.inf):
     attempt = Attempt(np.zeros(len(equations.rows), bool), judgements, pool, equations.target)
     law = terms[1].effect.name
     monkeypatch.setattr(
-        diagnose,
+        plainly,
         "estimates",
         lambda pool, fit: [SimpleNamespace(term=t, shown=shown or t.effect.name != law) for t in pool.terms],
     )
     candidates = Candidates.of(equations.motion.robot)
-    told, refitted, found = diagnose._plain(candidates, equations, attempt, pool, [beyond] * len(terms))
+    told, refitted, found = plainly._plain(candidates, equations, attempt, pool, [beyond] * len(terms))
     assert len(found) == len(refitted.terms)
     return told, refitted
 

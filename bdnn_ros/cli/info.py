@@ -12,8 +12,8 @@ import numpy as np
 
 from bdnn_ros import bags
 from bdnn_ros.checks.conventions import breaches
-from bdnn_ros.checks.efforts import unread
 from bdnn_ros.checks.description import doubts
+from bdnn_ros.checks.efforts import unread
 from bdnn_ros.checks.handling import handled
 from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.describing import of_the_unheld, unheld, unusable

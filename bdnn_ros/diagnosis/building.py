@@ -59,20 +59,8 @@ def build(
     """
     if signals.effort is None:
         raise RecordingError("The recording carries no effort.", "Record one, or use --effort command.")
-    resting = signals.at_rest | ~further(signals.position, signals.position_noise)
-    if resting.all(axis=1).mean() > 0.98:
-        raise RecordingError(
-            "No joint moves in this recording.", "Move the joints, each over a good part of its range."
-        )
-    step = max(round(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
-    rows = np.concatenate([np.arange(s.start, s.stop, step) for s in signals.segments])
-    rows = rows[signals.interior[rows]]
-    owner = np.zeros(len(signals), int)
-    for k, segment in enumerate(signals.segments):
-        owner[segment] = k
-    edges = [0, *(np.flatnonzero(np.diff(owner[rows])) + 1).tolist(), len(rows)]
-    runs = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-
+    resting = _resting(signals)
+    rows, runs = _rows(signals)
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     if simulated is None:
         simulated = described_effort(robot, signals)
@@ -85,47 +73,89 @@ def build(
     if tilt is not None:
         standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
         motion = replace(motion, robot=standing, level=robot)
-    target = signals.smooth(signals.effort - simulated)[rows]
-    relative, jointwise = relative_inertials(robot), None
-    if covariance is not None:
-        relative, jointwise = np.split(identified(covariance), [robot.width * PER_LINK])
-        # identified offsets add to the measured effort, the contract's to what acts
-        jointwise[-robot.width :] *= -1.0
-    masses = (np.arange(relative.shape[1]) % PER_LINK == 0) & (covariance is None)
+    relative, jointwise = _errors(robot, covariance)
+    usable = _usable(signals, resting, rows)
+    effort = signals.smooth(signals.effort)[rows]
+    return Equations(
+        motion,
+        simulated,
+        drive,
+        rows,
+        target=signals.smooth(signals.effort - simulated)[rows],
+        usable=usable,
+        doubt=turns(signals)[rows],
+        dwelling=sticks(signals, DWELLING_WIDTHS)[rows],
+        block=_blocks(usable, signals.time[rows]),
+        runs=runs,
+        relative=relative,
+        masses=(np.arange(relative.shape[1]) % PER_LINK == 0) & (covariance is None),
+        effort_scale=np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9)),
+        jointwise=jointwise,
+        passing=passing,
+    )
+
+
+def _resting(signals: Signals) -> np.ndarray:
+    """Samples at which joints rest, (N, n) bool.
+
+    Raises:
+        RecordingError: no joint moves.
+    """
+    resting = signals.at_rest | ~further(signals.position, signals.position_noise)
+    if resting.all(axis=1).mean() > 0.98:
+        raise RecordingError(
+            "No joint moves in this recording.", "Move the joints, each over a good part of its range."
+        )
+    return np.asarray(resting)
+
+
+def _rows(signals: Signals) -> tuple[np.ndarray, list[slice]]:
+    """Which samples are rows, (R,), and the rows of each gap-free piece."""
+    step = max(round(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
+    rows = np.concatenate([np.arange(s.start, s.stop, step) for s in signals.segments])
+    rows = rows[signals.interior[rows]]
+    owner = np.zeros(len(signals), int)
+    for k, segment in enumerate(signals.segments):
+        owner[segment] = k
+    edges = [0, *(np.flatnonzero(np.diff(owner[rows])) + 1).tolist(), len(rows)]
+    return rows, [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Rows that count, (R, n) bool.
+
+    Raises:
+        RecordingError: none does.
+    """
     usable = (signals.seen & ~(resting | sticks(signals, STICKING_WIDTHS)))[rows]
     if not usable.any():
         raise RecordingError(
             "Wherever the robot moves its effort is at a limit or stands still.",
             "Check that the driver reports it, or move the robot more gently.",
         )
-    steps = np.diff(signals.time[rows], prepend=signals.time[rows[0]])
+    return np.asarray(usable)
+
+
+def _errors(robot: Robot, covariance: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """The maps from errors to parameters of links, and where they were identified of joints: see `Equations`."""
+    if covariance is None:
+        return relative_inertials(robot), None
+    relative, jointwise = np.split(identified(covariance), [robot.width * PER_LINK])
+    # identified offsets add to the measured effort, the contract's to what acts
+    jointwise[-robot.width :] *= -1.0
+    return relative, jointwise
+
+
+def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Held-out block of each row, (R,) int, by the rows that count, (R, n) bool, and their time [s]."""
+    steps = np.diff(time, prepend=time[0])
     since = np.cumsum(np.minimum(steps, BLOCK_SECONDS))  # a long pause must not make the blocks long
-    moving = moved(usable, signals.time[rows])
+    moving = moved(usable, time)
     seldom = float(moving[moving > 0.0].min()) / LEAST_MOTION
     length = float(np.clip(seldom * BLOCK_SECONDS, SHORTEST_BLOCK, BLOCK_SECONDS))
     most = MOST_BLOCKS * min(BLOCK_SECONDS / length, 2.0)
     block = since // max(length, since[-1] / (most - 1e-6))
-    _, block = np.unique(block, return_inverse=True)
-    effort = signals.smooth(signals.effort)[rows]
-    scale = np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9))
-    block = block.astype(int)
-    return Equations(
-        motion,
-        simulated,
-        drive,
-        rows,
-        target,
-        usable,
-        turns(signals)[rows],
-        sticks(signals, DWELLING_WIDTHS)[rows],
-        block,
-        runs,
-        relative,
-        masses,
-        scale,
-        jointwise=jointwise,
-        passing=passing,
-    )
+    return np.unique(block, return_inverse=True)[1].astype(int)
 
 
 def _passing(signals: Signals, ratios: np.ndarray | float, load: np.ndarray) -> np.ndarray:

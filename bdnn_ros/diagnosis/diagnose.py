@@ -9,9 +9,10 @@ import numpy as np
 
 from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.checks.description import require_mass
-from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Attempt, Looks, best_attempt
+from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Looks, best_attempt
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
+from bdnn_ros.diagnosis.case import Case
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.equations import Equations
@@ -22,14 +23,12 @@ from bdnn_ros.diagnosis.gains import by_links
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
-from bdnn_ros.diagnosis.odds import contains
-from bdnn_ros.diagnosis.posterior import CLEAR, Estimate, estimates, excesses
+from bdnn_ros.diagnosis.plainly import plainly
+from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
-from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.softness import noted, softened, softness
 from bdnn_ros.diagnosis.telling import told
-from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder, describe
 from bdnn_ros.effects.friction import LoadDependentFriction
 from bdnn_ros.effects.registry import Installed
@@ -114,42 +113,24 @@ def examine(
     for recording in recordings:
         recording.require_effort()
     known = Compared.of(model, robot)
-    given, model = model, known.model
     robot, recordings = known.robot, known.acting([without_copies(recording) for recording in recordings])
     require_mass(robot)
     if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
         raise _too_short(recordings, cutoff)
     say("filtering")
-    recordings = excerpts(recordings)
-    signals = _signals(recordings, robot, cutoff)
-    predicted = None if model is None else model.predict(signals)
-    for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted, robot):
-        raise ConventionError(breach.problem, breach.remedy)
-    recordings, signals, late = _as_measured(recordings, signals, known, cutoff)
-    if model is not None and signals.own is not None:
-        predicted = model.predict(signals)
-    looks = _looks(recordings, signals, known, predicted, say, cutoff)
-    creep_is_told = signals.own is not None or known.creep is not None
-    calm = signals if creep_is_told else undisturbed(signals, robot, looks.pushed())
-    if calm is not signals:
-        say("beside what pushes dry friction comes on otherwise")
-        signals, looks = calm, _looks(recordings, calm, known, predicted, say, cutoff)
-    tilt = looks.tilt()
-    if tilt is not None:
-        say("as the bodies hang on a base that is tilted")
-        looks = _looks(recordings, signals, known, predicted, say, cutoff, tilt)
-    equations, candidates = looks.equations, looks.candidates
+    measured = _measured(excerpts(recordings), known, cutoff)
+    looks = _settled_looks(measured, known, say, cutoff)
+    recordings, equations = measured.recordings, looks.equations
+    signals = equations.motion.signals
     attempt = best_attempt(looks)
     if not equations.usable[attempt.test].any():
         raise _too_short(recordings, cutoff, signals.cutoff)
-    beyond = excesses(_in_rows_that_count(equations, attempt.fitted))
-    pool = _exact(candidates, equations, attempt.fitted)
-    attempt, pool, found = _plain(candidates, equations, attempt, pool, beyond)
+    attempt, pool, found = plainly(looks.candidates, equations, attempt)
     equations.count(pool.sure)
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
-    since = None if model is None else known
-    diagnosis = told(recordings, robot, equations, attempt, found, remainder, since, cutoff)
+    since = None if known.model is None else known
+    diagnosis = told(Case(recordings, robot, equations, attempt, found, remainder, since), cutoff)
     return Examination(
         diagnosis,
         tuple(recordings),
@@ -162,35 +143,74 @@ def examine(
         attempt.extended,
         by_links(equations, attempt.fitted, equations.usable & attempt.test[:, None]),
         remainder,
-        given,
-        late,
+        model,
+        measured.late,
     )
 
 
-def _as_measured(
-    recordings: Sequence[Recording], signals: Signals, known: Compared, cutoff: float | None
-) -> tuple[Sequence[Recording], Signals, Lateness]:
-    """Recordings and their motion with what they had passed taken back, and what of it was lateness.
+@dataclass(frozen=True)
+class _Measured:
+    """What was measured, with what it had passed taken back.
+
+    Attributes:
+        signals: its motion.
+        predicted: what a model identified earlier predicts along it, (N, n) [N·m], if one takes the simulation's place.
+        late: what of it was lateness.
+    """
+
+    recordings: Sequence[Recording]
+    signals: Signals
+    predicted: np.ndarray | None
+    late: Lateness
+
+
+def _measured(recordings: Sequence[Recording], known: Compared, cutoff: float | None) -> _Measured:
+    """Recordings and their motion with what they had passed taken back.
 
     What changed since a model was identified is as late as it was, and its friction comes on as it did.
+
+    Raises:
+        ConventionError: they are not in the units or of the robot that they should be.
     """
-    robot = known.robot
-    late = lateness(signals, robot) if known.model is None else Lateness()
+    robot, model = known.robot, known.model
+    signals = _signals(recordings, robot, cutoff)
+    predicted = None if model is None else model.predict(signals)
+    for breach in breaches(signals, robot) if predicted is None else unlike(signals, predicted, robot):
+        raise ConventionError(breach.problem, breach.remedy)
+    late = lateness(signals, robot) if model is None else Lateness()
     if late.total:
         recordings, late = in_time(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     own = softness(signals, robot)
     if own is not None:  # how sharp friction is cannot be told any more
-        return noted(recordings, own), softened(signals, own), late
+        signals = softened(signals, own)
+        predicted = None if model is None else model.predict(signals)
+        return _Measured(noted(recordings, own), signals, predicted, late)
     creep = creeping(signals, robot) if known.creep is None else known.creep
-    return recordings, signals if creep is None else replace(signals, creep=creep), late
+    signals = signals if creep is None else replace(signals, creep=creep)
+    return _Measured(recordings, signals, predicted, late)
+
+
+def _settled_looks(measured: _Measured, known: Compared, say: Progress, cutoff: float | None) -> Looks:
+    """First looks with dry friction as it comes on beside pushes, on the base that seems tilted."""
+    signals, robot = measured.signals, known.robot
+    looks = _looks(measured, known, say, cutoff)
+    creep_is_told = signals.own is not None or known.creep is not None
+    calm = signals if creep_is_told else undisturbed(signals, robot, looks.pushed())
+    if calm is not signals:
+        say("beside what pushes dry friction comes on otherwise")
+        measured = replace(measured, signals=calm)
+        looks = _looks(measured, known, say, cutoff)
+    tilt = looks.tilt()
+    if tilt is not None:
+        say("as the bodies hang on a base that is tilted")
+        looks = _looks(measured, known, say, cutoff, tilt)
+    return looks
 
 
 def _looks(
-    recordings: Sequence[Recording],
-    signals: Signals,
+    measured: _Measured,
     known: Compared,
-    predicted: np.ndarray | None,
     say: Progress,
     cutoff: float | None = None,
     tilt: tuple[float, float] | None = None,
@@ -203,12 +223,13 @@ def _looks(
     Raises:
         RecordingError: too short.
     """
+    signals = measured.signals
     ratios = _load_ratios(known.held, known.robot.width)
-    equations = build(signals, known.robot, predicted, known.covariance, tilt, ratios)
+    equations = build(signals, known.robot, measured.predicted, known.covariance, tilt, ratios)
     equations.lead = known.lead
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
-        raise _too_short(recordings, cutoff, signals.cutoff)
+        raise _too_short(measured.recordings, cutoff, signals.cutoff)
     errors = LINK_ERRORS if known.covariance is None else DOUBTS
     candidates = Candidates.shown_by(equations, None if known.model is None else known.held)
     return Looks(equations, candidates, errors, say)
@@ -253,62 +274,3 @@ def _signals(recordings: Sequence[Recording], robot: Robot, cutoff: float | None
     lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
     parts = prepared_alike(recordings, cutoff)
     return flattened(concatenated(parts, [recording.time for recording in recordings]), lower)
-
-
-def _in_rows_that_count(equations: Equations, fitted: Pool) -> Pool:
-    """The terms of a pool that was fitted to some of the rows, in all that count now."""
-    return Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
-
-
-def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
-    """The terms where no joint dwells: what it bears there tells causes, but passes for less than their size.
-
-    Shapes of the friction of joints that do are found anew in the rows that are left.
-    """
-    dwelling = equations.usable & equations.dwelling
-    equations.count(equations.exact)
-    pool = _in_rows_that_count(equations, fitted)
-    moved = [
-        c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
-    ]
-    return refined(candidates, equations, pool, range(len(pool.terms)), moved)
-
-
-def _plain(
-    candidates: Candidates, equations: Equations, attempt: Attempt, pool: Pool, beyond: Sequence[float]
-) -> tuple[Attempt, Pool, list[Estimate]]:
-    """The attempt, its pool and the pool's estimates, with laws that are not shown given up for what they settle into.
-
-    Where another law says that already they only go.
-
-    Args:
-        beyond: how many standard deviations each law lies from what it settles into, by all rows.
-    """
-    found = estimates(pool, pool.whole)
-    plainly = (k for k, one in enumerate(found) if not one.shown or beyond[k] <= CLEAR)
-    settled = ((k, candidates.settled(found[k].term, equations.motion)) for k in plainly)
-    instead = {k: plain for k, plain in settled if plain is not None}
-    if not instead:
-        return attempt, pool, found
-    others = [term for k, term in enumerate(pool.terms) if k not in instead]
-    said = {
-        k: any(other.place == plain.place or contains(other, plain) for other in others)
-        for k, plain in instead.items()
-    }
-    kept = [k for k in range(len(pool.terms)) if not said.get(k)]
-
-    def refitted(terms: Sequence[Term]) -> Pool:
-        told = [instead.get(k) or terms[k] for k in kept]
-        moved = [at for at, k in enumerate(kept) if k in instead]
-        plain = Pool(equations, pool.noise, told, pool.link_error)
-        return refined(candidates, equations, plain, range(len(kept)), moved)
-
-    counted = equations.usable
-    equations.count(counted & ~attempt.test[:, None])
-    fitted = refitted(attempt.fitted.terms)
-    equations.count(counted)
-    judgements = [
-        attempt.judgements[k].told_as(instead[k]) if k in instead else attempt.judgements[k] for k in kept
-    ]
-    plain = refitted(pool.terms)
-    return replace(attempt, judgements=judgements, fitted=fitted), plain, estimates(plain, plain.whole)

@@ -146,26 +146,7 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     The effort is linearised in the shape parameters at the fit: their columns join the regression, so that a coefficient's
     spread includes what is not known of its shape.
     """
-    equations = pool.equations
-    parts, tangents, spans = [], [], []
-    at = pool.base + sum(len(pool.slots[c]) for c in fit.terms)
-    for chosen in fit.terms:
-        term = pool.terms[chosen]
-        coefficients = pool.coefficients(fit, chosen)
-        columns = [_tangent(pool, term, coefficients, name) for name, _ in term.shape]
-        parts.append((term, chosen, coefficients))
-        tangents += columns
-        spans.append(np.arange(at, at + len(columns)))
-        at += len(columns)
-    index = pool.columns_of(fit.terms)
-    white = pool.white[:, :, index]
-    # what is incidental may be there, though it is likelier not to
-    precision = np.minimum(fit.precision, pool.precision[index])
-    if tangents:
-        extra = np.stack(tangents, axis=2)
-        white = np.concatenate([white, equations.whiten(extra, pool.noise)], axis=2)
-        ranges = [span for c in fit.terms for span in _ranges(pool, pool.terms[c])]
-        precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
+    white, precision, spans = _linearised(pool, fit)
     tall = white.reshape(-1, white.shape[2])
     gram = tall.T @ tall
     covariance = np.linalg.inv(gram + np.diag(precision))
@@ -174,18 +155,15 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     doubting = np.linalg.inv(gram + np.diag(precision))
     _, moved = parted(pool, fit)
     result, start = [], pool.base
-    for (term, chosen, coefficients), span in zip(parts, spans, strict=True):
+    for chosen, span in zip(fit.terms, spans, strict=True):
+        term, coefficients = pool.terms[chosen], pool.coefficients(fit, chosen)
         rows = np.concatenate([np.arange(start, start + len(pool.slots[chosen])), span]).astype(int)
+        start += len(pool.slots[chosen])
         pick = np.eye(len(covariance))[rows]
         if chosen in moved:
             coefficients = coefficients + moved[chosen]
-            pick[0, equations.rigid.shape[2]] = 1.0
-        beyond = np.zeros((len(rows), len(rows)))
-        beyond[0, 0] = hold_spread(pool, chosen) ** 2
-        if term.effect.timed:
-            told = len(pool.slots[chosen]) + np.arange(len(span))
-            spread = unseen(pool, term)
-            beyond[told, told] = [spread.get(name, 0.0) ** 2 / 3.0 for name, _ in term.shape]
+            pick[0, pool.equations.rigid.shape[2]] = 1.0
+        beyond = _beyond(pool, chosen, len(span))
         third = doubting if term.effect.on_body else covariance
         own, scattered, doubted = (pick @ one @ pick.T + beyond for one in (covariance, robust, third))
         result.append(
@@ -199,8 +177,41 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
                 _mirrored(pool, fit, term, coefficients),
             )
         )
-        start += len(pool.slots[chosen])
     return result
+
+
+def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """White columns of all unknowns (R, n, P), shapes last, the precision of their priors (P,), and each term's shape columns."""
+    tangents, spans = list[np.ndarray](), []
+    at = pool.base + sum(len(pool.slots[c]) for c in fit.terms)
+    for chosen in fit.terms:
+        term, coefficients = pool.terms[chosen], pool.coefficients(fit, chosen)
+        columns = [_tangent(pool, term, coefficients, name) for name, _ in term.shape]
+        tangents += columns
+        spans.append(np.arange(at, at + len(columns)))
+        at += len(columns)
+    index = pool.columns_of(fit.terms)
+    white = pool.white[:, :, index]
+    # what is incidental may be there, though it is likelier not to
+    precision = np.minimum(fit.precision, pool.precision[index])
+    if tangents:
+        extra = np.stack(tangents, axis=2)
+        white = np.concatenate([white, pool.equations.whiten(extra, pool.noise)], axis=2)
+        ranges = [span for c in fit.terms for span in _ranges(pool, pool.terms[c])]
+        precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
+    return white, precision, spans
+
+
+def _beyond(pool: Pool, chosen: int, shapes: int) -> np.ndarray:
+    """What a hold adds to a delay's covariance and unseen moments to a push's, coefficients before shapes, (k, k)."""
+    term, count = pool.terms[chosen], len(pool.slots[chosen])
+    beyond = np.zeros((count + shapes, count + shapes))
+    beyond[0, 0] = hold_spread(pool, chosen) ** 2
+    if term.effect.timed:
+        told = count + np.arange(shapes)
+        spread = unseen(pool, term)
+        beyond[told, told] = [spread.get(name, 0.0) ** 2 / 3.0 for name, _ in term.shape]
+    return beyond
 
 
 def _mirrored(pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray) -> np.ndarray | None:

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.diagnosis.advice import advice
-from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.building import least_motion
-from bdnn_ros.diagnosis.compared import Compared
+from bdnn_ros.diagnosis.case import Case
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import by_links, gain_of, rms, share_of, squares
+from bdnn_ros.diagnosis.gains import by_links, gain_of, share_of
 from bdnn_ros.diagnosis.leads import parted
-from bdnn_ros.diagnosis.naming import name_of, named
+from bdnn_ros.diagnosis.naming import Named, name_of, named
 from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
@@ -30,130 +28,103 @@ from bdnn_ros.diagnosis.notes import (
     unknown,
     unnamed,
 )
-from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.pushes import at_an_end, throughout
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference, remaining
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.diagnosis.velocity_filter import reported_velocity
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
-from bdnn_ros.robot import Robot
 
-USUAL_LINK_ERROR = 0.1
-"""Spread of the links' relative errors that any description may have."""
 MUCH_LEFT = 0.5
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
 GROWS = 1.02
 """What is larger by no more than this factor may as well be the same."""
-EXPLAINED = 1.3
-"""An extended model within this factor of the noise floor explains the recording."""
 
 
-def told(
-    recordings: Sequence[Recording],
-    robot: Robot,
-    equations: Equations,
-    attempt: Attempt,
-    found: Sequence[Estimate],
-    remainder: Remainder,
-    since: Compared | None = None,
-    cutoff: float | None = None,
-) -> Diagnosis:
+def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     """The diagnosis, its errors and its gain on rows that the search has not seen.
 
     Args:
-        found: the chosen terms' estimates from all rows, in the order of the attempt's.
-        remainder: what all of them leave.
-        since: the earlier model that takes the simulation's place, if one does.
         cutoff: low-pass that was asked for [Hz].
     """
-    extended, held = attempt.extended, equations.usable & attempt.test[:, None]
-    simulation, after = rms(equations.target, held), rms(extended, held)
-    floor = np.minimum(np.maximum(remainder.floor, 0.0), after)
-    near_floor = _near(after, floor, equations.effort_scale)
-    unfit = _unfit(equations, simulation, after, near_floor)
-    every = range(len(found))
-    at_ends = {one for one in every if at_an_end(attempt.fitted, every, one)}
-    always = {one for one in every if throughout(attempt.fitted, every, one)}
-    names = named(robot, equations, attempt, found, unfit, at_ends | always)
+    robot, equations, attempt, since = case.robot, case.equations, case.attempt, case.since
+    near = case.near(case.extended)
+    unfit = _unfit(equations, case.simulation, case.extended, near)
+    names = named(robot, equations, attempt, case.found, unfit, case.at_ends | case.always)
     before = None if since is None else since.velocity_cutoff
     # a filtered velocity is no cause of an effort's error, and says nothing of what else is one
     causes, of_velocity = (
         sorted(some, key=lambda finding: -finding.share)
-        for some in (names.findings, reported_velocity(recordings, cutoff, before))
+        for some in (names.findings, reported_velocity(case.recordings, cutoff, before))
     )
     findings = [*causes, *of_velocity]
-    far_off = attempt.fitted.link_error > USUAL_LINK_ERROR
-    gain, interval = gain_of(equations, extended, held)
-    share = max(squares(after**2 - floor**2, held) / max(squares(simulation**2, held), 1e-30), 0.0)
-    near = bool(near_floor.all())
-    above = _above(robot.joints, near_floor, after**2 - floor**2)
-    of_weight = equations.alone is not None and not _near(simulation, floor, equations.effort_scale).all()
-    # what dry friction is named for may hold any effort at rest
-    at_rest = () if causes else remainder.resting
-    unclear = names.doubtful or bool(names.unknown) or far_off or of_weight or bool(at_rest) or bool(always)
-    of_effort = _verdict(causes, unclear, near, names.unsaid <= MOST)
+    of_effort = _verdict(causes, _unclear(case, names), bool(near.all()), names.unsaid <= MOST)
+    gain, interval = gain_of(equations, attempt.extended, case.held)
+    above = _above(robot.joints, near, case.left)
     return Diagnosis(
-        source=_source(recordings, equations),
+        source=_source(case.recordings, equations),
         verdict="explained" if of_effort == "nothing_wrong" and findings else of_effort,
         findings=tuple(findings),
-        effort_rmse={"simulation": simulation, "extended": after, "noise_floor": floor},
+        effort_rmse={"simulation": case.simulation, "extended": case.extended, "noise_floor": case.floor},
         gain=gain,
         gain_interval=interval,
-        unexplained_share=share,
-        unexplained_depends_on=tuple(remainder.depends_on(above))[:6],
+        unexplained_share=case.share_left,
+        unexplained_depends_on=tuple(case.remainder.depends_on(above))[:6],
         unexplained_sentence=_unexplained_sentence(
-            share, remainder, above, reference(bool(since)), bool(causes)
+            case.share_left, case.remainder, above, reference(bool(since)), bool(causes)
         ),
-        advice=tuple(
-            advice(
-                [found[one] for one in names.weighty],
-                [attempt.judgements[one] for one in names.weighty],
-                robot,
-                lambda term: name_of(robot, term),
-                [k for k, one in enumerate(names.weighty) if one in (*names.silent, *names.unknown)],
-            )
-        ),
-        notes=(
-            *(note for recording in recordings for note in recording.notes),
-            *of_recording(robot, equations),
-            *uncompared(robot, equations.usable, held),
-            *one_clock(recordings, findings),
-            *[AT_AN_END] * bool(at_ends),
-            *[THROUGHOUT] * bool(always),
-            *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
-            *unnamed(
-                [(found[one].term, name_of(robot, found[one].term)) for one in names.silent],
-                names.unsaid,
-                bool(since),
-            ),
-            *unknown([(found[one], name_of(robot, found[one].term)) for one in names.unknown]),
-            *[FAR_OFF] * far_off,
-            *(mostly_links(by_links(equations, attempt.fitted, held), bool(since)) if causes else ()),
-            *(
-                _mended(equations, attempt.fitted, held, interval[0], since)
-                if of_effort == "nothing_wrong"
-                else ()
-            ),
-            *[AT_REST.format(joints=listed(at_rest), reference=reference(bool(since)))] * bool(at_rest),
-        ),
+        advice=_advice(case, names),
+        notes=_notes(case, names, findings, of_effort, interval[0]),
         above=above,
     )
 
 
-def _mended(
-    equations: Equations, fitted: Pool, rows: np.ndarray, least: float, since: Compared | None
-) -> list[str]:
-    """What the extended model mends in some rows that has no name, `least` of the squared error for sure."""
+def _advice(case: Case, names: Named) -> tuple[str, ...]:
+    """What to do about the terms that are large enough for a name."""
+    told = advice(
+        [case.found[one] for one in names.weighty],
+        [case.attempt.judgements[one] for one in names.weighty],
+        case.robot,
+        lambda term: name_of(case.robot, term),
+        [k for k, one in enumerate(names.weighty) if one in (*names.silent, *names.unknown)],
+    )
+    return tuple(told)
+
+
+def _notes(
+    case: Case, names: Named, findings: Sequence[Finding], of_effort: Verdict, least: float
+) -> tuple[str, ...]:
+    """What is said beside findings and a verdict, where the gain is `least` at least."""
+    robot, equations, fitted, since = case.robot, case.equations, case.attempt.fitted, bool(case.since)
+    # what dry friction is named for may hold any effort at rest
+    at_rest = () if names.findings else case.remainder.resting
+    silent, unknowns = (
+        [(case.found[one], name_of(robot, case.found[one].term)) for one in some]
+        for some in (names.silent, names.unknown)
+    )
+    return (
+        *(note for recording in case.recordings for note in recording.notes),
+        *of_recording(robot, equations),
+        *uncompared(robot, equations.usable, case.held),
+        *one_clock(case.recordings, findings),
+        *[AT_AN_END] * bool(case.at_ends),
+        *[THROUGHOUT] * bool(case.always),
+        *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
+        *unnamed([(one.term, place) for one, place in silent], names.unsaid, since),
+        *unknown(unknowns),
+        *[FAR_OFF] * case.far_off,
+        *(mostly_links(by_links(equations, fitted, case.held), since) if names.findings else ()),
+        *(_mended(case, least) if of_effort == "nothing_wrong" else ()),
+        *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
+    )
+
+
+def _mended(case: Case, least: float) -> list[str]:
+    """What the extended model mends that has no name, `least` of the squared error for sure."""
+    equations, fitted = case.equations, case.attempt.fitted
     lead = parted(fitted, fitted.whole)[0]
-    by_lead = share_of(equations.nuisances[:, :, 0] * lead, fitted.left(), equations.target, rows)
-    of_links = by_links(equations, fitted, rows)
-    return mended(least, of_links, by_lead, lead, equations.hold, bool(since))
-
-
-def _near(error: np.ndarray, floor: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Whether each joint's error is near its floor, or too small a share of its effort to matter, (n,) each [N·m]."""
-    return np.asarray((error <= EXPLAINED * floor) | (error <= 0.02 * scale))
+    by_lead = share_of(equations.nuisances[:, :, 0] * lead, fitted.left(), equations.target, case.held)
+    of_links = by_links(equations, fitted, case.held)
+    return mended(least, of_links, by_lead, lead, equations.hold, bool(case.since))
 
 
 def _unfit(
@@ -174,6 +145,13 @@ def _unfit(
     # what acted outside the held-out rows alone leaves them as they were, at the noise
     worse = any(after > before for before, after in (scaled, plain)) and not near.all()
     return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | worse)
+
+
+def _unclear(case: Case, names: Named) -> bool:
+    """Whether something may be wrong, though nothing is named."""
+    of_weight = case.equations.alone is not None and not case.near(case.simulation).all()
+    unsure = names.doubtful or bool(names.unknown) or bool(case.always)
+    return unsure or case.far_off or of_weight or bool(case.remainder.resting)
 
 
 def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool, said: bool) -> Verdict:

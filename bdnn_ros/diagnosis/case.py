@@ -1,0 +1,95 @@
+"""What a diagnosis is told of: what was found, and how far either model is off where nothing was fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bdnn_ros.diagnosis.attempt import Attempt
+from bdnn_ros.diagnosis.compared import Compared
+from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.gains import rms, squares
+from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.pushes import at_an_end, throughout
+from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+
+USUAL_LINK_ERROR = 0.1
+"""Spread of the links' relative errors that any description may have."""
+EXPLAINED = 1.3
+"""An extended model within this factor of the noise floor explains the recording."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Recordings with what was found in them; errors are of rows that the search has not seen.
+
+    Attributes:
+        found: the chosen terms' estimates from all rows, in the order of the attempt's.
+        remainder: what all of them leave.
+        since: the earlier model that takes the simulation's place, if one does.
+    """
+
+    recordings: Sequence[Recording]
+    robot: Robot
+    equations: Equations
+    attempt: Attempt
+    found: Sequence[Estimate]
+    remainder: Remainder
+    since: Compared | None = None
+
+    @cached_property
+    def held(self) -> np.ndarray:
+        """Rows that errors are of, (R, n) bool."""
+        return np.asarray(self.equations.usable & self.attempt.test[:, None])
+
+    @cached_property
+    def simulation(self) -> np.ndarray:
+        """The simulation's error, root mean square of each joint, (n,) [N·m]."""
+        return rms(self.equations.target, self.held)
+
+    @cached_property
+    def extended(self) -> np.ndarray:
+        """The extended model's, (n,) [N·m]."""
+        return rms(self.attempt.extended, self.held)
+
+    @cached_property
+    def floor(self) -> np.ndarray:
+        """The noise's, at most the extended model's, (n,) [N·m]."""
+        return np.asarray(np.minimum(np.maximum(self.remainder.floor, 0.0), self.extended))
+
+    def near(self, error: np.ndarray) -> np.ndarray:
+        """Whether each joint's error [N·m] is near its floor, or too small a share of its effort to matter, (n,) each."""
+        return np.asarray((error <= EXPLAINED * self.floor) | (error <= 0.02 * self.equations.effort_scale))
+
+    @property
+    def left(self) -> np.ndarray:
+        """What the extended model leaves above the noise, squared, (n,) [(N·m)²]."""
+        return np.asarray(self.extended**2 - self.floor**2)
+
+    @property
+    def share_left(self) -> float:
+        """That per squared error of the simulation."""
+        before = squares(self.simulation**2, self.held)
+        return max(squares(self.left, self.held) / max(before, 1e-30), 0.0)
+
+    @property
+    def far_off(self) -> bool:
+        """Whether the links are further off than usual."""
+        return self.attempt.fitted.link_error > USUAL_LINK_ERROR
+
+    @cached_property
+    def at_ends(self) -> set[int]:
+        """Terms that push in the first or last moments only."""
+        every = range(len(self.found))
+        return {one for one in every if at_an_end(self.attempt.fitted, every, one)}
+
+    @cached_property
+    def always(self) -> set[int]:
+        """Terms that push nearly always when a joint moves that shows it."""
+        every = range(len(self.found))
+        return {one for one in every if throughout(self.attempt.fitted, every, one)}
