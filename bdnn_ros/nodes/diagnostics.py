@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -111,35 +111,56 @@ class Reporter:
             unheard: who is not heard, one sentence and what to do; empty if all are.
             refused: why a robot description does not replace the one in use; empty if none was refused.
         """
-        session, now = self._session, time.monotonic()
-        intake, served = session.intake, session.served
+        now = time.monotonic()
+        rate = self._rate(now)
+        lacking, still = _without_effort(self._session)
+        values = self._values(error.nrmse, rate, message_lost, (*lacking, *still))
+        stream = " ".join(filter(None, (refused, *self._complaints(unheard, lacking, still))))
+        beside = " ".join(filter(None, (refused, unheard)))
+        level, message = self._verdict(active, trouble, now, stream, beside)
+        pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+        return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
+
+    def _rate(self, now: float) -> float:
+        """Joint states per second since the last look [Hz]."""
+        intake = self._session.intake
         received = intake.received if intake else 0
         rate = max(received - self._received, 0) / max(now - self._looked, 1e-3)
         if received != self._received:  # fewer, where the stream began anew
             self._progress = now
         self._received, self._looked = received, now
-        rejected = dict(intake.rejected) if intake else {}
-        commands = session.commands
-        if commands is not None:
-            rejected |= {f"command_{reason}": count for reason, count in dict(commands.rejected).items()}
-        complaint, more = self._refusals.look(commands)
+        return rate
+
+    def _complaints(self, unheard: str, lacking: Sequence[str], still: Sequence[str]) -> list[str]:
+        """What is wrong with what comes, empty for what is not; it goes to the log, too, with what else is said of joints."""
+        session, intake, say = self._session, self._session.intake, self._warnings.say
+        complaint, more = self._refusals.look(session.commands)
         unstamped = self._look_for_stamps()
         unusable = self._unusable.look(intake, session.learning)
-        self._warnings.say("quality of service", unheard)
-        self._warnings.say("stamps", unstamped)
         small = session.smoother.complaint(intake.ring.most) if intake else ""
-        self._warnings.say("buffer", small)
-        self._warnings.say("use", unusable)
-        self._warnings.say("joints", session.watch.complaint)
-        self._warnings.say("absent", session.watch.absent)
-        self._warnings.say("commands", f"effort_commands: {complaint}" if more else "", again=True)
-        lacking, still = _without_effort(session)
-        self._warnings.say("without effort", NO_SENSOR.format(listed(lacking)) if lacking else "")
-        self._warnings.say("unchanged effort", NO_CHANGE.format(listed(still)) if still else "")
-        nrmse = error.nrmse
+        say("quality of service", unheard)
+        say("stamps", unstamped)
+        say("buffer", small)
+        say("use", unusable)
+        say("joints", session.watch.complaint)
+        say("absent", session.watch.absent)
+        say("commands", f"effort_commands: {complaint}" if more else "", again=True)
+        say("without effort", NO_SENSOR.format(listed(lacking)) if lacking else "")
+        say("unchanged effort", NO_CHANGE.format(listed(still)) if still else "")
+        return [complaint, unheard, unstamped, unusable, small]
+
+    def _values(
+        self, nrmse: np.ndarray, rate: float, message_lost: int, without_effort: Sequence[str]
+    ) -> dict[str, object]:
+        """The numbers, at the last look."""
+        session = self._session
+        intake, commands, served = session.intake, session.commands, session.served
+        rejected = dict(intake.rejected) if intake else {}
+        if commands is not None:
+            rejected |= {f"command_{reason}": count for reason, count in dict(commands.rejected).items()}
         known = nrmse[np.isfinite(nrmse)]
-        values: dict[str, object] = {
-            "samples_received": received,
+        return {
+            "samples_received": self._received,
             "samples_lost": intake.clock.lost if intake else 0,
             "samples_rejected": sum(rejected.values()),
             "model_version": served.number if served else 0,
@@ -152,7 +173,7 @@ class Reporter:
                 else {}
             ),
             "joints_left_out": ", ".join((*session.left_out, *session.led)),
-            "joints_without_effort": ", ".join((*lacking, *still)),
+            "joints_without_effort": ", ".join(without_effort),
             "stream_rate": f"{rate:.1f}",
             "stream_pauses": intake.clock.pauses if intake else 0,
             "stream_clock_restarts": intake.clock.restarts if intake else 0,
@@ -160,7 +181,7 @@ class Reporter:
             **({"commands_received": commands.received} if commands else {}),
             "samples_buffered": intake.ring.written - intake.ring.consumed if intake else 0,
             "samples_unlearned": session.counts.overrun,
-            "model_age": f"{now - served.since:.1f}" if served else math.nan,
+            "model_age": f"{self._looked - served.since:.1f}" if served else math.nan,
             "model_samples": served.samples if served else 0,
             "model_origin": served.origin if served else "",
             **(setup(served.model) if served else {}),
@@ -168,11 +189,6 @@ class Reporter:
             "training": session.learning,
             "trainer_restarts": session.supervisor.restarts,
         }
-        stream = " ".join(filter(None, (refused, complaint, unheard, unstamped, unusable, small)))
-        beside = " ".join(filter(None, (refused, unheard)))
-        level, message = self._verdict(active, trouble, now, stream, beside)
-        pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
-        return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
 
     def _look_for_stamps(self) -> str:
         """What is wrong with the stamps since the last look, empty if nothing is."""

@@ -21,6 +21,7 @@ from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
 from bdnn_ros.nodes.beginning import begin, end, outlived, told, undisturbed
 from bdnn_ros.nodes.choosing import leading, one_drive, with_joints
+from bdnn_ros.nodes.configuring import session_settings
 from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.nodes.lane import Lane
 from bdnn_ros.nodes.lifecycle import Lifecycle
@@ -74,19 +75,7 @@ class IdentificationNode(Lifecycle):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start the trainer, offer services and topics."""
         settings = self.settings
-        session = Session(
-            serving.Settings(
-                effort_source=settings["effort_source"],
-                effort_factors=tuple(settings["effort_factors"]),
-                add_gravity=settings["add_gravity"],
-                cutoff=settings["cutoff"] or None,
-                capacity=settings["buffer_size"],
-                niceness=settings["trainer_niceness"],
-                diagnosis_period=settings["diagnosis_period"],
-                diagnosis_window=settings["diagnosis_window"],
-            ),
-            training=settings["training"],
-        )
+        session = Session(session_settings(settings), training=settings["training"])
         self._set_up.callback(self._leave, session)
         self._kept = Kept(settings["model_directory"], session, self._log)
         try:
