@@ -10,6 +10,7 @@ import numpy as np
 
 from bdnn_ros import stamps
 from bdnn_ros.bags.clock import told
+from bdnn_ros.bags.joint_states import Samples
 from bdnn_ros.bags.reading import Progress, samples_of
 from bdnn_ros.bags.reported import reported_velocity, with_derived
 from bdnn_ros.errors import RecordingError, UsageError
@@ -88,9 +89,33 @@ def read_every(
         robot_joints=robot_joints,
         every=True,
     )
-    name, count = str(path), len(samples)
+    name = str(path)
     if len(set(samples.joints)) < len(samples.joints):
         raise UsageError(f"{name}: a joint is named twice.", "Name each joint once.")
+    shows = _shows(name, samples)
+    if not shows.all():
+        notes.append(
+            f"{name}: {len(samples) - np.count_nonzero(shows)} of {len(samples)} joint states show no motion: "
+            "their position is not finite or beyond any robot's, or they have no stamp."
+        )
+    stamp = samples.stamp.copy()
+    stamp[shows] = _one_clock(name, stamp[shows], drop_invalid)
+    order = np.argsort(stamp, kind="stable")
+    samples, stamp, shows = samples.part(order), stamp[order], shows[order]
+    moments, first, which = np.unique(stamp[shows], return_index=True, return_inverse=True)
+    row = np.full(len(samples), -1)
+    row[shows] = which
+    shown = replace(samples.part(np.flatnonzero(shows)[first]), stamp=moments)
+    acting = np.full(samples.position.shape, np.nan) if samples.effort is None else samples.effort
+    return EveryState(stamp, samples.position, acting, _motion(name, shown, urdf, notes), row)
+
+
+def _shows(name: str, samples: Samples) -> np.ndarray:
+    """Which joint states show a motion, (N,) bool: those that hold a stamp and a position that a robot can have.
+
+    Raises:
+        RecordingError: none does.
+    """
     possible = credible(samples.position)
     shows = told(samples.stamp) & possible.all(axis=1)
     if not possible.all(axis=1).any():
@@ -99,34 +124,24 @@ def read_every(
         raise RecordingError(
             f"{name}: no joint state has a stamp and a position that a robot can have.", "Fix the driver."
         )
-    if not shows.all():
-        notes.append(
-            f"{name}: {count - np.count_nonzero(shows)} of {count} joint states show no motion: "
-            "their position is not finite or beyond any robot's, or they have no stamp."
-        )
-    stamp = samples.stamp.copy()
-    stamp[shows] = _one_clock(name, stamp[shows], drop_invalid)
-    order = np.argsort(stamp, kind="stable")
-    samples, stamp, shows = samples.part(order), stamp[order], shows[order]
-    moments, first, which = np.unique(stamp[shows], return_index=True, return_inverse=True)
-    row = np.full(count, -1)
-    row[shows] = which
-    shown = samples.part(np.flatnonzero(shows)[first])
+    return np.asarray(shows)
+
+
+def _motion(name: str, shown: Samples, urdf: str | None, notes: Sequence[str]) -> Recording:
+    """The motion that samples show whose stamps increase."""
     velocity, silent, more = reported_velocity(name, shown.joints, shown.position, shown.velocity)
     motion = Recording(
-        (moments - samples.epoch) * 1e-9,
-        samples.joints,
+        (shown.stamp - shown.epoch) * 1e-9,
+        shown.joints,
         shown.position,
         _if_credible(velocity),
         _if_credible(shown.effort),
         name=name,
         urdf=urdf,
         notes=(*notes, *more),
-        epoch=samples.epoch,
+        epoch=shown.epoch,
     )
-    motion = with_derived(motion, silent)
-    acting = np.full(samples.position.shape, np.nan) if samples.effort is None else samples.effort
-    return EveryState(stamp, samples.position, acting, motion, row)
+    return with_derived(motion, silent)
 
 
 def _if_credible(values: np.ndarray | None) -> np.ndarray | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -85,30 +86,53 @@ def identify(
     validation = [signals_validation] if isinstance(signals_validation, Signals) else list(signals_validation)
     _check(train, validation, prior, budget, architecture)
     rng = np.random.default_rng(seed)
-    start = saved = clock()
+    start = clock()
     training = _training(train, validation, prior, rng, architecture, budget)
     label = "prior" if prior is not None else architecture
     path = None if state is None else Path(state)
-    spent = _restore(training, path, label)
-
-    def used() -> float:
-        return (spent + clock() - start) / budget
-
-    try:
-        while not training.finished and used() < 1.0:
-            training.advance(used)
-            if progress is not None:
-                progress(min(used(), 0.99), training.told)
-            if path is not None and clock() - saved > SAVE_SECONDS:
-                _save(training, path, label, used() * budget)
-                saved = clock()
-    finally:
-        if path is not None:
-            _save(training, path, label, used() * budget)
+    spending = _Spending(budget, clock, start, _restore(training, path, label))
+    _spend(spending, training, progress, path, label)
     model = training.model()
     if progress is not None:
         progress(1.0, "done")
     return model
+
+
+@dataclass(frozen=True)
+class _Spending:
+    """How much of a budget [s] is spent.
+
+    Attributes:
+        start: when the training began, or went on.
+        before: what was spent until then [s].
+    """
+
+    budget: float
+    clock: Callable[[], float]
+    start: float
+    before: float
+
+    def used(self) -> float:
+        """The share that is spent."""
+        return (self.before + self.clock() - self.start) / self.budget
+
+
+def _spend(
+    spending: _Spending, training: Training, progress: Progress | None, path: Path | None, label: str
+) -> None:
+    """Train until the budget is spent or nothing is left to do; the state is kept in a file, if one is given."""
+    saved = spending.start
+    try:
+        while not training.finished and spending.used() < 1.0:
+            training.advance(spending.used)
+            if progress is not None:
+                progress(min(spending.used(), 0.99), training.told)
+            if path is not None and spending.clock() - saved > SAVE_SECONDS:
+                _save(training, path, label, spending.used() * spending.budget)
+                saved = spending.clock()
+    finally:
+        if path is not None:
+            _save(training, path, label, spending.used() * spending.budget)
 
 
 def _training(

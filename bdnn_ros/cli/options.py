@@ -48,6 +48,34 @@ def add_recording_arguments(
     parser.add_argument(
         "--joint-states", metavar="TOPIC", default="/joint_states", help="default: %(default)s"
     )
+    _add_effort_arguments(parser)
+    add_joints_argument(
+        parser,
+        "joints and their order (default: the model's, else those of the robot description that the bags have)",
+    )
+    parser.add_argument(
+        "--rename",
+        metavar="RULE",
+        action="append",
+        default=[],
+        help="map joint names of the bag: old=new or s/pattern/replacement/ (a slash in one: \\/); repeatable: a=b and b=a "
+        "exchange two",
+    )
+    parser.add_argument(
+        "--cutoff",
+        metavar="HZ",
+        type=float,
+        help=cutoff,
+    )
+    parser.add_argument(
+        "--drop-invalid",
+        action="store_true",
+        help="leave out samples that are NaN or late, and join the parts of a clock that was set back",
+    )
+
+
+def _add_effort_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which efforts to read, and what they are."""
     parser.add_argument(
         "--effort-commands",
         metavar="TOPIC",
@@ -71,29 +99,6 @@ def add_recording_arguments(
         "--add-gravity",
         action="store_true",
         help="the bag's efforts leave out what the controller adds for gravity: add the robot description's",
-    )
-    add_joints_argument(
-        parser,
-        "joints and their order (default: the model's, else those of the robot description that the bags have)",
-    )
-    parser.add_argument(
-        "--rename",
-        metavar="RULE",
-        action="append",
-        default=[],
-        help="map joint names of the bag: old=new or s/pattern/replacement/ (a slash in one: \\/); repeatable: a=b and b=a "
-        "exchange two",
-    )
-    parser.add_argument(
-        "--cutoff",
-        metavar="HZ",
-        type=float,
-        help=cutoff,
-    )
-    parser.add_argument(
-        "--drop-invalid",
-        action="store_true",
-        help="leave out samples that are NaN or late, and join the parts of a clock that was set back",
     )
 
 

@@ -56,6 +56,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate", metavar="HZ", type=float, default=500.0, help="samples a second (default: %(default)s)"
     )
+    _add_sensor_arguments(parser)
+    parser.add_argument(
+        "--wrong", metavar="SHARE", type=float, default=0.0, help="real links off by this share (default: 0)"
+    )
+    parser.add_argument("--worn", action="store_true", help="friction and rotor inertia on every joint")
+    parser.add_argument("--poor", action="store_true", help="move one joint slowly and a little")
+    parser.add_argument(
+        "--trajectory",
+        metavar="CSV",
+        type=Path,
+        help="follow this motion, as bdnn excite writes it, for as long as it lasts",
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help=f"directory for {BAG}/ (rosbag2) and {TRUTH}"
+    )
+
+
+def _add_sensor_arguments(parser: argparse.ArgumentParser) -> None:
+    """How well the sensors measure."""
     parser.add_argument(
         "--noise",
         metavar="SHARE",
@@ -73,21 +93,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("sensor", "differentiated", "none"),
         default="sensor",
         help="reported velocity: measured, the difference of positions, or none (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--wrong", metavar="SHARE", type=float, default=0.0, help="real links off by this share (default: 0)"
-    )
-    parser.add_argument("--worn", action="store_true", help="friction and rotor inertia on every joint")
-    parser.add_argument("--poor", action="store_true", help="move one joint slowly and a little")
-    parser.add_argument(
-        "--trajectory",
-        metavar="CSV",
-        type=Path,
-        help="follow this motion, as bdnn excite writes it, for as long as it lasts",
-    )
-    parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
-    parser.add_argument(
-        "--out", metavar="DIR", type=Path, required=True, help=f"directory for {BAG}/ (rosbag2) and {TRUTH}"
     )
 
 

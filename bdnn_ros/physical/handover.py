@@ -15,7 +15,7 @@ from bdnn_ros.physical.local import LocalResiduals, spread_weights
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT, Parameters
 from bdnn_ros.physical.recursive import Posterior
-from bdnn_ros.physical.structure import TILT, Structure
+from bdnn_ros.physical.structure import TILT, Layout, Structure
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import tilt_of
 
@@ -36,24 +36,16 @@ def physical_model(
     Raises:
         UpdateRejected: the posterior is not finite, or no feasible robot is near it.
     """
-    layout, width = posterior.layout, robot.width
+    layout, lead = posterior.layout, posterior.layout.lead
     if not np.isfinite(posterior.mean).all():
         raise UpdateRejected("The identified parameters are not finite.", "Check the efforts for outliers.")
-    lead = layout.lead
-    physical = np.arange(lead + 1 + len(layout.setup))
-    learned = np.arange(len(physical), layout.size)
-    cross = posterior.information[np.ix_(learned, physical)]
-    follow = solve(posterior.information[np.ix_(learned, learned)], cross) if len(learned) else cross
-    information = posterior.information[np.ix_(physical, physical)] - cross.T @ follow
-    mean = posterior.mean[physical]
-    vector = consistent(mean, information, width, layout.positive)
-    weights = posterior.mean[learned] - follow @ (vector - mean)
+    vector, information = _most_probable(posterior, robot.width)
     values = Parameters.from_vector(vector[: layout.base])
     if not feasible(values.inertials):
         raise UpdateRejected("The identified inertias are not physically possible.", "Check units and signs.")
     identified = robot.with_inertials(values.inertials)
     identified = identified.with_joint_parameters(values.armature, values.viscous, values.coulomb)
-    further, doubt = np.zeros((2, len(TILT) + width))
+    further, doubt = np.zeros((2, len(TILT) + robot.width))
     covariance = inverse(information)
     std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     for k, at in zip(structure.setup, layout.setup, strict=True):
@@ -61,38 +53,57 @@ def physical_model(
     tilt, zeros = np.split(further, [len(TILT)])
     if tilt.any():
         identified = identified.tilted(*(tilt_of(robot.gravity_vector) + tilt))
-    identified = replace(identified, zeros=robot.zeros + zeros)
-
-    def part(where: slice) -> np.ndarray:
-        return weights[where.start - len(physical) : where.stop - len(physical)]
-
-    pairs = structure.couplings
-    motors = CoupledMotors(
-        pairs,
-        vector[layout.base : lead].reshape(-1, PER_COUPLING),
-        np.array([part(where) for where in layout.motors]).reshape(-1, CURVE_FEATURES),
-        np.array([scales.velocity[pair.joint] + scales.velocity[pair.joint + 1] for pair in pairs]),
-    )
-    of_joint = [part(where) for where in layout.weights]
-    learned_effort = None
-    if any(structure.groups):
-        taken = [w @ straight for w, straight in zip(of_joint, layout.straight, strict=True)]
-        learned_effort = LocalResiduals(
-            structure.groups, spread_weights(structure.groups, of_joint), np.array(taken), scales
-        )
     return PhysicalModel(
-        identified,
+        replace(identified, zeros=robot.zeros + zeros),
         values.offset,
         covariance[: layout.base, : layout.base] + _idealised(structure, scales),
         posterior.noise,
         version,
         structure.breakaway,
-        motors,
-        learned_effort,
+        _motors(vector, layout, structure, scales),
+        _learned_effort(vector, layout, structure, scales),
         float(vector[lead]),
         float(std[lead]),
         tilt_std=(float(doubt[0]), float(doubt[1])),
         zeros_std=tuple(doubt[len(TILT) :].tolist()),
+    )
+
+
+def _most_probable(posterior: Posterior, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """The most probable parameters that can exist, (P,), and the information on those that are no weights."""
+    layout = posterior.layout
+    physical = np.arange(layout.lead + 1 + len(layout.setup))
+    learned = np.arange(len(physical), layout.size)
+    cross = posterior.information[np.ix_(learned, physical)]
+    follow = solve(posterior.information[np.ix_(learned, learned)], cross) if len(learned) else cross
+    information = posterior.information[np.ix_(physical, physical)] - cross.T @ follow
+    mean = posterior.mean[physical]
+    vector = consistent(mean, information, width, layout.positive)
+    weights = posterior.mean[learned] - follow @ (vector - mean)
+    return np.concatenate([vector, weights]), information
+
+
+def _motors(vector: np.ndarray, layout: Layout, structure: Structure, scales: Scales) -> CoupledMotors:
+    """The motors that turn with two joints, by the parameters (P,)."""
+    pairs = structure.couplings
+    return CoupledMotors(
+        pairs,
+        vector[layout.base : layout.lead].reshape(-1, PER_COUPLING),
+        np.array([vector[where] for where in layout.motors]).reshape(-1, CURVE_FEATURES),
+        np.array([scales.velocity[pair.joint] + scales.velocity[pair.joint + 1] for pair in pairs]),
+    )
+
+
+def _learned_effort(
+    vector: np.ndarray, layout: Layout, structure: Structure, scales: Scales
+) -> LocalResiduals | None:
+    """What joints add that was learned, by the parameters (P,); None where nothing was."""
+    if not any(structure.groups):
+        return None
+    of_joint = [vector[where] for where in layout.weights]
+    taken = [w @ straight for w, straight in zip(of_joint, layout.straight, strict=True)]
+    return LocalResiduals(
+        structure.groups, spread_weights(structure.groups, of_joint), np.array(taken), scales
     )
 
 
