@@ -17,6 +17,28 @@ def credible(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(values) <= MOST)
 
 
+def incredible(position: np.ndarray, *others: np.ndarray | None) -> np.ndarray:
+    """Where any of some readings (N, n) is not credible, (N, n) bool; None was not measured."""
+    wrong = ~credible(position)
+    for values in others:
+        if values is not None:
+            wrong |= ~credible(values)
+    return wrong
+
+
+def of_dropped(name: str, dropped: int, count: int, clocks: int) -> list[str]:
+    """Notes on how many samples of a recording were left out, and on a clock that started anew."""
+    notes = []
+    if dropped:
+        notes.append(
+            f"{name}: {dropped} of {count} samples are not finite, beyond {MOST:g} or go back in time."
+        )
+    if clocks > 1:
+        often = "once" if clocks == 2 else f"{clocks - 1} times"
+        notes.append(f"{name}: the clock jumps back {often}; the parts are joined with a pause between them.")
+    return notes
+
+
 def refuse_not_finite(
     name: str, field: str, joints: Sequence[str], time: np.ndarray, values: np.ndarray
 ) -> None:

@@ -10,7 +10,13 @@ import numpy as np
 
 from bdnn_ros import stamps
 from bdnn_ros.errors import RecordingError, UsageError, listed
-from bdnn_ros.readings import MOST, credible, refuse_all_left_out, refuse_incredible, refuse_not_finite
+from bdnn_ros.readings import (
+    incredible,
+    of_dropped,
+    refuse_all_left_out,
+    refuse_incredible,
+    refuse_not_finite,
+)
 
 GAP_FACTOR = 5.0
 """A pause longer than this many sample periods, and than `GAP_SECONDS`, is a gap: left as it is."""
@@ -249,11 +255,7 @@ def cleaned(
     """
     velocity, effort = (None if x is None or np.isnan(x).all() else x for x in (velocity, effort))
     notes: list[str] = []
-    wrong = np.zeros(position.shape, bool)
-    if drop_invalid:
-        for values in (position, velocity, effort):
-            if values is not None:
-                wrong |= ~credible(values)
+    wrong = incredible(position, velocity, effort) if drop_invalid else np.zeros(position.shape, bool)
     valid = np.flatnonzero(np.isfinite(time) & ~wrong.any(axis=1)) if drop_invalid else np.arange(len(time))
     # of two samples of one stamp the valid one stays
     rows = valid[np.append(True, time[valid][1:] != time[valid][:-1])[: len(valid)]]
@@ -267,15 +269,7 @@ def cleaned(
             refuse_all_left_out(name, joints, wrong)
         kept, starts = stamps.runs(stamp)
         dropped = len(time) - len(valid) + len(rows) - np.count_nonzero(kept)
-        if dropped:
-            notes.append(
-                f"{name}: {dropped} of {len(time)} samples are not finite, beyond {MOST:g} or go back in time."
-            )
-        if len(starts) > 1:
-            often = "once" if len(starts) == 2 else f"{len(starts) - 1} times"
-            notes.append(
-                f"{name}: the clock jumps back {often}; the parts are joined with a pause between them."
-            )
+        notes += of_dropped(name, int(dropped), len(time), len(starts))
         rows, stamp = rows[kept], stamps.joined(stamp, kept, starts)
     chosen = slice(None) if len(rows) == len(time) else rows
     recording = Recording(

@@ -1,4 +1,4 @@
-"""The house keeps its rules: who imports whom, how long a file is, and what no module does."""
+"""The house keeps its rules: who imports whom, how long files and functions are, and what no module does."""
 
 from __future__ import annotations
 
@@ -43,9 +43,10 @@ ROS_MODULES = {
 UNSAFE_MODULES = {"cloudpickle", "dill", "jsonpickle", "marshal", "pickle", "shelve"}
 UNSAFE_BUILTINS = {"compile", "eval", "exec", "__import__"}
 UNSAFE_CALLS = {"os.popen", "os.system", "torch.load", "torch.save", "yaml.load", "yaml.unsafe_load"}
-MOST_LINES = 320
+MOST_LINES, MOST_LINES_OF_A_FUNCTION = 320, 60
 HEAVY_MODULES = {"matplotlib", "pinocchio", "rclpy", "rosbags", "scipy", "torch"}
 
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 FILES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 
@@ -101,6 +102,13 @@ def problems(source: str, module: str, is_package: bool = False) -> list[str]:
     return found
 
 
+def long_functions(source: str) -> list[str]:
+    """Return the functions that do not fit a screen, docstrings and all, wherever they are."""
+    functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, FUNCTIONS)]
+    lengths = [(one.name, (one.end_lineno or one.lineno) - one.lineno + 1) for one in functions]
+    return [f"{name} has {length} lines" for name, length in lengths if length > MOST_LINES_OF_A_FUNCTION]
+
+
 @pytest.mark.parametrize("file", FILES, ids=module_name)
 def test_module_keeps_the_rules(file: Path) -> None:
     source = file.read_text(encoding="utf-8")
@@ -109,7 +117,17 @@ def test_module_keeps_the_rules(file: Path) -> None:
 
 @pytest.mark.parametrize("file", FILES, ids=module_name)
 def test_module_is_short(file: Path) -> None:
-    assert len(file.read_text(encoding="utf-8").splitlines()) <= MOST_LINES
+    source = file.read_text(encoding="utf-8")
+    assert len(source.splitlines()) <= MOST_LINES
+    assert long_functions(source) == []
+
+
+def test_a_long_function_is_found_wherever_it_is() -> None:
+    def source(lines: int) -> str:
+        return "class C:\n    async def f(self):\n" + (lines - 1) * "        pass\n"
+
+    assert long_functions(source(MOST_LINES_OF_A_FUNCTION)) == []
+    assert long_functions(source(MOST_LINES_OF_A_FUNCTION + 1)) == ["f has 61 lines"]
 
 
 @pytest.mark.parametrize(
