@@ -169,6 +169,14 @@ def edges(push: Term) -> tuple[float, float]:
     return start, end
 
 
+def pushing(terms: Sequence[Term], time: np.ndarray) -> np.ndarray:
+    """Times (R,) [s] at which one of some terms pushes, (R,) bool."""
+    result = np.zeros(len(time), bool)
+    for start, end in (edges(term) for term in terms if term.effect.timed):
+        result |= (start <= time) & (time <= end)
+    return result
+
+
 def at_an_end(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     """Whether most of what a push explains is at a recording's ends, where a filter may have made it of the motion's own."""
     time, ends = pool.equations.motion.time[pool.equations.rows], np.zeros(len(pool.equations.rows), bool)

@@ -28,6 +28,7 @@ from bdnn_ros.diagnosis.notes import (
     unknown,
     unnamed,
 )
+from bdnn_ros.diagnosis.pushes import pushing
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference, remaining
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.diagnosis.velocity_filter import reported_velocity
@@ -58,7 +59,8 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     )
     findings = [*causes, *of_velocity]
     of_effort = _verdict(causes, _unclear(case, names), bool(near.all()), names.unsaid <= MOST)
-    gain, interval = gain_of(equations, attempt.extended, case.held)
+    pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
+    gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
     above = _above(robot.joints, near, case.left)
     return Diagnosis(
         source=_source(case.recordings, equations),

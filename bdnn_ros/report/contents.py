@@ -242,7 +242,7 @@ def method(shown: View) -> list[tuple[str, str]]:
         (
             "Gain",
             f"1 − RMS error of the extended model / RMS error of the {compared}, over all joints; interval "
-            "of 95 % from a bootstrap of the held-out blocks.",
+            "of 95 % from a bootstrap of the held-out blocks in which each joint moves.",
         ),
         (
             "Share",
