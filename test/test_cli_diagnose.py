@@ -299,19 +299,6 @@ def test_where_more_than_noise_is_left_is_said_first():
         assert unnamed == f"{named} identified; most of what the extended model mends has no name:"
 
 
-@pytest.mark.parametrize(("end", "left_out"), [(9.0, True), (11.0, False)])
-def test_a_gain_without_the_push_is_said_to_be_so(end: float, left_out: bool):
-    time = np.arange(0.0, 30.0, 0.1)
-    motion = SimpleNamespace(time=time)
-    equations = SimpleNamespace(motion=motion, rows=np.arange(len(time)))
-    edges = {"start": Quantity(7.0, 0.01, "s"), "end": Quantity(end, 0.01, "s")}
-    push = Finding("external_wrench", None, "hand", edges, 0.5, 0.9, (), "Something pushes.")
-    diagnosis = Diagnosis({}, "explained", (push,), {}, 0.2, (0.1, 0.3), 0.0, (), "Nothing is left.", (), ())
-    test = (time >= 10.0) & (time < 12.0)
-    lines = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None, equations=equations, test=test))
-    assert any("the gain leaves it out" in line for line in lines) == left_out
-
-
 def test_nothing_is_wrong_with_the_extended_robot(diagnosed, recording, tmp_path, capsys):
     """The round trip: the same recording against the extended URDF."""
     out, _ = diagnosed

@@ -6,9 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnosis_cases import equations_of, term
 
 from bdnn_ros.diagnosis import attempt as module
-from bdnn_ros.diagnosis.attempt import SURPRISING, Attempt, surprise
+from bdnn_ros.diagnosis.attempt import SURPRISING, Attempt, completed, surprise
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.gains import gain_of
+from bdnn_ros.diagnosis.noise import ORDER, Noise
+from bdnn_ros.robot import Robot
 
 
 def left_by(test: np.ndarray, held: float) -> np.ndarray:
@@ -76,3 +81,26 @@ def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(
     best = module.best_attempt(module.Looks(equations, None, (0.1,), lambda text: None))
     assert (looked, attempts) == (looks, tried)
     assert (best.test == (block % 5 == taken)).all() and equations.motion == f"of {taken}"
+
+
+@pytest.mark.parametrize("when, more", [((6.6, 9.4), 0.56), ((6.6, 7.6), 0.2), ((3.5, 6.5), 0.0)])
+def test_a_push_between_the_held_out_blocks_is_held_out_by_a_fifth(when, more):
+    """Of blocks of 2 s that from 4 s to 6 s is held out. What is left of the push predicts its middle fifth to the noise."""
+    spec = f"external_wrench@arm2_link2:force_x=20,force_z=-10,start={when[0]},end={when[1]}"
+    equations, (push, _) = equations_of([spec]), term(spec, Robot.bundled("arm2"))
+    noise = Noise(np.zeros((equations.width, ORDER)), 0.01 * equations.effort_scale)
+    draw = np.random.default_rng(0).standard_normal(equations.target.shape)
+    equations.target[:] += noise.std * draw
+    whole, test = equations.usable, equations.block % 5 == 2
+    equations.count(whole & ~test[:, None])
+    pool = Pool(equations, noise, [push], 0.05)
+    attempt = Attempt(test, [], pool, pool.left())
+    equations.count(whole)
+    found = completed(equations, attempt)
+    time = equations.motion.time[equations.rows]
+    middle = time[found.test & ~test]
+    assert len(middle) * np.median(np.diff(time)) == pytest.approx(more, abs=0.1)
+    assert (np.abs(middle - np.mean(when)) < 0.15 * (when[1] - when[0])).all()
+    assert found.test[test].all() and (found.extended[test] == attempt.extended[test]).all()
+    assert gain_of(equations, found.extended, whole & found.test[:, None])[0] > 0.95
+    assert (equations.usable == whole).all()

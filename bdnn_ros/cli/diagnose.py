@@ -15,7 +15,6 @@ from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, reference
-from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.files import write_model_files
@@ -144,22 +143,8 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
         )
     else:
         lines.append(f"Gain on held-out data: none, the error grows by {-100.0 * diagnosis.gain:.1f} %.")
-    if any(_unseen(examination, finding) for finding in diagnosis.findings):
-        lines.append(
-            "What pushes came and went between the stretches that were held out: the gain leaves it out."
-        )
     lines.append(diagnosis.unexplained_sentence)
     return lines + [f"Advice: {sentence}" for sentence in diagnosis.advice]
-
-
-def _unseen(examination: Examination, finding: Finding) -> bool:
-    """Whether a cause acts for a time of which no row is held out."""
-    if not get(finding.effect, finding.variant).timed:
-        return False
-    equations = examination.equations
-    held = equations.motion.time[equations.rows[examination.test]]
-    start, end = (finding.parameters[name].value for name in ("start", "end"))
-    return not bool(((start <= held) & (held <= end)).any())
 
 
 def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, rms
+from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, acting, removed, rms
 from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier, plainer, weighed
 from bdnn_ros.diagnosis.pushes import edges
 from bdnn_ros.diagnosis.search import Progress, Search, Selection
@@ -35,7 +35,7 @@ class Attempt:
     """What a search without the test rows found, and what all rows together make of it.
 
     Attributes:
-        test: the rows that the search did not see, (R,) bool.
+        test: the rows that the search did not see, in the end with those of `completed`, (R,) bool.
         judgements: of each term, by all rows.
         fitted: the terms, fitted to all rows but the test rows.
         extended: what the terms leave that the search found by itself, fitted alike, rows (R, n) [N·m]: those that all
@@ -164,6 +164,28 @@ def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndar
         fitted = settled(search.candidates, equations, Pool(equations, noise, selection.terms, link_error))
     equations.count(whole)
     return Attempt(test, judgements, fitted, extended)
+
+
+def completed(equations: Equations, attempt: Attempt) -> Attempt:
+    """The attempt with the middle of what came and went outside the test rows among them, predicted by all but these.
+
+    Else its error would be that of a recording in which it never was. Of its rows as many are tested as of the others.
+    """
+    fitted, test, counted = attempt.fitted, attempt.test.copy(), equations.usable
+    removals = removed(equations, fitted, attempt.extended, counted & test[:, None])
+    for one, (removal,) in enumerate(removals):
+        if removal.brief and not removal.there:
+            part = equations.columns(fitted.terms[one]) @ fitted.coefficients(fitted.whole, one)
+            when = np.flatnonzero((acting(part) & counted).any(axis=1))
+            half = len(when) * (EVERY_TEST_BLOCK - 1) // (2 * EVERY_TEST_BLOCK)
+            test[when[half : len(when) - half]] = True
+    if (test == attempt.test).all():
+        return attempt
+    equations.count(counted & ~test[:, None])
+    left = Pool(equations, fitted.noise, fitted.terms, fitted.link_error).left()
+    equations.count(counted)
+    among = (test & ~attempt.test)[:, None]
+    return replace(attempt, test=test, extended=np.where(among, left, attempt.extended))
 
 
 def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[Selection, list[Judgement]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.checks.description import require_mass
-from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Looks, best_attempt
+from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Looks, best_attempt, completed
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.case import Case
@@ -51,7 +51,7 @@ class Examination:
     Attributes:
         pool, fit: all data, the chosen terms.
         estimates: the findings' terms with their parameters, in the order of `fit.terms`.
-        test: rows kept out of the search, (R,) bool.
+        test: rows kept out of the search or, see `completed`, of the fit that predicts them, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
         by_links: part of the simulation's squared error in the test rows that the links' corrections without them remove.
         recordings: what was looked at, efforts when and in the units in which they act.
@@ -126,6 +126,7 @@ def examine(
     if not equations.usable[attempt.test].any():
         raise _too_short(recordings, cutoff, signals.cutoff)
     attempt, pool, found = plainly(looks.candidates, equations, attempt)
+    attempt = completed(equations, attempt)
     equations.count(pool.sure)
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])

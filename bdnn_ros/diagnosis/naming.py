@@ -68,9 +68,7 @@ def named(
     held = equations.usable & attempt.test[:, None]
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
     scale = equations.effort_scale
-    before, throughout = (
-        max(float(np.sum(equations.target[rows] ** 2)), 1e-30) for rows in (held, equations.usable)
-    )
+    before = max(float(np.sum(equations.target[held] ** 2)), 1e-30)
     findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
     silent, unknown = list[int](), list[int]()
     every = range(len(found))
@@ -78,11 +76,8 @@ def named(
         every, found, attempt.judgements, taken, strict=True
     ):
         less, large_enough = held_out.less, held_out.noticeable or ever.noticeable
-        # a push, or the crossings of a gap, may have come and gone outside the held-out rows
-        gone = held_out.brief and not held_out.there
         silent += [one] * large_enough
-        borne_out = gone or float(np.sum(less / scale**2)) > 0.0
-        borne_out &= held_out.brief or judgement.steady
+        borne_out = (held_out.brief or judgement.steady) and float(np.sum(less / scale**2)) > 0.0
         borne_out &= float(np.sum(ever.less / scale**2)) > 0.0
         if not (large_enough and borne_out) or one in unnamed or leftover(attempt.fitted, every, one):
             continue
@@ -93,11 +88,9 @@ def named(
         # what is named for a link or the base is told by joints that bear most of it
         sure &= not unfit[np.argmax(ever.less / scale**2)]
         if sure and (estimate.shown or _alone(estimate, found)):
-            share = (
-                squares(ever.less, equations.usable) / throughout if gone else squares(less, held) / before
-            )
             # causes that work against each other may each remove more than there is
-            findings.append(_finding(robot, estimate, judgement, min(max(share, 0.0), 1.0)))
+            share = min(max(squares(less, held) / before, 0.0), 1.0)
+            findings.append(_finding(robot, estimate, judgement, share))
             silent.remove(one)
         elif sure and estimate.term.effect.on_body and estimate.there:
             unknown.append(one)

@@ -232,7 +232,8 @@ def method(shown: View) -> list[tuple[str, str]]:
             "Held out",
             f"{held} of {equations.blocks} blocks of time, about {seconds:.1f} s each, spread over the "
             "recording (shaded in the charts). Neither the search nor the model that is scored has seen "
-            "them. Errors, shares and gain are measured there.",
+            "them. Of what came and went between them the middle fifth of its time is held out from the model "
+            "that is scored there. Errors, shares and gain are measured on all of these.",
         ),
         (
             "Left out",
