@@ -281,8 +281,11 @@ def test_a_simulation_that_needs_corrections_is_not_said_to_agree(interval: tupl
         "velocity_filter", "a", None, {"cutoff": Quantity(9.0, 0.1, "Hz")}, 0.9, 0.99, (), "It lags."
     )
     diagnosis = Diagnosis({}, "explained", (lag,), {}, 0.95, interval, 0.0, (), "Nothing is left.", (), ())
-    first, *_ = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None))
+    first, *rest = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None))
     assert first.startswith(said) and first.endswith("of a reported velocity only:")
+    told = [line for line in rest if "95.0 %" in line]
+    assert len(told) == (interval[0] > 0.5) and all("without a name" in line for line in told)
+    assert not any(line.startswith("Gain") for line in rest)
 
 
 def test_where_more_than_noise_is_left_is_said_first():

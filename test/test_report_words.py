@@ -267,3 +267,10 @@ def test_a_comparison_with_an_earlier_model_is_told_as_one(rubbing: Examination)
 def test_an_interval_below_nothing_has_a_minus(rubbing: Examination) -> None:
     doubtful = replace(rubbing, diagnosis=replace(rubbing.diagnosis, gain_interval=(-0.019, 0.253)))
     assert "interval: −1.9 % to 25.3 %" in Page(rendered(doubtful)).words
+
+
+def test_a_gain_where_no_cause_is_needed_is_said_to_be_of_what_has_no_name(rubbing: Examination) -> None:
+    right = replace(rubbing, diagnosis=replace(rubbing.diagnosis, verdict="nothing_wrong", findings=()))
+    alone, named = (Page(rendered(one)).words for one in (right, rubbing))
+    assert "less effort error, by what has no name; 95 %" in alone
+    assert "less effort error; 95 %" in named

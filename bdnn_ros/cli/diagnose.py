@@ -21,7 +21,7 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import cause, certainty, change, corrected
+from bdnn_ros.report.words import WITHOUT_A_NAME, cause, certainty, change, corrected, needless
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
@@ -135,16 +135,20 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
         lines.append(f" {number}. {said} ({_share(group)}, probability {_probability(group)})")
         lines += [_rivals(finding) for finding in group if _close(finding)]
     lines += [note for note in diagnosis.notes if note not in known]
-    low, high = diagnosis.gain_interval
-    if diagnosis.gain >= 0.0:
-        lines.append(
-            f"Gain on held-out data: the error falls by {100.0 * diagnosis.gain:.1f} % "
-            f"(95 % interval {100.0 * low:.1f} to {100.0 * high:.1f} %)."
-        )
-    else:
-        lines.append(f"Gain on held-out data: none, the error grows by {-100.0 * diagnosis.gain:.1f} %.")
-    lines.append(diagnosis.unexplained_sentence)
+    lines += [*_gain(diagnosis), diagnosis.unexplained_sentence]
     return lines + [f"Advice: {sentence}" for sentence in diagnosis.advice]
+
+
+def _gain(diagnosis: Diagnosis) -> list[str]:
+    """The line on the gain. Where no cause is needed it is told only if it is sure, and of what it is."""
+    low, high = diagnosis.gain_interval
+    interval = f"(95 % interval {100.0 * low:.1f} to {100.0 * high:.1f} %)"
+    if needless(diagnosis):
+        much = f"{100.0 * diagnosis.gain:.1f} % {interval}"
+        return [f"What {WITHOUT_A_NAME}, takes {much} off the error on held-out data."] * corrected(diagnosis)
+    if diagnosis.gain >= 0.0:
+        return [f"Gain on held-out data: the error falls by {100.0 * diagnosis.gain:.1f} % {interval}."]
+    return [f"Gain on held-out data: none, the error grows by {-100.0 * diagnosis.gain:.1f} %."]
 
 
 def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:

@@ -128,6 +128,7 @@ def _environment() -> Environment:
     environment.globals.update(
         headline=words.headline,
         claim=words.claim,
+        needless=words.needless,
         kinds=words.kinds,
         named=words.named,
         size=SIZE,

@@ -33,9 +33,9 @@ CLAIMS = {
 }
 LEFT = "With {these} and the links corrected, {left} of the {reference}'s squared error is left above the noise, at {above}."
 """What is claimed of causes beside which more than the noise is left somewhere."""
+WITHOUT_A_NAME = "the extended model corrects without a name, as errors of the links, of stamps or of how friction comes on"
 CORRECTED = (
-    "No cause is needed beyond what the extended model corrects without a name, as errors of the links or of stamps: that takes "
-    "{gain} off the {reference}'s error."
+    f"No cause is needed beyond what {WITHOUT_A_NAME}: that takes {{gain}} off the {{reference}}'s error."
 )
 """What takes the place of the claim that nothing is wrong, where what it is compared with is `corrected`."""
 
@@ -85,7 +85,7 @@ def headline(diagnosis: Diagnosis, since: bool = False) -> str:
 def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     """What the verdict means for the model, one sentence; `since` as for `headline`."""
     count, one = len(_causes(diagnosis)), "change" if since else "cause"
-    of_effort = "nothing_wrong" if diagnosis.verdict == "explained" and not count else diagnosis.verdict
+    of_effort = "nothing_wrong" if needless(diagnosis) else diagnosis.verdict
     these, explain = (f"this {one}", "explains") if count == 1 else (f"these {count} {one}s", "explain")
     if of_effort == "nothing_wrong" and corrected(diagnosis):
         return CORRECTED.format(gain=percent(diagnosis.gain, 1), reference=reference(since))
@@ -95,6 +95,11 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     return CLAIMS[of_effort].format(
         one=one, these=these, These=these.capitalize(), explain=explain, reference=reference(since)
     )
+
+
+def needless(diagnosis: Diagnosis) -> bool:
+    """Whether no cause is needed for the efforts, whatever is found of a reported velocity: what is gained has no name."""
+    return diagnosis.verdict in ("nothing_wrong", "explained") and not _causes(diagnosis)
 
 
 def corrected(diagnosis: Diagnosis) -> bool:
