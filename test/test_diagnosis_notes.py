@@ -230,6 +230,21 @@ def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
     assert "30.0 %" in _unexplained_sentence(0.3, remainder, ("j2",), "URDF", named=False)
 
 
+@pytest.mark.parametrize(
+    ("named", "said"),
+    [
+        (True, "Less than 0.1 % of the URDF's squared error is left above the noise, at j2"),
+        (False, "What is left is small, but more than twice the noise at j2"),
+    ],
+)
+@pytest.mark.parametrize("bursts", [(), ("j1",)])
+def test_what_is_twice_the_noise_is_told_with_its_place_though_it_is_little(named, said, bursts):
+    """A joint at seven times its floor was said to look like noise, or to be hardly more."""
+    remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)), bursts)
+    told = _unexplained_sentence(0.0, remainder, (), "URDF", named, ("j2",))
+    assert told.startswith(said) and "; no position" in told
+
+
 def test_that_links_errors_make_up_most_is_said_where_they_do():
     (note,) = mostly_links(0.74, since=False)
     assert "74 % of the simulation's squared error" in note

@@ -201,7 +201,9 @@ def test_a_filtered_velocity_is_no_cause_of_the_efforts_error() -> None:
     viscous, filtered = finding("viscous_friction", viscous=1.0), finding("velocity_filter", cutoff=9.0)
 
     def told(*findings: Finding, verdict: str = "explained") -> tuple[str, str]:
-        diagnosis = SimpleNamespace(findings=findings, verdict=verdict, gain=0.0, gain_interval=(-0.1, 0.1))
+        diagnosis = SimpleNamespace(
+            findings=findings, verdict=verdict, gain=0.0, gain_interval=(-0.1, 0.1), slight=()
+        )
         return words.headline(diagnosis), words.claim(diagnosis)
 
     assert told(viscous, filtered) == told(viscous)
@@ -213,6 +215,7 @@ def test_a_filtered_velocity_is_no_cause_of_the_efforts_error() -> None:
 def test_what_is_left_beside_the_causes_is_told_with_its_place_and_size() -> None:
     """Of 0.1 % at one wrist it was said that the causes explain part of the error."""
     told = SimpleNamespace(
+        slight=(),
         findings=(finding("viscous_friction", viscous=1.0),),
         verdict="partly_explained",
         unexplained_share=0.003,
@@ -227,8 +230,23 @@ def test_what_is_left_beside_the_causes_is_told_with_its_place_and_size() -> Non
     assert words.claim(told).endswith("most of what the extended model mends has no name.")
 
 
+@pytest.mark.parametrize(
+    ("verdict", "found"), [("explained", (finding("viscous_friction"),)), ("nothing_wrong", ())]
+)
+def test_not_every_effort_is_predicted_to_the_noise_where_more_is_left_somewhere(
+    verdict: str, found: tuple[Finding, ...]
+) -> None:
+    told = SimpleNamespace(findings=found, verdict=verdict, gain=0.0, gain_interval=(0.0, 0.0), slight=())
+    plain = words.claim(told)
+    told.slight = ("j2", "j4")
+    assert "j2, j4" in words.claim(told) and "every" not in words.claim(told)
+    assert "more" not in plain and ("every" in plain) == bool(found)
+
+
 def test_beside_an_earlier_model_changes_are_told() -> None:
-    told = SimpleNamespace(findings=(finding("viscous_friction", viscous=1.0),), verdict="explained")
+    told = SimpleNamespace(
+        findings=(finding("viscous_friction", viscous=1.0),), verdict="explained", slight=()
+    )
     assert words.claim(told).startswith("With this cause and ")
     assert words.claim(told, since=True).startswith("With this change and ")
 
@@ -244,7 +262,9 @@ def test_a_simulation_that_needs_corrections_without_a_name_is_not_called_right(
     assert words.claim(off).startswith("No cause is needed beyond")
     assert words.claim(off).endswith("takes 95.8\N{NO-BREAK SPACE}% off the simulation's error.")
     assert "earlier model's error" in words.claim(off, since=True)
-    right = SimpleNamespace(findings=findings, verdict=verdict, gain=0.2, gain_interval=(0.07, 0.29))
+    right = SimpleNamespace(
+        findings=findings, verdict=verdict, gain=0.2, gain_interval=(0.07, 0.29), slight=()
+    )
     assert words.claim(right).startswith("The simulation predicts")
 
 

@@ -37,6 +37,8 @@ from bdnn_ros.recording import Recording
 
 MUCH_LEFT = 0.5
 """Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
+TOLD = 2.0
+"""What is so many times the noise floor is said to be left there, though too small a share of the effort to matter."""
 GROWS = 1.02
 """What is larger by no more than this factor may as well be the same."""
 
@@ -62,6 +64,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
     gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
     above = _above(robot.joints, near, case.left)
+    slight = _above(robot.joints, ~near | (case.extended <= TOLD * case.floor), case.left)
     return Diagnosis(
         source=_source(case.recordings, equations),
         verdict="explained" if of_effort == "nothing_wrong" and findings else of_effort,
@@ -72,11 +75,12 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
         unexplained_share=case.share_left,
         unexplained_depends_on=tuple(case.remainder.depends_on(above))[:6],
         unexplained_sentence=_unexplained_sentence(
-            case.share_left, case.remainder, above, reference(bool(since)), bool(causes)
+            case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight
         ),
         advice=_advice(case, names),
         notes=_notes(case, names, findings, of_effort, interval[0]),
         above=above,
+        slight=slight,
     )
 
 
@@ -175,23 +179,31 @@ def _above(joints: Sequence[str], near: np.ndarray, left: np.ndarray) -> tuple[s
 
 
 def _unexplained_sentence(
-    share: float, remainder: Remainder, above: Sequence[str], reference: str, named: bool = True
+    share: float,
+    remainder: Remainder,
+    above: Sequence[str],
+    reference: str,
+    named: bool = True,
+    slight: Sequence[str] = (),
 ) -> str:
     if share > 1.0:
         return f"What was found predicts the motion that was held out worse than the {reference} does."
     much = remaining(share).capitalize()
-    where = f", at {listed(above)}" if above else ""
+    there = above or slight
+    where = f", at {listed(there)}" if there else ""
     left = f"{much} of the {reference}'s squared error is left above the noise{where}"
     if not named and not above:  # all of a small error may well be left
         left = "What is left is hardly more than noise"
+        if slight:
+            left = f"What is left is small, but more than twice the noise at {listed(slight)}"
     inputs = remainder.depends_on(above)
     if inputs:
         of_these = [joint for joint in above if joint in remainder.inputs]
-        there = f"at {listed(of_these)} it" if len(of_these) < len(above) else "it"
-        return f"{left}; {there} depends on {', '.join([*inputs][:3])}."
+        what = f"at {listed(of_these)} it" if len(of_these) < len(above) else "it"
+        return f"{left}; {what} depends on {', '.join([*inputs][:3])}."
     if remainder.bursts:
         return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, acceleration, load or time predicts it."
-    if above:
+    if there:
         return f"{left}; no position, velocity, acceleration, load or time predicts it."
     return "What is left looks like noise: no position, velocity, acceleration, load or time predicts it."
 

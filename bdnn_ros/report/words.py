@@ -34,6 +34,13 @@ CLAIMS = {
 LEFT = "With {these} and the links corrected, {left} of the {reference}'s squared error is left above the noise, at {above}."
 """What is claimed of causes beside which more than the noise is left somewhere."""
 WITHOUT_A_NAME = "the extended model corrects without a name, as errors of the links, of stamps or of how friction comes on"
+SLIGHTLY = {
+    "nothing_wrong": "The {reference} predicts the measured effort without any cause; at {slight} little is left, though more "
+    "than the noise.",
+    "explained": "With {these} and its links corrected the model predicts the measured efforts down to their noise but at "
+    "{slight}, where little more is left.",
+}
+"""What is claimed where what is left at some joints is more than twice the noise, though little."""
 CORRECTED = (
     f"No cause is needed beyond what {WITHOUT_A_NAME}: that takes {{gain}} off the {{reference}}'s error."
 )
@@ -92,8 +99,14 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     if of_effort == "partly_explained" and diagnosis.above:
         left, above = remaining(diagnosis.unexplained_share), listed(diagnosis.above)
         return LEFT.format(these=these, left=left, reference=reference(since), above=above)
-    return CLAIMS[of_effort].format(
-        one=one, these=these, These=these.capitalize(), explain=explain, reference=reference(since)
+    claims = CLAIMS | SLIGHTLY if diagnosis.slight else CLAIMS
+    return claims[of_effort].format(
+        one=one,
+        these=these,
+        These=these.capitalize(),
+        explain=explain,
+        reference=reference(since),
+        slight=listed(diagnosis.slight),
     )
 
 
