@@ -12,7 +12,7 @@ from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.diagnose import diagnose, examine
 from bdnn_ros.diagnosis.identifiability import Judgement
-from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unnamed
+from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.diagnosis.telling import _above, _unexplained_sentence
@@ -185,6 +185,18 @@ def test_what_has_no_name_is_told_by_whether_the_model_holds_it():
     assert unnamed([], 0.0, False) == []
     (held,) = unnamed([(offset, "arm6_joint1")], 0.34, True)
     assert held.endswith("an effort offset at arm6_joint1 (34 % of the earlier model's squared error).")
+
+
+def test_a_payload_whose_mass_may_be_nothing_is_told_as_a_centre_of_mass_first():
+    """A link that was a twentieth off read as a finding, a payload."""
+    mass = {"mass": Quantity(1.02, 1.67, "kg")}
+    found = SimpleNamespace(term=Term(get("payload"), 1, "forearm"), quantities=mass)
+    (said,) = unknown([(found, "forearm")])
+    first, other = said.split("a centre of mass of forearm that is elsewhere than in the model, or ")
+    assert "payload" not in first and other.startswith(
+        "a payload at forearm, mass 1 ± 2 kg, which may be nothing"
+    )
+    assert unknown([]) == []
 
 
 @pytest.mark.parametrize(

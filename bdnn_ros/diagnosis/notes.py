@@ -63,7 +63,10 @@ UNKNOWN = (
     "Surely something is there, and the extended model has it, but this motion shows its parameters too badly for a name: "
     "{what}. Record more motion; `bdnn excite` makes one that shows them."
 )
-CENTRE_OF_MASS = " (a centre of mass that is elsewhere than in the model does the same)"
+OFF_CENTRE = (
+    "a centre of mass of {place} that is elsewhere than in the model, or {title} at {place}, mass {mass:.2g} ± {std:.1g} kg, "
+    "which may be nothing"
+)
 NOT_IN_MODEL = (
     "Not sure enough for a name, and not in the extended model, though the gain counts it: something that pushes at "
     "{where}."
@@ -160,11 +163,11 @@ def unnamed(terms: Sequence[tuple[Term, str]], share: float, since: bool) -> lis
 
 
 def unknown(found: Sequence[tuple[Estimate, str]]) -> list[str]:
-    """A note on payloads, each with its place, that are surely there with masses that are not known."""
+    """A note on payloads, each with its place, that are surely there with masses that may be nothing."""
 
     def told(estimate: Estimate, place: str) -> str:
         mass = estimate.quantities["mass"]
-        return f"{estimate.term.title} at {place}, mass {mass.value:.2g} ± {mass.std:.1g} kg{CENTRE_OF_MASS}"
+        return OFF_CENTRE.format(place=place, title=estimate.term.title, mass=mass.value, std=mass.std)
 
     return [UNKNOWN.format(what="; ".join(told(*one) for one in found))] if found else []
 
