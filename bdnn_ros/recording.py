@@ -93,12 +93,11 @@ class Recording:
     @property
     def recorded(self) -> float:
         """Time of all segments together [s]: pauses do not count."""
-        return float(self._clock[-1]) if len(self.time) else 0.0
+        return float(self._clock()[-1]) if len(self.time) else 0.0
 
-    @property
-    def _clock(self) -> np.ndarray:
-        """Time of all samples without the pauses between segments [s], (N,)."""
-        steps = np.diff(self.time, prepend=self.time[:1])
+    def _clock(self, counted: np.ndarray | bool = True) -> np.ndarray:
+        """Time of all samples without the pauses between segments, and without samples that do not count [s], (N,)."""
+        steps = np.diff(self.time, prepend=self.time[:1]) * counted
         steps[[rows.start for rows in self.segments()[1:]]] = 0.0
         return np.cumsum(steps)
 
@@ -153,16 +152,16 @@ class Recording:
         """The samples with start <= time < end [s]."""
         return self.part((self.time >= start) & (self.time < end))
 
-    def split(self, holdout: float) -> tuple[Recording, Recording]:
-        """The first part and the last `holdout` share of the time recorded, each a recording of its own.
+    def split(self, holdout: float, counted: np.ndarray | bool = True) -> tuple[Recording, Recording]:
+        """The first part and the last `holdout` share of the time recorded, or of that of the samples `counted`, (N,) bool.
 
         Raises:
             UsageError: `holdout` is not in (0, 1).
         """
         if not 0.0 < holdout < 1.0:
             raise UsageError(f"The held-out share is {holdout}, not between 0 and 1.", "Use for example 0.2.")
-        clock = self._clock
-        last = clock >= (1.0 - holdout) * self.recorded
+        clock = self._clock(counted)
+        last = clock >= (1.0 - holdout) * clock[-1:]
         return self.part(~last), self.part(last)
 
     def excerpt(self, share: float, piece: float, before: float = 0.0) -> Recording:
@@ -171,7 +170,7 @@ class Recording:
         Args:
             before: time recorded before this recording, which the pieces are spread over as well [s].
         """
-        return self.part((before + self._clock) % (piece / share) < piece)
+        return self.part((before + self._clock()) % (piece / share) < piece)
 
     def segments(self) -> list[slice]:
         """Runs of samples without a gap, longest pause `GAP_FACTOR` periods, as slices of rows."""

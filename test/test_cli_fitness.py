@@ -13,6 +13,8 @@ from bdnn_ros.cli import fitness
 from bdnn_ros.cli.main import main
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import prepare
 
 VERBS = ("info", "identify", "replay", "evaluate", "diagnose")
 
@@ -113,3 +115,63 @@ def test_a_piece_of_another_recording_is_told_by_what_it_measured():
     bare = replace(whole, effort=None)
     with pytest.raises(UsageError, match="count twice"):
         fitness.require_distinct([bare, bare])
+
+
+def resting(seconds: float, joints: int = 1, held: bool = False) -> Recording:
+    """Ten seconds of motion, after which all joints but the last stand so long, the effort read or held."""
+    recording = motion(samples=round(100 * (10.0 + seconds)), joints=("a", "b")[:joints], urdf=PENDULUM)
+    rng, still = np.random.default_rng(0), recording.time >= 10.0
+    position, effort = recording.position.copy(), recording.require_effort().copy()
+    stands = slice(None) if joints == 1 else slice(joints - 1)
+    position[still, stands] = position[~still, stands][-1]
+    effort[still, stands] = effort[~still, stands][-1]
+    position += 1e-5 * rng.standard_normal(position.shape)
+    effort += 0.1 * rng.standard_normal(effort.shape)
+    if held:
+        effort[still] = 0.0
+    return replace(recording, position=position, velocity=None, effort=effort)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_robot_that_stands_at_the_end_is_scored_on_its_motion(held):
+    """A noisy rest, or efforts that are held there, were all that was kept out: the scores were large, or null."""
+    recording = resting(20.0, held=held)
+    ((first, last),) = fitness.parted([recording], 0.2, None)
+    assert first.duration == pytest.approx(8.0, abs=0.2) and len(first) + len(last) == len(recording)
+    turned = replace(
+        recording, position=recording.position[::-1].copy(), effort=recording.require_effort()[::-1].copy()
+    )
+    ((first, last),) = fitness.parted([turned], 0.2, None)
+    assert last.duration == pytest.approx(2.0, abs=0.2)
+
+
+def test_a_share_of_steady_motion_is_a_share_of_its_time():
+    for recording in (motion(), motion(joints=("a", "b")), slow(5.0)):
+        for share in (0.2, 0.4):
+            ((first, last),) = fitness.parted([recording], share, None)
+            assert [len(first), len(last)] == [len(part) for part in recording.split(share)]
+
+
+def test_a_joint_that_cannot_be_scored_is_named():
+    recording = resting(20.0, joints=2)
+    ((_, last),) = fitness.parted([recording], 0.2, None)
+    tested = fitness.prepared_last(last, recording, None, 0.2)
+    (sentence,) = fitness.unscored([recording], [last], [tested])
+    assert sentence.startswith("a does not move with an effort measured in the last part")
+    assert fitness.unscored([recording, recording], [last, recording], [tested, prepare(recording)]) == []
+    still = replace(recording, position=recording.position * [0.0, 1.0])  # said of all of it already
+    assert fitness.unscored([still], [last], [tested]) == []
+
+
+def test_what_cannot_be_scored_is_told_by_identify_and_info(tmp_path, capfd):
+    robot, time = Robot.bundled("arm2"), np.arange(800) / 50.0
+    position = np.stack([np.sin(2.0 * np.minimum(time, 9.0)), 0.8 * np.sin(3.0 * time)], axis=1)
+    velocity = np.gradient(position, 0.02, axis=0)
+    effort = robot.inverse_dynamics(position, velocity, np.gradient(velocity, 0.02, axis=0))
+    bag = bag_of(tmp_path / "bag", Recording(time, robot.joints, position, None, effort, urdf=robot.urdf))
+    for verb in (["info"], ["identify", "--out", str(tmp_path / "out")]):
+        capfd.readouterr()
+        assert main([*verb, str(bag)]) == 0
+        assert "arm2_joint1 does not move with an effort measured in the last part" in "".join(
+            capfd.readouterr()
+        )

@@ -155,6 +155,15 @@ def test_pauses_are_no_time_recorded_and_held_out_is_a_share_of_that() -> None:
     assert (len(first), len(last)) == (75, 25)
 
 
+def test_held_out_is_a_share_of_the_samples_that_count() -> None:
+    rows = np.arange(100)
+    for counted, kept in ((rows < 60, 45), (rows >= 40, 85), ((rows < 20) | (rows >= 60), 85), (True, 75)):
+        first, last = recording(101).part(slice(100)).split(0.25, counted)
+        assert len(first) == pytest.approx(kept, abs=1) and len(first) + len(last) == 100
+    whole, again = (recording().split(0.3, every) for every in (True, np.ones(100, bool)))
+    assert len(whole[0]) == len(again[0])
+
+
 def test_segments_end_at_gaps() -> None:
     time = recording().time.copy()
     time[40:] += 0.2

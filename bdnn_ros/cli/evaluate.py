@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     if args.holdout is None:
         signals = prepare(recording, args.cutoff)
     else:
-        last = recording.split(args.holdout)[1]
+        _, last = fitness.split(recording, prepare(recording, args.cutoff), args.holdout)
         signals = fitness.prepared_last(last, recording, args.cutoff, args.holdout)
     held_out = score_model(model, [signals]).of(joints)
     simulation = None if robot is None else score_description(robot, [signals]).of(joints)

@@ -12,6 +12,7 @@ from bdnn_ros.errors import RecordingError, UsageError, listed
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.scores import STILL
 from bdnn_ros.signals import MINIMUM_SAMPLES, Signals, prepare, suitable_cutoff
+from bdnn_ros.signals.unmeasured import absent
 
 LEAST_SECONDS = 1.0
 """Motion that a model is identified from, at least [s]."""
@@ -138,13 +139,33 @@ def require_length(recordings: Sequence[Recording]) -> None:
         )
 
 
-def parted(recordings: Sequence[Recording], holdout: float) -> list[tuple[Recording, Recording]]:
-    """What to learn from and what to be scored on, of each recording.
+def split(recording: Recording, signals: Signals, holdout: float) -> tuple[Recording, Recording]:
+    """The first part and the last share of the motion: of a robot that stands at its end nothing could be scored.
+
+    Args:
+        signals: of all of the recording.
 
     Raises:
-        UsageError: the held-out share is none, or leaves too little to learn from.
+        UsageError: the held-out share is none.
     """
-    parts = [recording.split(holdout) for recording in recordings]
+    told = ~signals.resting & signals.seen.any(axis=1)
+    moments = np.searchsorted(signals.time, recording.time).clip(max=len(signals) - 1)
+    return recording.split(holdout, told[moments] | ~told.any())
+
+
+def parted(
+    recordings: Sequence[Recording], holdout: float, cutoff: float | None
+) -> list[tuple[Recording, Recording]]:
+    """What to learn from and what to be scored on, of each recording.
+
+    Args:
+        cutoff: of the low-pass [Hz]; None takes what suits each.
+
+    Raises:
+        BdnnError: as `prepare` and `split`.
+        UsageError: the held-out share leaves too little to learn from.
+    """
+    parts = [split(recording, prepare(recording, cutoff), holdout) for recording in recordings]
     for recording, (first, _) in zip(recordings, parts, strict=True):
         if first.recorded < LEAST_SECONDS <= recording.recorded:
             raise UsageError(
@@ -157,3 +178,28 @@ def parted(recordings: Sequence[Recording], holdout: float) -> list[tuple[Record
 def prepared_last(part: Recording, whole: Recording, cutoff: float | None, holdout: float) -> Signals:
     """Clean signals of what is kept out to be scored."""
     return prepared(part, whole, cutoff, f"its last {100 * holdout:.3g} %, which is kept out to be scored,")
+
+
+def unscored(
+    recordings: Sequence[Recording], lasts: Sequence[Recording], tested: Sequence[Signals]
+) -> list[str]:
+    """What there is to say of joints that could be learned about, but not where they are to be scored: a sentence, or none.
+
+    Args:
+        lasts: of each recording what is kept out.
+        tested: clean signals of that.
+    """
+    able = [moving(one) & ~absent(one.require_effort()) for one in recordings]
+    shown = [
+        moving(last) & signals.seen[signals.interior].any(axis=0)
+        for last, signals in zip(lasts, tested, strict=True)
+    ]
+    lost = np.any(able, axis=0) & ~np.any(shown, axis=0)
+    if not lost.any():
+        return []
+    names = [joint for joint, gone in zip(recordings[0].joints, lost, strict=True) if gone]
+    do, their, them = ("does", "its", "it") if len(names) == 1 else ("do", "their", "them")
+    return [
+        f"{listed(names)} {do} not move with an effort measured in the last part, which is kept out to be scored: {their} "
+        f"score says nothing. Let {them} move until the end, or give `bdnn identify` another --holdout."
+    ]

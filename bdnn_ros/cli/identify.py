@@ -21,7 +21,7 @@ from bdnn_ros.physical.parameters import Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Scores, described_effort, score_description, score_model
-from bdnn_ros.signals import Signals, usual_cutoff
+from bdnn_ros.signals import Signals, prepare, usual_cutoff
 
 if TYPE_CHECKING:
     from bdnn_ros.physical.agreement import Agreement
@@ -81,7 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SHARE",
         type=float,
         default=HOLDOUT,
-        help="last share of each bag's time, without pauses, that is kept out of training and scored (default: %(default)s)",
+        help="last share of each bag's motion, without pauses and rests, that is kept out of training and scored "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--seed",
@@ -109,13 +110,13 @@ def run(args: argparse.Namespace) -> int:
     fitness.require_length(recordings)
     for recording in recordings:
         fitness.require_measured(recording)
-    parts = fitness.parted(recordings, args.holdout)
-    training = [first for first, _ in parts]
+    parts = fitness.parted(recordings, args.holdout, args.cutoff)
+    training, lasts = [first for first, _ in parts], [last for _, last in parts]
     # scores of all bags are one number, so all pass one low-pass: that of the slowest; each is learned from behind its own
     alike = min(usual_cutoff(one.rate) for one in recordings) if args.cutoff is None else args.cutoff
     tested = [
         fitness.prepared_last(last, whole, alike, args.holdout)
-        for whole, (_, last) in zip(recordings, parts, strict=True)
+        for whole, last in zip(recordings, lasts, strict=True)
     ]
     seen = [
         fitness.prepared(first, whole, alike, "what is left to learn from")
@@ -146,6 +147,8 @@ def run(args: argparse.Namespace) -> int:
         path.with_name(PARAMETERS).unlink()
     elif told is not None:
         _tell(told, path.with_name(PARAMETERS))
+    for sentence in fitness.unscored(recordings, lasts, tested):
+        options.say(sentence)
     _print(metrics, alike, path, robot)
     return 0
 
@@ -179,7 +182,7 @@ def _from_prior(
 def _from_nothing(training: Sequence[Recording], args: argparse.Namespace) -> Model:
     from bdnn_ros.bdnn.training import identify
 
-    parts = [(recording, recording.split(0.2)) for recording in training]
+    parts = [(one, fitness.split(one, prepare(one, args.cutoff), 0.2)) for one in training]
     first, last = (
         [
             fitness.prepared(part[side], whole, args.cutoff, "a part of what is left to learn from")

@@ -102,7 +102,9 @@ def run(args: argparse.Namespace) -> int:
         ]
         fitness.require_motion(recording)
         fitness.require_measured(recording)
-        fitness.prepared_last(recording.split(HOLDOUT)[1], recording, args.cutoff, HOLDOUT)
+        _, last = fitness.split(recording, signals, HOLDOUT)
+        tested = fitness.prepared_last(last, recording, args.cutoff, HOLDOUT)
+        report["concerns"] += fitness.unscored([recording], [last], [tested])
     except BdnnError as error:
         problem = error
     report |= {"usable": problem is None, "problem": str(problem) if problem else None}

@@ -33,6 +33,8 @@ REST_WIDTHS = 5.0
 """A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
 STANDING_SECONDS = 0.2
 """A joint that turns round is as slow as one at rest for a shorter while than this."""
+RESTING_SECONDS = 0.5
+"""And all of them at once for a shorter while than this."""
 
 
 def friction_direction(
@@ -227,6 +229,14 @@ class Signals:
         squared = np.sum(np.where(moving, self.velocity, 0.0) ** 2, axis=0)
         usual = np.sqrt(squared / np.maximum(moving.sum(axis=0), 1))
         return np.asarray(np.abs(self.velocity) < SLOW_SHARE * usual)
+
+    @cached_property
+    def resting(self) -> np.ndarray:
+        """Where no joint moves to speak of, for longer than it takes to turn round, (N,) bool."""
+        least = max(int(np.ceil(RESTING_SECONDS * self.rate)), 1)
+        return np.asarray(
+            binary_opening((self.at_rest | self.hardly_moves).all(axis=1), np.ones(least, bool))
+        )
 
     @cached_property
     def seen(self) -> np.ndarray:
