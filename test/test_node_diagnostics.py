@@ -13,8 +13,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from bdnn_interfaces.msg import DynamicsEstimate
+from bdnn_ros.nodes import diagnostics
 from bdnn_ros.nodes.diagnostics import setup
-from bdnn_ros.online.serving import nominal
+from bdnn_ros.nodes.error_now import ErrorNow
+from bdnn_ros.online.serving import Settings, nominal
+from bdnn_ros.online.session import Session
+from bdnn_ros.online.supervisor import Supervisor
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros
@@ -61,6 +65,37 @@ def test_how_a_robot_is_set_up_is_told_where_motion_showed_it():
     assert setup(leaning) == {"base_roll_deg": "2.50", "base_pitch_deg": "-4.00"}
     off = replace(level, robot=replace(ARM, zeros=np.array([0.0, 0.05])), zeros_std=(0.0, 0.001))
     assert setup(off) == {"zero_of_arm2_joint2": "0.0500"}
+
+
+def test_silence_is_told_with_the_names_that_come_instead_and_logged_once_each_time(monkeypatch):
+    """Beside a stream that goes on, or where the node does not listen, strange names are nobody's business."""
+    now, logged = [0.0], []
+    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(Supervisor, "alive", True)
+    session = Session(Settings())
+    session.set_robot(ARM)
+    session.begin(ARM.joints)
+    reporter = diagnostics.Reporter(session, logged.append, "/node")
+
+    def told(seconds: float, active: bool = True) -> str:
+        now[0] += seconds
+        return reporter.status(ErrorNow(), active, "", 0).message
+
+    names, stamp = list(ARM.joints), 10**18
+    for _ in range(2):
+        session.watch.strange = "joint_states has x."
+        session.intake.take(names, [0.0, 0.0], (), (), (stamp := stamp + 10**7), stamp)
+        before = len(logged)
+        assert "no joint state" not in told(11.0) and len(logged) == before
+        session.watch.strange = ""
+        assert told(3.0) == "no joint state for 3 s"
+        session.watch.strange = "joint_states has x."
+        assert told(11.0) == told(0.0) == "no joint state for 14 s. joint_states has x."
+        assert logged[before:] == ["No joint state comes.", "No joint state comes. joint_states has x."]
+        assert told(30.0) and len(logged) == before + 2
+        told(30.0, active=False)
+        assert "no joint state" not in told(1.0) and len(logged) == before + 2
+    session.stop()
 
 
 @pytest.mark.slow

@@ -76,6 +76,25 @@ def stream(request):
 
 
 @pytest.mark.parametrize("stream", ["ab"], indirect=True)
+def test_other_joints_that_come_instead_of_those_in_use_are_named(stream):
+    """A driver that came back with a prefix was silent, and nobody said why."""
+
+    def came(*messages: list[str]) -> str:
+        for k, names in enumerate(10 * messages):
+            stamp = stream.now + 2 * k * MS
+            stream.intake.take(names, [1.0] * len(names), (), (), stamp, stamp)
+        stream.now += 100 * MS
+        stream.look()
+        return stream.watch.strange
+
+    prefixed = ["arm_a", "arm_b"]
+    assert came(["a", "b"], prefixed) == came() == ""
+    assert came(prefixed).startswith("joint_states has arm_a, arm_b; in use are a, b. Let the driver")
+    assert came(["g"]).startswith("joint_states has g; in use are a, b.")
+    assert came(["b", "a"]) == came([]) == ""
+
+
+@pytest.mark.parametrize("stream", ["ab"], indirect=True)
 def test_two_halves_are_put_together_in_the_robots_order(stream):
     assert stream.look() == ((), "")
     for _ in range(20):

@@ -33,6 +33,7 @@ NO_CHANGE = (
     "The effort of {} never changes while the robot moves: not measured there. "
     "What is measured is learned and diagnosed."
 )
+SILENT = "No joint state comes."
 UNSTAMPED = "joint_states comes without stamps: when it was sent stands for them. Let the driver stamp at measurement."
 
 
@@ -47,10 +48,13 @@ class Warnings:
         self._log = log
         self._said: dict[str, tuple[str, float]] = {}
 
-    def say(self, subject: str, sentence: str, again: bool = False) -> None:
-        """Log it, unless that was done; `again`, unless that was done just now. Empty says nothing."""
+    def say(self, subject: str, sentence: str, again: bool = False, ends: bool = False) -> None:
+        """Log it, unless that was done; `again`, unless that was done just now. Empty says nothing, or that it `ends`: the
+        same is said when it comes anew."""
         before, since = self._said.get(subject, ("", -math.inf))
         now = time.monotonic()
+        if ends and not sentence:
+            self._said[subject] = "", since
         if sentence and now - since >= THROTTLE and (again or sentence != before):
             self._said[subject] = sentence, now
             self._log(sentence)
@@ -115,8 +119,11 @@ class Reporter:
         rate = self._rate(now)
         lacking, still = _without_effort(self._session)
         values = self._values(error.nrmse, rate, message_lost, (*lacking, *still))
+        silent = self._session.intake is not None and now - self._progress > SILENCE
+        strange = self._session.watch.strange if silent else ""
+        self._warnings.say("silence", f"{SILENT} {strange}".rstrip() if silent else "", ends=True)
         stream = " ".join(filter(None, (refused, *self._complaints(unheard, lacking, still))))
-        beside = " ".join(filter(None, (refused, unheard)))
+        beside = " ".join(filter(None, (strange, refused, unheard)))
         level, message = self._verdict(active, trouble, now, stream, beside)
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
@@ -126,7 +133,7 @@ class Reporter:
         intake = self._session.intake
         received = intake.received if intake else 0
         rate = max(received - self._received, 0) / max(now - self._looked, 1e-3)
-        if received != self._received:  # fewer, where the stream began anew
+        if received != self._received or not active:  # fewer, where the stream began anew
             self._progress = now
         self._received, self._looked = received, now
         return rate

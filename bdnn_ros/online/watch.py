@@ -45,10 +45,11 @@ class Watch:
     Attributes:
         complaint: what is wrong with the messages, and what to do; empty if nothing is.
         absent: which of the robot's joints do not come, and what to do; empty if all do.
+        strange: which joints come where none in use does, and what to do; empty if some do, or nothing comes.
     """
 
     def __init__(self) -> None:
-        self.complaint = self.absent = ""
+        self.complaint = self.absent = self.strange = ""
         self._looks = 0
         self._seen: set[str] = set()
         self._counts: dict[Group, int] = {}
@@ -63,7 +64,9 @@ class Watch:
             intake: of the stream.
             joints: all of the robot's that may be used.
         """
-        groups = self._coming(intake, joints)
+        fresh = self._fresh(intake)
+        groups = [coming for group in fresh if (coming := _coming(group, joints)).joints]
+        self.strange = strange(fresh, intake.joints)
         samples, vain, second = intake.ring.written, intake.rejected[JOINTS], intake.rejected[SECOND]
         more = wider(groups, intake.joints, intake.needs_effort)
         if groups and not more:
@@ -77,13 +80,14 @@ class Watch:
         self._samples, self._vain, self._second = samples, vain, second
         return tuple(joint for joint in joints if joint in more)
 
-    def _coming(self, intake: Intake, joints: Sequence[str]) -> list[Coming]:
+    def _fresh(self, intake: Intake) -> list[Group]:
+        """What came since the last look."""
         counts = {group: group.messages for group in intake.kinds.groups}
         fresh = [group for group, count in counts.items() if count - self._counts.get(group, 0) >= LEAST]
         self._counts = counts
         for group in counts:
             self._seen.update(group.latest[0])
-        return [coming for group in fresh if (coming := _coming(group, joints)).joints]
+        return fresh
 
 
 def _coming(group: Group, joints: Sequence[str]) -> Coming:
@@ -138,6 +142,14 @@ def complaint(groups: Sequence[Coming], used: Sequence[str], misfit: bool) -> st
     if others:
         return f"Other messages hold {listed(others)}, at another rate or without effort: left out. {REMEDY}"
     return ""
+
+
+def strange(fresh: Sequence[Group], used: Sequence[str]) -> str:
+    """Which joints come instead of all of those in use, one sentence, and what to do; empty if some of these come."""
+    names = dict.fromkeys(name for group in fresh for name in group.latest[0])
+    if not names or any(group.members for group in fresh):
+        return ""
+    return f"joint_states has {listed(names, 20)}; in use are {listed(used, 20)}. Let the driver publish these names."
 
 
 def absent(here: Collection[str], seen: Collection[str], used: Sequence[str], joints: Sequence[str]) -> str:
