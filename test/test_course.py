@@ -57,7 +57,7 @@ def test_a_trainer_that_gets_over_them_begins_the_count_anew(course, ring):
     for _ in range(2 * MOST_DEATHS):
         course.died()
         assert introduced(course, ring)["start"] == 0
-        assert version(course, course._trained + 1)
+        assert version(course, course.trained + 1)
 
 
 def test_the_count_begins_anew_after_what_was_left_out(course, ring):

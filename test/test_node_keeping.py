@@ -17,6 +17,7 @@ from bdnn_ros.nodes.keeping import Kept
 from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.online.serving import LEARNED_HERE, Settings, nominal
 from bdnn_ros.online.session import Session
+from bdnn_ros.online.supervisor import PATIENCE
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm2")
@@ -42,6 +43,23 @@ def session():
     session.begin(ARM.joints)
     yield session
     session.stop()
+
+
+@pytest.mark.parametrize("directory, patience", [("kept", PATIENCE), ("", 0.0)])
+def test_a_trainer_that_learns_for_nobody_is_not_waited_for(
+    tmp_path, session, monkeypatch, directory, patience
+):
+    """Five seconds at the end of a node were too long for what launched it."""
+    log, waited = Log(), []
+    monkeypatch.setattr(session.supervisor, "stop", lambda patience: bool(waited.append(patience)))
+    kept = Kept(directory and str(tmp_path), session, log)
+    for k in range(5):
+        session.intake.take(list(ARM.joints), [0.0, 0.0], (), [1.0, 1.0], 10**18 + k, 0)
+    session._course.trained = 2
+    kept.leave()
+    assert waited == [patience] and PATIENCE < 5.0
+    told = f"the trainer was still at work after {PATIENCE:g} s and was ended: the last 3 samples are not learned"
+    assert log == ([told] if directory else [])
 
 
 def test_a_model_is_kept_where_it_was(tmp_path, session):

@@ -62,6 +62,18 @@ def test_a_terminal_s_signals_are_for_the_node_alone():
         begun.stop()
 
 
+@pytest.mark.parametrize(
+    "program, patience, done", [(ANSWERS, 10.0, True), (None, 0.2, False), (ANSWERS, 0.0, False)]
+)
+def test_a_trainer_has_so_long_to_end(program, patience, done):
+    supervisor = Supervisor(
+        lambda message: None, list, (sys.executable, "-c", program or f"import time\n{BEGINNING}{DEAF}")
+    )
+    supervisor.start()
+    wait_until(lambda: supervisor.alive)
+    assert supervisor.stop(patience) is done and supervisor.pid == 0
+
+
 @pytest.fixture
 def session() -> Iterator[Session]:
     session = Session(Settings())

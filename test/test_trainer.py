@@ -19,6 +19,7 @@ from bdnn_ros.online.analysis import Analyst, Noticed
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.feed import Feed
+from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.learning import Learning, check, squared_error
 from bdnn_ros.online.models import save_model
@@ -473,6 +474,28 @@ def test_a_directory_that_cannot_hold_models(tmp_path, monkeypatch, directory):
     with pytest.raises(UsageError, match="cannot be written to model_directory") as refused:
         make_directory(directory)
     assert directory in str(refused.value)
+
+
+def test_a_trainer_that_is_to_end_chooses_no_terms_any_more(monkeypatch):
+    """It takes seconds, and whoever asked it to end does not wait for many."""
+    here, there = Channel.pair()
+    trainer = Trainer(Channel(there))
+    trainer.learning = Learning(ARM)
+    trainer.learning.identifier = Identifier(ARM, settle_at=2)
+    monkeypatch.setattr(Identifier, "settle", lambda _: pytest.fail("terms were chosen"))
+    recording = motion(REAL, 6.0, 100.0)
+    pieces = iter(np.split(np.arange(len(recording)), 6))
+
+    def learn() -> bool:
+        piece = recording.part(next(pieces, slice(0, 0)))
+        list(trainer.learning.take(piece.time, piece.position, piece.effort))
+        return len(piece) > 0
+
+    monkeypatch.setattr(trainer, "_learn", learn)
+    monkeypatch.setattr(trainer, "_finish", lambda: None)
+    trainer._stop()
+    assert trainer.learning.identifier.chunks > 2
+    here.close()
 
 
 def test_a_trainer_that_is_far_behind_ends_all_the_same(monkeypatch):

@@ -76,8 +76,8 @@ class IdentificationNode(Lifecycle):
         """Start the trainer, offer services and topics."""
         settings = self.settings
         session = Session(session_settings(settings), training=settings["training"])
-        self._set_up.callback(self._leave, session)
         self._kept = Kept(settings["model_directory"], session, self._log)
+        self._set_up.callback(self._kept.leave)
         try:
             if settings["model_directory"]:
                 make_directory(settings["model_directory"])
@@ -158,10 +158,6 @@ class IdentificationNode(Lifecycle):
     def _end_lane(self) -> None:
         self._lane.stop()
         self.failed = self._lane.error is not None
-
-    def _leave(self, session: Session) -> None:
-        if session.stop():
-            self._kept.save()
 
     def _log(self) -> Any:
         """The logger; after the end of ROS one whose messages no longer go to /rosout, which is gone."""

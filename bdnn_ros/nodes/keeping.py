@@ -15,9 +15,13 @@ from bdnn_ros.online.models import Model
 from bdnn_ros.online.places import looking_at, model_place
 from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session
+from bdnn_ros.online.supervisor import PATIENCE
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 
+CUT_SHORT = (
+    f"the trainer was still at work after {PATIENCE:g} s and was ended: the last {{}} samples are not learned"
+)
 PAUSED = "training is paused, it cannot go on from this kind"
 
 
@@ -124,6 +128,15 @@ class Kept:
             self._saved = served
         else:
             self._logger().error(str(error))
+
+    def leave(self) -> None:
+        """End the session, which has time to learn what came only where that is kept, and keep it."""
+        session = self._session
+        worth = session.stop(PATIENCE if self._directory else 0.0)
+        if self._directory and session.unlearned:
+            self._logger().warning(CUT_SHORT.format(session.unlearned))
+        if worth:
+            self.save()
 
     def save(self) -> None:
         """Keep what was learned at the end, or what was loaded where nothing is kept yet."""

@@ -22,6 +22,7 @@ class Course:
         start: number of the first sample that a new trainer learns from.
         kept: number of the first sample that is diagnosed.
         resumed: the model that it goes on from; None where that is the robot description.
+        trained: number of the first sample that the newest version has not seen.
     """
 
     def __init__(self) -> None:
@@ -29,7 +30,7 @@ class Course:
         self.start = self.kept = 0
         self.resumed: PhysicalModel | None = None
         self._number = 0
-        self._trained = self._told = self._repeated = 0
+        self.trained = self._told = self._repeated = 0
         self._deaths = 0
 
     def begin(
@@ -37,7 +38,7 @@ class Course:
     ) -> None:
         """Begin anew with the sample `start`, after the version `number`; diagnoses look back to `kept`."""
         self.epoch += 1
-        self.start = self._trained = self._told = self._repeated = start
+        self.start = self.trained = self._told = self._repeated = start
         self.kept = start if kept is None else kept
         self._number, self.resumed = number, resumed
         self._deaths = 0
@@ -51,20 +52,20 @@ class Course:
     def _leave_behind(self, written: int, served: Served | None) -> None:
         """As `skip`, and diagnose what comes from here on only: whatever it is in the samples before, trainers die of it."""
         self.skip(written, served)
-        self.kept = self._trained = written
+        self.kept = self.trained = written
         self._deaths = 0
 
     def died(self) -> None:
         """A trainer ended; the next one goes through what this one had seen again."""
         self._deaths += 1
-        self._repeated = max(self._trained, self._told)
+        self._repeated = max(self.trained, self._told)
 
     def advance(self, info: dict[str, Any]) -> bool:
         """Whether a version is one of this course, and new: not of a trainer that only catches up."""
-        if info["epoch"] != self.epoch or info["end"] <= self._trained:
+        if info["epoch"] != self.epoch or info["end"] <= self.trained:
             return False
         self._deaths = 0  # it got over what others may have died of
-        self._trained = int(info["end"])
+        self.trained = int(info["end"])
         return True
 
     def tells(self, info: dict[str, Any]) -> bool:
@@ -93,7 +94,7 @@ class Course:
         resumed, start = self.resumed, self.start
         if start < ring.oldest and served is not None and isinstance(served.model, PhysicalModel):
             # what came before is no longer in the ring: go on from what is known of it
-            resumed, start = served.model, max(self._trained, ring.oldest)
+            resumed, start = served.model, max(self.trained, ring.oldest)
             self._number = served.number
         info: dict[str, Any] = {
             "start": start,

@@ -131,7 +131,11 @@ class Identifier:
             self._take_in(chunk)
         self._state = None
 
-    def fit(self, recordings: Sequence[Recording], progress: Progress | None = None) -> PhysicalModel:
+    def hurry(self) -> None:
+        """Choose terms no more: it takes seconds, and what is known by now serves."""
+        self._settle_at = NEVER
+
+    def fit(self, recordings: Sequence[Recording], progress: Progress = lambda *_: None) -> PhysicalModel:
         """The model of one or several recordings of the robot.
 
         Efforts that come late are moved to when they acted; the model then predicts them as late as they came.
@@ -157,18 +161,15 @@ class Identifier:
                 if rows.start and recording.time[rows.start] - recording.time[rows.start - 1] > LONG_PAUSE:
                     self.finish()
                 self.feed(recording.time[rows], recording.position[rows], effort[rows])
-                if progress:
-                    share = (done + float(recording.time[rows][-1] - recording.time[0])) / total
-                    progress(0.8 * share, f"reading {recording.name}")
+                share = (done + float(recording.time[rows][-1] - recording.time[0])) / total
+                progress(0.8 * share, f"reading {recording.name}")
             self.finish()
             done += recording.duration
-        if progress:
-            progress(0.8, "choosing terms")
+        progress(0.8, "choosing terms")
         self.settle()
         self._settle_at = 2 * self._used
         model = self.model(ITERATIONS)
-        if progress:
-            progress(1.0, "done")
+        progress(1.0, "done")
         return replace(model, lead=model.lead - late.delay, lag=late.lag)
 
     # -- models out ------------------------------------------------------------------------------

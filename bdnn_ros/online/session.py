@@ -22,7 +22,7 @@ from bdnn_ros.online.models import Model, build_model, load_to_serve, save_model
 from bdnn_ros.online.order import require_joints
 from bdnn_ros.online.requests import Requests
 from bdnn_ros.online.serving import COMMANDED, LEARNED_HERE, Counts, Served, Settings, nominal
-from bdnn_ros.online.supervisor import Supervisor
+from bdnn_ros.online.supervisor import PATIENCE, Supervisor
 from bdnn_ros.online.watch import Watch
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
@@ -44,12 +44,12 @@ class Session:
         findings: what diagnoses said, for the node to take from the left.
         watch: which joints come in which messages.
         smoother: the low-pass of `instant`.
+        unlearned: samples at the end that the trainer was still busy with when it was ended.
         forgotten: how often what was learned was forgotten; what was said before that holds no longer.
     """
 
     def __init__(self, settings: Settings, training: bool = True) -> None:
-        self.settings = settings
-        self.training = training
+        self.settings, self.training = settings, training
         self.description: Robot | None = None
         self.led: dict[str, str] = {}
         self.robot: Robot | None = None
@@ -60,7 +60,7 @@ class Session:
         self.findings: deque[Message] = deque(maxlen=16)
         self.supervisor = Supervisor(self._hear, self._introduce, niceness=settings.niceness)
         self.watch = Watch()
-        self.forgotten = 0
+        self.forgotten = self.unlearned = 0
         self._feed: Feed | None = None
         self._given_up: list[Ring] = []
         self._turn = threading.RLock()  # what is served and what the trainer works on change together
@@ -109,9 +109,8 @@ class Session:
             RobotError: the robot lacks one of them.
         """
         assert self.robot is not None and self.description is not None
-        robot = self.robot
-        if tuple(joints) != robot.joints:
-            robot = Robot.from_urdf(self.description.urdf, joints)
+        same = tuple(joints) == self.robot.joints
+        robot = self.robot if same else Robot.from_urdf(self.description.urdf, joints)
         commanded, capacity = self.settings.effort_source == COMMANDED, self.settings.capacity
         states = Ring.create(capacity, 3 * len(joints))
         commands = Ring.create(capacity, len(joints)) if commanded else None
@@ -143,13 +142,14 @@ class Session:
             return ()
         return tuple(joint for joint in self.description.joints if joint not in self.intake.joints)
 
-    def stop(self, patience: float = 5.0) -> bool:
-        """End the trainer, which first learns and hands over what came; give the memory back.
+    def stop(self, patience: float = PATIENCE) -> bool:
+        """End the trainer, which first learns and hands over what came, within `patience` [s]; give the memory back.
 
         Returns:
             Whether a model serves that is worth keeping: learned here, or loaded.
         """
-        self.supervisor.stop(patience)
+        if not self.supervisor.stop(patience) and self.learning:
+            self.unlearned = self._written - self._course.trained
         self._files.shutdown()
         self._requests.cancel()
         self._feed = None

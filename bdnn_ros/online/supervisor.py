@@ -23,6 +23,8 @@ HANG = 120.0
 step between two signs of life takes half a minute."""
 RESTART_PAUSE = (0.1, 5.0)
 """First and longest pause before a trainer that died is started again [s]."""
+PATIENCE = 3.0
+"""A trainer that was asked to end is waited for so long [s]: after five, whoever launched the node asks it less kindly."""
 STEADY = 30.0
 """A trainer that lived so long [s] is started again at once."""
 READY, LOST = "ready", "lost"
@@ -84,17 +86,23 @@ class Supervisor:
         self._outbox.append(message)
         self._posted.set()
 
-    def stop(self, patience: float = 5.0) -> None:
-        """End the trainer: asked first, killed after `patience` [s]. No process is left."""
+    def stop(self, patience: float = PATIENCE) -> bool:
+        """End the trainer: asked first, killed after `patience` [s]. No process is left.
+
+        Returns:
+            Whether it was done in time.
+        """
         self.send(Message("stop"))
         self._stopping.set()
         if not self._ready.is_set():
             self._kill()  # it has not begun, and hears nothing yet
         if self._thread.is_alive():
             self._thread.join(patience)
+        done = not self._thread.is_alive()
         self._kill()
-        if self._thread.is_alive():
+        if not done:
             self._thread.join(5.0)
+        return done
 
     # -- the thread --------------------------------------------------------------------------------
 

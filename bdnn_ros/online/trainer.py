@@ -27,8 +27,8 @@ from bdnn_ros.online.serving import Settings
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 
-BATCH = 500
-"""Samples taken at once; commands are looked at between batches."""
+BATCH = 100
+"""Samples taken at once; commands are looked at between batches: where there are few a second, more of them are long to learn."""
 CATCHING_UP = 1.0
 """What came already is learned for so long before the end [s]: who asked for it waits, and kills what takes much longer."""
 IDLE = 0.02
@@ -221,6 +221,8 @@ class Trainer:
     def _stop(self) -> None:
         """Learn what came already, as far as there is time for it, hand it over, and end."""
         if self.training:
+            if self.learning is not None:
+                self.learning.identifier.hurry()
             until = time.monotonic() + CATCHING_UP
             while time.monotonic() < until and self._learn():
                 pass
