@@ -25,7 +25,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
+from bdnn_ros.diagnosis.excerpts import SHORTEST
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.nodes.services import Services
 from bdnn_ros.online.models import load_model, save_model
@@ -150,6 +152,15 @@ def test_a_model_in_another_order_of_joints_serves_in_ours(tmp_path):
         np.testing.assert_allclose(answer.effort, expected, rtol=0.03, atol=0.03)
         assert ros.call(SaveModel, f"{NODE}/save_model", name="learned").success
     assert load_model(tmp_path / "models" / "learned").joints == turned
+
+
+@pytest.mark.parametrize("window", [1e-9, 0.5, 0.99 * SHORTEST])
+def test_a_window_that_is_too_short_is_refused_before_anybody_is_asked(window):
+    asked = Services._diagnose(None, Diagnose.Request(window=window), Diagnose.Response())
+    with pytest.raises(
+        UsageError, match=r"A window of .* s is too short for a diagnosis\. Ask for 10 s at least"
+    ):
+        asked.send(None)
 
 
 @pytest.mark.slow

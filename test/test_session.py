@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 from bdnn_cases import black_box, scales
 
+from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK
+from bdnn_ros.diagnosis.building import BLOCK_SECONDS
+from bdnn_ros.diagnosis.excerpts import ENOUGH, SHORTEST
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
+from bdnn_ros.online.diagnosing import question
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.models import save_model
 from bdnn_ros.online.serving import Counts, Settings, nominal
@@ -181,6 +185,18 @@ def test_a_velocity_that_a_driver_only_fills_in_is_none_of_a_recording():
         assert ARM.joints[0] in half.notes[0]
     assert fed([5.0, 2.0], missing=(3, 7)).velocity == pytest.approx(np.tile([1.0, 2.0], (200, 1)))
     assert fed([np.nan, np.nan]).velocity is None and not fed([np.nan, np.nan]).notes
+
+
+def test_what_is_too_short_for_a_diagnosis_starts_no_process(session):
+    """A tiny window blamed the driver, which was said to send no effort."""
+    send(session, 3000)
+    feed = session._feed
+    for window, seconds in ((0.0, "3.0"), (2.0, "2.0"), (1e-9, "0.0")):
+        with pytest.raises(
+            RecordingError, match=f"live stream: {seconds} s of motion are too short for a diagnosis"
+        ):
+            question(feed.recording(window), ARM, None)
+    assert SHORTEST == (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS <= ENOUGH
 
 
 def test_a_feed_gives_what_is_kept():

@@ -10,14 +10,14 @@ import numpy as np
 from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.checks.description import require_mass
 from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Looks, best_attempt, completed
-from bdnn_ros.diagnosis.building import BLOCK_SECONDS, build
+from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.case import Case
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.excerpts import excerpts
+from bdnn_ros.diagnosis.excerpts import ENOUGH, excerpts, refuse_short, too_short
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.gains import by_links
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
@@ -38,8 +38,6 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Predictor
 from bdnn_ros.signals import Signals, flattened, usual_cutoff, without_copies
 
-ENOUGH = 10.0
-"""So many seconds of motion are asked for: mostly enough behind a usual low-pass, and less mostly refused."""
 FEWEST_VALUES = 12.0
 """A low-pass has to leave so many independent values of the joint that moves longest: fewer suit any cause."""
 
@@ -115,8 +113,7 @@ def examine(
     known = Compared.of(model, robot)
     robot, recordings = known.robot, known.acting([without_copies(recording) for recording in recordings])
     require_mass(robot)
-    if sum(recording.recorded for recording in recordings) < (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS:
-        raise _too_short(recordings, cutoff)
+    refuse_short(recordings)
     say("filtering")
     measured = _measured(excerpts(recordings), known, cutoff)
     looks = _settled_looks(measured, known, say, cutoff)
@@ -256,10 +253,7 @@ def _too_short(
     """
     name, together = recordings[0].name, sum(recording.recorded for recording in recordings)
     if together < ENOUGH:
-        return RecordingError(
-            f"{name}: {together:.1f} s of motion are too short for a diagnosis.",
-            f"Record at least {ENOUGH:g} s of motion, better 30 s.",
-        )
+        return too_short(name, together)
     usual = min(usual_cutoff(recording.rate) for recording in recordings)
     low = asked is not None and asked < usual
     cutoff = asked or passed or usual

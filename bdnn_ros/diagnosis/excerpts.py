@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from bdnn_ros.errors import listed
+from bdnn_ros.errors import RecordingError, UsageError, listed
 from bdnn_ros.recording import Recording
 
+ENOUGH = 10.0
+"""So many seconds of motion are asked for: mostly enough behind a usual low-pass, and less mostly refused."""
+SHORTEST = 8.0
+"""Less time recorded [s] is always refused: it makes too few blocks to hold out by turns."""
 MOST_SECONDS = 180.0
 """A search through more motion than this [s] takes minutes and gigabytes, and shows hardly more."""
 PIECE = 15.0
@@ -22,6 +26,38 @@ UNSEEN = (
     "Of {all:.0f} s of motion in all recordings {most:.0f} s are examined at most; not looked at: {names}. "
     "Name fewer, to see them."
 )
+
+
+def refuse_short(recordings: Sequence[Recording]) -> None:
+    """Says of recordings that they are too short, whatever their motion.
+
+    Raises:
+        RecordingError: they last less than `SHORTEST` together.
+    """
+    together = sum(recording.recorded for recording in recordings)
+    if together < SHORTEST:
+        raise too_short(recordings[0].name, together)
+
+
+def refuse_window(seconds: float) -> None:
+    """Says that a window [s] is too short for any answer; 0 is all that there is.
+
+    Raises:
+        UsageError: it is shorter than `SHORTEST`.
+    """
+    if 0.0 < seconds < SHORTEST:
+        raise UsageError(
+            f"A window of {seconds:.3g} s is too short for a diagnosis.",
+            f"Ask for {ENOUGH:g} s at least, better 30 s, or 0 for all that is kept.",
+        )
+
+
+def too_short(name: str, seconds: float) -> RecordingError:
+    """What to say of so little motion."""
+    return RecordingError(
+        f"{name}: {seconds:.1f} s of motion are too short for a diagnosis.",
+        f"Record at least {ENOUGH:g} s of motion, better 30 s.",
+    )
 
 
 def excerpts(recordings: Sequence[Recording]) -> list[Recording]:

@@ -18,6 +18,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
+from bdnn_ros.diagnosis.excerpts import refuse_window
 from bdnn_ros.errors import BdnnError, UsageError, article
 from bdnn_ros.nodes.conversions import findings_message, numbers, requested
 from bdnn_ros.nodes.keeping import PAUSED, Kept
@@ -217,6 +218,7 @@ class Services:
     async def _diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> Diagnose.Response:
         if not 0.0 <= request.window < float("inf"):
             raise UsageError(f"window is {request.window:g}; it must be zero or more seconds.")
+        refuse_window(request.window)
         answer = await self._until(self._session.diagnose(request.window))
         if "error" in answer.info:
             response.success, response.message = False, str(answer.info["error"])

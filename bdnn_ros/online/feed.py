@@ -124,7 +124,7 @@ class Feed:
             raise RecordingError(f"No joint state has come {since}.", "Check the topic joint_states.")
         start = self.states.oldest
         if 0.0 < seconds <= self.latest_time():  # a number beyond may be no whole one of nanoseconds
-            start = self.states.first_after(int(newest.time[0] - seconds * 1e9))
+            start = min(self.states.first_after(int(newest.time[0] - seconds * 1e9)), newest.end - 1)
         chunk = self.states.read(max(start, self.kept))
         samples = self._samples(chunk, self._commands_of(chunk), alone=True).with_effort()
         if len(samples) == 0:
