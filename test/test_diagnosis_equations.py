@@ -62,6 +62,22 @@ def test_without_noise_the_target_is_the_column_times_its_coefficient(robot, spe
     np.testing.assert_allclose(equations.target, equations.columns(one) @ coefficients, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "spec", [f"effort_offset@{J1}:offset=1", f"drift@{J1}:of=offset,start_value=1,end_value=2"]
+)
+def test_an_offset_may_be_a_share_of_what_a_joint_bears(robot, plain, spec):
+    """However little that goes up and down: what acts as the joint moves, friction say, would show in that."""
+    bearing = equations_of([f"effort_offset@{J1}:offset=-300"])
+    friction, _ = term(SPECS[0], robot)
+    one, _ = term(spec, robot)
+    believed, before = (each.spread(one, each.columns(one)) for each in (bearing, plain))
+    assert (believed > 3.0 * before).all()
+    np.testing.assert_allclose(believed / before, bearing.effort_size[0] / plain.effort_size[0])
+    assert bearing.effort_size[0] == pytest.approx(300.0, rel=0.1)
+    same = [each.spread(friction, each.columns(friction)) for each in (bearing, plain)]
+    np.testing.assert_allclose(*same)
+
+
 def test_errors_of_the_links_are_in_the_rigid_columns():
     errors = np.random.default_rng(0).normal(size=2 * PER_LINK) * 0.1
     equations = equations_of(errors=errors)

@@ -74,8 +74,7 @@ def build(
         standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
         motion = replace(motion, robot=standing, level=robot)
     relative, jointwise = _errors(robot, covariance)
-    usable = _usable(signals, resting, rows)
-    effort = signals.smooth(signals.effort)[rows]
+    usable, effort = _usable(signals, resting, rows), signals.smooth(signals.effort)[rows]
     return Equations(
         motion,
         simulated,
@@ -90,6 +89,7 @@ def build(
         relative=relative,
         masses=(np.arange(relative.shape[1]) % PER_LINK == 0) & (covariance is None),
         effort_scale=np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9)),
+        effort_size=np.sqrt(np.mean(effort**2, axis=0)),
         jointwise=jointwise,
         passing=passing,
     )

@@ -44,18 +44,16 @@ class Equations:
 
     Attributes:
         motion: the motion at the working rate, with the robot of the URDF and the load estimate.
-        simulated: the simulation's effort at the working rate, (N, n) [N·m].
-        drive: what drives take of it before the gear, (N, n) [N·m].
+        simulated, drive: the simulation's effort, and what drives take of it before the gear, both (N, n) [N·m].
         rows: which working samples are rows, (R,).
         target: measured effort minus the simulation's, (R, n) [N·m].
         usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest or sticking.
         doubt: share of each row's low-pass in which the joint turns round or creeps, so that it may stick, (R, n).
         dwelling: rows in which it creeps for so long that its dry friction passes for less than it is, (R, n) bool.
-        block: held-out block of each row, (R,) int, starting at 0.
-        runs: rows of each gap-free piece.
+        block, runs: held-out block of each row, (R,) int, starting at 0; rows of each gap-free piece.
         relative: from U relative errors of the links to inertial parameters, (n * PER_LINK, U).
         masses: which of them are of a described link's mass, (U,) bool.
-        effort_scale: spread of each joint's effort, (n,) [N·m].
+        effort_scale, effort_size: spread of each joint's effort, and its root mean square, (n,) [N·m].
         lead: how far the recorded effort is known to be ahead of the motion [s].
         jointwise: where an identified model takes the simulation's place, from the same errors to those of `COMMON` at
             every joint, kind by kind, (len(COMMON) * n, U); else None.
@@ -75,6 +73,7 @@ class Equations:
     relative: np.ndarray
     masses: np.ndarray
     effort_scale: np.ndarray
+    effort_size: np.ndarray
     lead: float = 0.0
     jointwise: np.ndarray | None = None
     passing: np.ndarray | None = None
@@ -263,7 +262,8 @@ class Equations:
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
         seen = np.where(self.ever_usable[..., None], columns, 0.0)
-        strongest = term.effect.strength(np.sqrt(np.mean(seen**2, axis=0)), self.effort_scale)
+        usual = self.effort_size if term.effect.constant else self.effort_scale
+        strongest = term.effect.strength(np.sqrt(np.mean(seen**2, axis=0)), usual)
         typical = TYPICAL_SHARE / np.maximum(strongest, max(HARDLY_SEEN * strongest.max(), 1e-9))
         return np.maximum(term.effect.spread(typical, self.motion, term.target), term.gone)
 

@@ -50,6 +50,7 @@ class EffortOffset(Effect):
     shown_by = "poses whose gravity has both signs, and both directions of motion"
     source = GAUTIER
     at_sensor = True
+    constant = True
     coefficient_bounds = ((-np.inf, np.inf),)
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:

@@ -121,6 +121,8 @@ class Effect(ABC):
     """It acts for moments: its share of a whole recording says little of it."""
     changing: ClassVar[bool] = False
     """What it does changes with time, not with the motion alone."""
+    constant: ClassVar[bool] = False
+    """It hardly changes: how far a joint's effort goes up and down says nothing of its size, how large that effort is does."""
     winding: ClassVar[bool] = False
     """What it does goes up and down with the position, as what changes with time may where a joint is seldom at a place."""
     timed: ClassVar[bool] = False

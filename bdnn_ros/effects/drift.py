@@ -137,6 +137,7 @@ class DriftingOffset(Drift):
 
     variant = "offset"
     of = EffortOffset()
+    constant = True
     title = "effort offset"
     parameters = (
         Parameter("start_value", "N*m", plausible=(-0.4, 0.4), of_effort=True),

@@ -116,7 +116,7 @@ class Reporter:
             refused: why a robot description does not replace the one in use; empty if none was refused.
         """
         now = time.monotonic()
-        rate = self._rate(now)
+        rate = self._rate(now, active)
         lacking, still = _without_effort(self._session)
         values = self._values(error.nrmse, rate, message_lost, (*lacking, *still))
         silent = self._session.intake is not None and now - self._progress > SILENCE
@@ -128,7 +128,7 @@ class Reporter:
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
 
-    def _rate(self, now: float) -> float:
+    def _rate(self, now: float, active: bool) -> float:
         """Joint states per second since the last look [Hz]."""
         intake = self._session.intake
         received = intake.received if intake else 0
