@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, term, white
 
+from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.candidates import Candidates, acting_per_measured
 from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.identifiability import plainer
+from bdnn_ros.diagnosis.identifiability import judge, plainer
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import contains, log_odds
@@ -19,8 +20,9 @@ from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.settling import anew
 from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.effects.registry import get, variants
+from bdnn_ros.effects.registry import get, parse_spec, variants
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.axes import spins
 
 ROTORS = ("armature@arm6_joint1:armature=0.15", "armature@arm6_joint2:armature=0.15")
 
@@ -267,3 +269,31 @@ def test_rivals_are_tried_by_how_far_they_are_behind_within_all_bounds(monkeypat
     monkeypatch.setattr(search, "_first_better", lambda now, pools: tried.extend(pools))
     assert search._behind_rivals(Selection(pool, (0, 1), pool.fit((0, 1))), pool) is None
     assert [[t.effect.name for t in one.terms] for one in tried] == [["hysteresis", "viscous_friction"]]
+
+
+@pytest.mark.parametrize("since", [(), None])
+def test_less_inertia_of_a_link_that_only_spins_may_be_its_rotors(since):
+    """An earlier model shares it out among both blindly; a description without a rotor leaves only the link."""
+    robot, spec = Robot.bundled("arm6"), "link_inertia@arm6_link1:scale=0.3"
+    assert [spins(robot, joint) for joint in range(6)] == [True] + [False] * 5
+    assert not spins(robot.tilted(0.1, 0.0), 0)
+    equations = equations_of([spec], "arm6")
+    candidates = Candidates.shown_by(equations, since)
+    both = {("link_inertia", 0), ("armature", 0)}
+    terms = [t for t in candidates.terms if (t.effect.name, t.target) in both]
+    terms = [t.shaped(t.shapes(equations.motion)[0]) for t in terms]
+    pool = Pool(equations, Noise(np.zeros((6, 3)), 1e-4 * equations.effort_scale), terms, 1e-5)
+    link = [t.effect.name for t in terms].index("link_inertia")
+    search = Search(equations, candidates, lambda said: None, link_errors=(1e-5,) * 3)
+    (judged,) = judge(search, Selection(pool, (link,), pool.fit((link,))))
+    assert judged.nothing < 1e-6
+    rotors = tuple(pair for pair in judged.rivals if pair[0].effect.name == "armature")
+    assert [p for _, p in rotors] == [judged.probability] * (since is not None)
+    found = SimpleNamespace(term=pool.terms[link], values={})
+    said = advice([found], [replace(judged, rivals=rotors)], robot, lambda one: robot.joints[one.target])
+    assert [one.startswith("No motion of this robot tells") for one in said] == [True] * len(rotors)
+    sentence = parse_spec(spec, robot).sentence(robot)
+    assert "0.3 times the inertia" in sentence and "kg" not in sentence
+    link_inertia = get("link_inertia")
+    told = [[p.name for p in link_inertia.at(robot, at, f"arm6_link{at + 1}").parameters] for at in (0, 1)]
+    assert told == [["scale"], ["mass", "nominal_mass", "scale"]]

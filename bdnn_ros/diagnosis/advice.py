@@ -8,7 +8,9 @@ from bdnn_ros.diagnosis.identifiability import TIE, Judgement, same_physics
 from bdnn_ros.diagnosis.lookalikes import in_words, looked_for
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.rigid import Armature
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.axes import spins
 
 
 def advice(
@@ -52,6 +54,9 @@ def _to_tell(
     push = next((one for one in (term, *close) if one.effect.timed), None)
     if push is not None:  # it is over: other motions show what lasts, none shows what pushed then
         return f"To tell {told}, record {push.effect.shown_by}."
+    inertias = all(one.effect.on_body or one.effect.name == Armature.name for one in (term, *close))
+    if inertias and spins(robot, term.target):
+        return f"No motion of this robot tells {told}: {place} only turns about an upright axis, as a rotor does."
     if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
         return f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
     made = "; `bdnn excite --for diagnosis.json` makes such a motion" if named else ""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.gains import MINIMUM_SHARE, acting
@@ -16,6 +17,7 @@ from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped, toss
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.robot.axes import spins
 
 TEMPERATURE = 2.0
 """Evidence differences are divided by this: the noise model is never quite right."""
@@ -251,6 +253,8 @@ def _weighed(
         behind, costs = pool.fit([*rest, c]).loss - fit_both.loss, search.costs(pool, rest)
         if behind < ALIKE:
             scores[c] = own + costs[one] - costs[c] - behind
+    for c in [c for c in scores if _turn_alike(search.candidates, term, pool.terms[c])]:
+        scores[c] = max(scores[c], own)
     cost = doubt(pool)
     return own - cost, search.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
 
@@ -258,6 +262,13 @@ def _weighed(
 def _hang(term: Term, rival: Term) -> bool:
     """Whether both are payloads, on two links."""
     return term.effect.name == rival.effect.name == "payload"
+
+
+def _turn_alike(candidates: Candidates, term: Term, rival: Term) -> bool:
+    """Whether they are the inertia of a link that only spins and its rotor's, which an earlier model had to share out blindly."""
+    one_inertia = {term.effect.name, rival.effect.name} == {"link_inertia", "armature"}
+    turn = one_inertia and term.target == rival.target and candidates.since is not None
+    return turn and spins(candidates.robot, term.target)
 
 
 def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:

@@ -11,7 +11,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from bdnn_ros.effects import actuation, backlash, drift, environment, friction, rigid, sensing, transmission
+from bdnn_ros.effects import (
+    actuation,
+    backlash,
+    drift,
+    environment,
+    friction,
+    mounting,
+    rigid,
+    sensing,
+    transmission,
+)
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.checks import ROUNDED, as_found, checked, having, placed, placed_by_key, refuse_odd
 from bdnn_ros.effects.plant import Plant
@@ -30,7 +40,7 @@ ALL: tuple[Effect, ...] = (
     rigid.Armature(),
     rigid.Payload(),
     rigid.LinkInertia(),
-    rigid.BaseTilt(),
+    mounting.BaseTilt(),
     actuation.JointSpring(),
     actuation.EffortOffset(),
     actuation.EffortScale(),

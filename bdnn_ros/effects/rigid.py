@@ -1,7 +1,6 @@
-"""Bodies that differ from the description: payload, scaled link, rotor inertia, tilted base.
+"""Bodies that differ from the description: payload, scaled link, rotor inertia.
 
-All of them add rigid-body effort, so what they add to the measured effort is a regressor times inertial
-parameters, or rigid effort under another gravity.
+All of them add rigid-body effort, so what they add to the measured effort is a regressor times inertial parameters.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from bdnn_ros.effects.base import NONE_HELD, Effect, Held, Parameter, Values
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.axes import spins
 from bdnn_ros.robot.links import described_inertial, described_mass, link_inertial, link_mass, needed_link
-from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.robot.units import shown_as
 
 SHAPE = ("com_x", "com_y", "com_z")
@@ -181,7 +180,8 @@ class Payload(OnBody):
 class LinkInertia(OnBody):
     """A link whose mass and inertia are `scale` times those of the model, its centre of mass unchanged.
 
-    The model's are the described ones, times as many as give its `nominal_mass`: an earlier model may have another.
+    The model's are the described ones, times as many as give its `nominal_mass`: an earlier model may have another. Of a
+    link that only spins, as a rotor does, no effort depends on the mass: a finding has its inertia's `scale` alone.
     """
 
     name = "link_inertia"
@@ -201,6 +201,8 @@ class LinkInertia(OnBody):
     )
     coefficient_bounds = ((-0.95, 9.0),)
     coefficient_spread = 0.2
+    spins: bool = False
+    """Whether it is of a link that only spins; see `at`."""
 
     def places(self, robot: Robot) -> list[tuple[int, str | None]]:
         return [
@@ -219,6 +221,13 @@ class LinkInertia(OnBody):
         changed.kept = {"nominal_mass": link_mass(robot, needed_link(link), carried)}
         return changed
 
+    def at(self, robot: Robot, target: int, link: str | None) -> Effect:
+        if not spins(robot, target):
+            return self
+        spinning = copy(self)
+        spinning.spins, spinning.parameters = True, self.parameters[2:]  # type: ignore[assignment,misc]
+        return spinning
+
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"nominal_mass": float(link_inertial(motion.robot, needed_link(link))[1][0])}]
 
@@ -230,64 +239,12 @@ class LinkInertia(OnBody):
         return np.array([values["scale"] - 1.0]), {"nominal_mass": values["nominal_mass"]}
 
     def sentence(self, where: str, values: Values) -> str:
+        if self.spins:
+            return f"{where} turns with {values['scale']:.3g} times the inertia about its axis that the model has."
         return (
             f"{where} weighs {values['mass']:.3g} kg, not {values['nominal_mass']:.3g} kg: its mass and "
             f"inertia are {values['scale']:.3g} times those of the model."
         )
-
-
-class BaseTilt(Effect):
-    """A base that stands turned by Ry(pitch)·Rx(roll) from level: gravity comes from another direction.
-
-    Linear in the angles [rad] near level; the shape names the tilt at which the columns are exact, as secants
-    from level to that tilt. On a base that is known to be tilted the angles count from that tilt.
-    """
-
-    name = "base_tilt"
-    once = True
-    title = "a tilted base"
-    on = "base"
-    parameters = (
-        Parameter("roll_deg", "deg", -90.0, 90.0, plausible=(-6.0, 6.0), believed=3.0, default=0.0),
-        Parameter("pitch_deg", "deg", -90.0, 90.0, plausible=(-6.0, 6.0), believed=3.0, default=0.0),
-    )
-    parts = ("roll_deg", "pitch_deg")
-    equation = "g(q) under gravity turned by (Ry(pitch) * Rx(roll))' minus g(q)"
-    confused_with = ("payload", "effort_offset", "link_inertia")
-    shown_by = (
-        "poses that turn the arm about every horizontal axis, among them ones that swing the first axis"
-    )
-    source = "Craig, Introduction to Robotics, ch. 6: gravity as an acceleration of the base"
-    of_bodies = True
-    coefficient_bounds = ((-math.pi / 2, math.pi / 2), (-math.pi / 2, math.pi / 2))
-    coefficient_spread = 0.1
-
-    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
-        plant.robot = plant.robot.tilted(math.radians(values["roll_deg"]), math.radians(values["pitch_deg"]))
-
-    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        roll, pitch = (_secant(math.radians(shape[key])) for key in ("roll_deg", "pitch_deg"))
-        known = np.array(tilt_of((motion.level or motion.robot).gravity_vector))
-        angles = known + np.array(((0.0, 0.0), (roll, 0.0), (roll, pitch)))
-        level, rolled, tilted = (motion.robot.tilted(*pair).gravity_vector for pair in angles.tolist())
-        return motion.gravity_pulls @ np.stack([(rolled - level) / roll, (tilted - rolled) / pitch], axis=-1)
-
-    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"roll_deg": 0.0, "pitch_deg": 0.0}]
-
-    def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return self.values(coefficients, shape)
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"roll_deg": math.degrees(coefficients[0]), "pitch_deg": math.degrees(coefficients[1])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        shape = {key: values[key] for key in ("roll_deg", "pitch_deg")}
-        return np.radians([values["roll_deg"], values["pitch_deg"]]), shape
-
-    def sentence(self, where: str, values: Values) -> str:
-        roll, pitch = ("?" if math.isnan(values[key]) else f"{values[key]:.2f}°" for key in self.parts)
-        return f"The base is tilted: roll {roll}, pitch {pitch} from the level that the model takes."
 
 
 def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values) -> tuple[int, np.ndarray]:
@@ -310,8 +267,3 @@ def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values)
 def slots(body: int) -> slice:
     """A body's columns of the regressor."""
     return slice(body * PER_LINK, (body + 1) * PER_LINK)
-
-
-def _secant(angle: float) -> float:
-    """An angle far enough from zero for a secant; the tangent near zero."""
-    return angle if abs(angle) > 1e-4 else 1e-4

@@ -7,6 +7,9 @@ import pinocchio as pin
 
 from bdnn_ros.robot.robot import Robot
 
+UPRIGHT = 0.01
+"""An axis whose angle to gravity has at most this sine is upright."""
+
 
 def distances_from_axes(robot: Robot, link: str, point: np.ndarray) -> np.ndarray:
     """How far a point is from the axis of each joint where all joints are at zero, (n,) [m]; infinite from a slide's.
@@ -29,3 +32,13 @@ def distances_from_axes(robot: Robot, link: str, point: np.ndarray) -> np.ndarra
 def turns_all(robot: Robot, joint: int) -> bool:
     """Whether a joint turns all that other joints move: a base that is tilted about its axis does the same."""
     return bool(robot.carries[joint].all()) and not robot.slides[joint]
+
+
+def spins(robot: Robot, joint: int) -> bool:
+    """Whether what a joint moves only turns about one upright axis: its weight pulls on no joint, it is as a rotor to all."""
+    if robot.slides[joint] or robot.carries[:, joint].sum() > 1:
+        return False
+    model, order = robot.pinocchio_model()
+    jacobian = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))
+    pull = np.cross(jacobian[3:, int(order[joint])], robot.gravity_vector)
+    return bool(np.linalg.norm(pull) <= UPRIGHT * np.linalg.norm(robot.gravity_vector))
