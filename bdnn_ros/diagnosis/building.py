@@ -62,19 +62,14 @@ def build(
     resting = _resting(signals)
     rows, runs = _rows(signals)
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
-    if simulated is None:
-        simulated = described_effort(robot, signals)
-    passing = None
-    if np.any(ratios):
-        # which way the load goes the effort tells: a simulation that is off may have it go the other way
-        passing = _passing(signals, ratios, signals.smooth(signals.effort))
-        simulated = simulated * passing / _passing(signals, ratios, simulated)
+    simulated, passing = _simulated(signals, robot, simulated, ratios)
     motion = Motion(signals, robot, simulated, drive)
     if tilt is not None:
         standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
         motion = replace(motion, robot=standing, level=robot)
     relative, jointwise = _errors(robot, covariance)
-    usable, effort = _usable(signals, resting, rows), signals.smooth(signals.effort)[rows]
+    usable = _usable(signals, resting, rows)
+    spread, size = _usual(signals.smooth(signals.effort)[rows])
     return Equations(
         motion,
         simulated,
@@ -88,11 +83,30 @@ def build(
         runs=runs,
         relative=relative,
         masses=(np.arange(relative.shape[1]) % PER_LINK == 0) & (covariance is None),
-        effort_scale=np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9)),
-        effort_size=np.sqrt(np.mean(effort**2, axis=0)),
+        effort_scale=spread,
+        effort_size=size,
         jointwise=jointwise,
         passing=passing,
     )
+
+
+def _simulated(
+    signals: Signals, robot: Robot, simulated: np.ndarray | None, ratios: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """The simulation's effort and what passes of it where friction grows with the load: see `build` and `Equations`."""
+    if simulated is None:
+        simulated = described_effort(robot, signals)
+    if not np.any(ratios):
+        return simulated, None
+    # which way the load goes the effort tells: a simulation that is off may have it go the other way
+    passing = _passing(signals, ratios, signals.smooth(signals.effort))
+    return simulated * passing / _passing(signals, ratios, simulated), passing
+
+
+def _usual(effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Spread of each joint's effort (R, n), never quite nothing, and its root mean square, (n,) each [N·m]."""
+    spread = np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9))
+    return spread, np.hypot(effort.mean(axis=0), spread)
 
 
 def _resting(signals: Signals) -> np.ndarray:
