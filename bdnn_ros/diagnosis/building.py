@@ -96,7 +96,7 @@ def _simulated(
     """The simulation's effort and what passes of it where friction grows with the load: see `build` and `Equations`."""
     if simulated is None:
         simulated = described_effort(robot, signals)
-    if not np.any(ratios):
+    if signals.effort is None or not np.any(ratios):
         return simulated, None
     # which way the load goes the effort tells: a simulation that is off may have it go the other way
     passing = _passing(signals, ratios, signals.smooth(signals.effort))

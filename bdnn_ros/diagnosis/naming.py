@@ -18,7 +18,7 @@ from bdnn_ros.diagnosis.pushes import leftover, together
 from bdnn_ros.diagnosis.result import Finding, Rival
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR
 from bdnn_ros.effects.actuation import EffortDelay
-from bdnn_ros.effects.base import EDGES
+from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.robot import Robot
 
 SAMPLES_LATE = 0.75

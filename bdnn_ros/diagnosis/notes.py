@@ -14,8 +14,7 @@ from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
 from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.effects.base import EDGES
-from bdnn_ros.effects.environment import FORCE, ExternalWrench
+from bdnn_ros.effects.environment import EDGES, FORCE, ExternalWrench
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -16,8 +16,8 @@ from bdnn_ros.diagnosis.leads import hold_spread, parted
 from bdnn_ros.diagnosis.pushes import distance, edges, unseen
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.effects.base import EDGES, SHOWN
-from bdnn_ros.effects.environment import POINT
+from bdnn_ros.effects.base import SHOWN
+from bdnn_ros.effects.environment import EDGES, POINT
 
 RELATIVE_STEP = 1e-3
 GIVEN = 1e-9

@@ -15,8 +15,7 @@ from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.joining import stretches
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.windows import LONGEST_SHARE, best_window
-from bdnn_ros.effects.base import EDGES
-from bdnn_ros.effects.environment import POINT, ExternalWrench, Push, window
+from bdnn_ros.effects.environment import EDGES, POINT, ExternalWrench, Push, window
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.robot import Robot
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bdnn_ros.effects.base import EDGES
+from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.written import whole
 

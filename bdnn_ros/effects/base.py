@@ -26,8 +26,6 @@ Held = Mapping[str, Sequence[Values]]
 NONE_HELD: Held = MappingProxyType({})
 SHOWN = 2.0
 """So many standard deviations from nothing is what a recording shows."""
-EDGES = ("start", "end")
-"""Parameters that are moments of the recording [s]."""
 UNSEEN = 5.0
 """A standard deviation of so many times what is met in practice says nothing."""
 

@@ -24,6 +24,8 @@ MOST_APART = 100.0
 """Parts of a wrench are of like size: what hardly acts is believed to be so many times as large as what acts most, no more."""
 SAME_POINT = 0.005
 """Points nearer to each other are one [m]."""
+EDGES = ("start", "end")
+"""Its parameters that are moments of the recording [s]."""
 WINDOW = (
     Parameter("start", "s"),
     Parameter("end", "s"),

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.effects.base import EDGES
+from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
