@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 from bdnn_ros.nodes.streams import Streams
@@ -106,3 +107,31 @@ def test_a_description_that_is_not_latched_is_told_of():
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def test_publishers_of_another_type_are_told_of(ros):
+    """Commands that came as joint states were said not to come at all."""
+    import rclpy
+
+    executor, listener, _ = ros
+    lane = SimpleNamespace(group=lambda: None, holds=lambda _: False, forget=lambda _: None)
+    session = SimpleNamespace(intake=None, commands=None, wider=lambda: ())
+    streams = Streams(listener, lane, session, lambda names: False, QoSProfile(depth=10), True)
+    apart = rclpy.Context()  # one participant has one type of a topic
+    rclpy.init(context=apart, domain_id=192)
+    talker = rclpy.create_node("foreigner", context=apart)
+    foreign = talker.create_publisher(JointState, "effort_commands", 10)
+
+    def told():
+        streams.look_around()
+        return streams.complaint
+
+    assert looked(executor, told)
+    assert told().startswith(
+        "/effort_commands carries sensor_msgs/msg/JointState, and the node needs std_msgs/msg/Float64MultiArray: nothing"
+    )
+    talker.destroy_publisher(foreign)
+    assert looked(executor, lambda: not told())
+    talker.destroy_node()
+    apart.try_shutdown()
+    streams.close()

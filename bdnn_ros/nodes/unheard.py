@@ -17,6 +17,10 @@ NOT_LATCHED = (
     "A publisher of {} is not latched: nothing comes from it. Let it be reliable and transient local, "
     "as robot_state_publisher is, or set the parameter urdf_file."
 )
+FOREIGN = (
+    "{} carries {}, and the node needs {}: nothing comes from it. Remap {} to a topic of that type, or let one "
+    "publish it."
+)
 UNCOMMANDED = (
     "No effort command comes on {}. Remap effort_commands to the topic of the controller's commands, "
     "or let it command."
@@ -24,7 +28,7 @@ UNCOMMANDED = (
 
 
 class Hearing:
-    """A subscription that knows which publishers it does not hear.
+    """A subscription that knows which publishers it does not hear, as they offer less than it asks for or send another type.
 
     Args:
         node, kind, topic, callback, profile: of the subscription.
@@ -50,6 +54,8 @@ class Hearing:
     ) -> None:
         self.complaint = ""
         self._node = node
+        self._name = topic
+        self._type = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
         self._profile = profile
         self._sentence = sentence
         self._incompatible = False
@@ -60,10 +66,13 @@ class Hearing:
 
     def look(self) -> str:
         """The complaint now. After an event, as long as such a publisher is there: no event tells that it has gone."""
-        if self._incompatible:
-            topic = self.subscription.topic_name
-            publishers = self._node.get_publishers_info_by_topic(topic)
-            self._incompatible = any(not self._hears(publisher.qos_profile) for publisher in publishers)
+        topic = self.subscription.topic_name
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        types = {publisher.topic_type for publisher in publishers}
+        self._incompatible &= any(not self._hears(publisher.qos_profile) for publisher in publishers)
+        if types and self._type not in types:
+            self.complaint = FOREIGN.format(topic, " and ".join(sorted(types)), self._type, self._name)
+        else:
             self.complaint = self._sentence.format(topic) if self._incompatible else ""
         return self.complaint
 
