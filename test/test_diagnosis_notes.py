@@ -255,6 +255,8 @@ def test_what_is_twice_the_noise_is_told_with_its_place_though_it_is_little(name
     remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)), bursts)
     told = _unexplained_sentence(0.0, remainder, (), "URDF", named, ("j2",))
     assert told.startswith(said) and "; no position" in told
+    elsewhere = replace(remainder, inputs={"j1": {"j1.load": 1.0}})
+    assert _unexplained_sentence(0.0, elsewhere, (), "URDF", named, ("j2",)) == told
 
 
 def test_that_links_errors_make_up_most_is_said_where_they_do():

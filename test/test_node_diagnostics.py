@@ -71,7 +71,6 @@ def test_silence_is_told_with_the_names_that_come_instead_and_logged_once_each_t
     """Beside a stream that goes on, or where the node does not listen, strange names are nobody's business."""
     now, logged = [0.0], []
     monkeypatch.setattr(diagnostics.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(Supervisor, "alive", True)
     session = Session(Settings())
     session.set_robot(ARM)
     session.begin(ARM.joints)
@@ -81,6 +80,9 @@ def test_silence_is_told_with_the_names_that_come_instead_and_logged_once_each_t
         now[0] += seconds
         return reporter.status(ErrorNow(), active, "", 0).message
 
+    monkeypatch.setattr(Supervisor, "alive", False)
+    assert "no joint state" not in told(30.0) and logged == []  # nobody listens before the trainer is there
+    monkeypatch.setattr(Supervisor, "alive", True)
     names, stamp = list(ARM.joints), 10**18
     for _ in range(2):
         session.watch.strange = "joint_states has x."

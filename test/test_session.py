@@ -12,11 +12,10 @@ from bdnn_cases import black_box, scales
 
 from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS
-from bdnn_ros.diagnosis.excerpts import ENOUGH, SHORTEST
+from bdnn_ros.diagnosis.excerpts import ENOUGH, SHORTEST, refuse_short
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
-from bdnn_ros.online.diagnosing import question
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.models import save_model
 from bdnn_ros.online.serving import Counts, Settings, nominal
@@ -187,15 +186,16 @@ def test_a_velocity_that_a_driver_only_fills_in_is_none_of_a_recording():
     assert fed([np.nan, np.nan]).velocity is None and not fed([np.nan, np.nan]).notes
 
 
-def test_what_is_too_short_for_a_diagnosis_starts_no_process(session):
-    """A tiny window blamed the driver, which was said to send no effort."""
+def test_a_tiny_window_holds_the_newest_sample(session):
+    """It blamed the driver, which was said to send no effort."""
     send(session, 3000)
-    feed = session._feed
-    for window, seconds in ((0.0, "3.0"), (2.0, "2.0"), (1e-9, "0.0")):
+    for window, count in ((0.0, 3000), (1e-9, 1), (1e-300, 1)):
+        recording = session._feed.recording(window)
+        assert len(recording) == count
         with pytest.raises(
-            RecordingError, match=f"live stream: {seconds} s of motion are too short for a diagnosis"
+            RecordingError, match=r"live stream: \d.0 s of motion are too short for a diagnosis"
         ):
-            question(feed.recording(window), ARM, None)
+            refuse_short([recording])
     assert SHORTEST == (EVERY_TEST_BLOCK - 1) * BLOCK_SECONDS <= ENOUGH
 
 

@@ -73,7 +73,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
         gain=gain,
         gain_interval=interval,
         unexplained_share=case.share_left,
-        unexplained_depends_on=tuple(case.remainder.depends_on(above))[:6],
+        unexplained_depends_on=tuple(case.remainder.depends_on(above or slight))[:6],
         unexplained_sentence=_unexplained_sentence(
             case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight
         ),
@@ -196,11 +196,11 @@ def _unexplained_sentence(
         left = "What is left is hardly more than noise"
         if slight:
             left = f"What is left is small, but more than twice the noise at {listed(slight)}"
-    inputs = remainder.depends_on(above)
+    inputs = remainder.depends_on(there)
     if inputs:
-        of_these = [joint for joint in above if joint in remainder.inputs]
-        what = f"at {listed(of_these)} it" if len(of_these) < len(above) else "it"
-        return f"{left}; {what} depends on {', '.join([*inputs][:3])}."
+        of_these = [joint for joint in there if joint in remainder.inputs]
+        it = f"at {listed(of_these)} it" if len(of_these) < len(there) else "it"
+        return f"{left}; {it} depends on {', '.join([*inputs][:3])}."
     if remainder.bursts:
         return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, acceleration, load or time predicts it."
     if there:

@@ -119,7 +119,7 @@ class Reporter:
         rate = self._rate(now, active)
         lacking, still = _without_effort(self._session)
         values = self._values(error.nrmse, rate, message_lost, (*lacking, *still))
-        silent = self._session.intake is not None and now - self._progress > SILENCE
+        silent = now - self._progress > SILENCE
         strange = self._session.watch.strange if silent else ""
         self._warnings.say("silence", f"{SILENT} {strange}".rstrip() if silent else "", ends=True)
         stream = " ".join(filter(None, (refused, *self._complaints(unheard, lacking, still))))
@@ -133,7 +133,8 @@ class Reporter:
         intake = self._session.intake
         received = intake.received if intake else 0
         rate = max(received - self._received, 0) / max(now - self._looked, 1e-3)
-        if received != self._received or not active:  # fewer, where the stream began anew
+        listens = active and intake is not None and self._session.supervisor.alive
+        if received != self._received or not listens:  # fewer, where the stream began anew
             self._progress = now
         self._received, self._looked = received, now
         return rate

@@ -14,7 +14,6 @@ import threading
 import traceback
 from typing import Any
 
-from bdnn_ros.diagnosis.excerpts import refuse_short
 from bdnn_ros.errors import BdnnError, ConventionError
 from bdnn_ros.online.channel import Channel, Message, leave_signals_to_the_node
 from bdnn_ros.recording import Recording
@@ -25,12 +24,7 @@ NICENESS = 9
 
 
 def question(recording: Recording, robot: Robot, cutoff: float | None) -> Message:
-    """What the process is told; the recording has effort.
-
-    Raises:
-        RecordingError: it is too short, and no process need be started to say so.
-    """
-    refuse_short([recording])
+    """What the process is told; the recording has effort."""
     arrays = {"time": recording.time, "position": recording.position, "effort": recording.require_effort()}
     if recording.velocity is not None:
         arrays["velocity"] = recording.velocity

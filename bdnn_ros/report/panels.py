@@ -140,9 +140,9 @@ def evidence(shown: View, cause: Cause) -> Evidence | None:
 
 def rest_panels(shown: View) -> list[Panel]:
     """What the named causes leave against the inputs it depends on, with what those inputs predict of it, where they do most."""
-    remainder = shown.examination.remainder
+    remainder, diagnosis = shown.examination.remainder, shown.examination.diagnosis
     panels = []
-    for key, at in [*remainder.depends_on(shown.examination.diagnosis.above).items()][:3]:
+    for key, at in [*remainder.depends_on(diagnosis.above or diagnosis.slight).items()][:3]:
         joint = shown.joints.index(at)
         name, _, kind = key.rpartition(".")
         source = shown.joints.index(name) if name else joint
