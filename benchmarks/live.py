@@ -42,8 +42,8 @@ from live_support import (  # noqa: E402
 )
 
 from bdnn_ros.cli.replay import replayed  # noqa: E402
+from bdnn_ros.models import load_model  # noqa: E402
 from bdnn_ros.online.learning import Learning  # noqa: E402
-from bdnn_ros.online.models import load_model  # noqa: E402
 from bdnn_ros.recording import Recording  # noqa: E402
 from bdnn_ros.robot import Robot  # noqa: E402
 

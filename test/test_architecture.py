@@ -23,6 +23,7 @@ LEVELS = [
     {"checks", "simulation"},
     {"diagnosis"},
     {"extension", "excitation"},
+    {"likeness", "models"},
     {"online", "report"},
     {"nodes", "cli"},
 ]

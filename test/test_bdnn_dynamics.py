@@ -16,7 +16,7 @@ from bdnn_ros.bdnn.networks import Network, vector_size
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
-from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 

@@ -27,7 +27,7 @@ from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, CUTOFFS
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals.kernels import lagging

@@ -15,7 +15,7 @@ from cli_cases import sliding_arm
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.online.models import save_model
+from bdnn_ros.models import save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.simulate import simulate

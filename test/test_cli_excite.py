@@ -21,7 +21,7 @@ from bdnn_ros.effects.registry import get
 from bdnn_ros.excitation import choice
 from bdnn_ros.excitation.rivals import Suspect
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.online.models import save_model
+from bdnn_ros.models import save_model
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import Trajectory
 from bdnn_ros.simulation.trajectory_file import read_trajectory

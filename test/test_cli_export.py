@@ -19,7 +19,7 @@ from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import write_model_files
-from bdnn_ros.online.models import Model, save_model
+from bdnn_ros.models import Model, save_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 

@@ -12,7 +12,7 @@ from cli_cases import sliding_arm
 
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
-from bdnn_ros.online.models import load_model
+from bdnn_ros.models import load_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model

@@ -24,7 +24,7 @@ from bag_cases import (
 
 from bdnn_ros import bags
 from bdnn_ros.cli import loading, options
-from bdnn_ros.online.models import Model
+from bdnn_ros.models import Model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 

@@ -14,8 +14,8 @@ from live_support import motion, real_robot
 from bdnn_ros import bags
 from bdnn_ros.cli import replay
 from bdnn_ros.cli.main import main
+from bdnn_ros.models import load_model
 from bdnn_ros.online.learning import Error
-from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm2")

@@ -21,7 +21,7 @@ from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.extension.urdf import extended_urdf
-from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

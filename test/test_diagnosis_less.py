@@ -16,7 +16,7 @@ from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.merging import merged
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
-from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of

@@ -14,7 +14,7 @@ from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.online.models import Model, build_model
+from bdnn_ros.models import Model, build_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.entries import reading

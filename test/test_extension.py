@@ -21,7 +21,7 @@ from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.extension import extended
 from bdnn_ros.extension.extend import _bodies, corrected_links, extend, of_physical
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.online.models import Model, load_model, save_model
+from bdnn_ros.models import Model, load_model, save_model
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.couplings import CoupledMotors, Coupling
 from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS, Scales

@@ -21,7 +21,7 @@ from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.recorded import Recorded, on_one_clock
-from bdnn_ros.online.models import load_model, load_to_serve, save_model
+from bdnn_ros.models import load_model, load_to_serve, save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model

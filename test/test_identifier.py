@@ -7,8 +7,8 @@ import pytest
 from cli_cases import two_armed
 
 from bdnn_ros.errors import RecordingError, UsageError
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.online.identifier import Identifier
-from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.couplings import Coupling
 from bdnn_ros.physical.possible import Possible

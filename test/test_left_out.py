@@ -12,7 +12,7 @@ from live_support import motion
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.left_out import disturbing, standing
-from bdnn_ros.online.models import save_model
+from bdnn_ros.models import save_model
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -16,7 +16,7 @@ from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.online.likeness import require_arm
+from bdnn_ros.likeness import require_arm
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
 

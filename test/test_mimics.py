@@ -14,7 +14,7 @@ from bdnn_ros.cli.main import main
 from bdnn_ros.excitation import choice
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.mjcf import extended_mjcf
-from bdnn_ros.online.models import load_model
+from bdnn_ros.models import load_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import held_mimics, with_mimics

@@ -10,7 +10,7 @@ from safetensors.numpy import save_file
 
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.errors import ModelFileError
-from bdnn_ros.online.models import load_model
+from bdnn_ros.models import load_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 

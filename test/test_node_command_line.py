@@ -22,8 +22,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
+from bdnn_ros.models import load_model
 from bdnn_ros.nodes.parameters import IDENTIFICATION
-from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros

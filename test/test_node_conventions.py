@@ -33,8 +33,8 @@ from std_srvs.srv import Trigger
 from bdnn_interfaces.msg import DynamicsEstimate
 from bdnn_interfaces.srv import Diagnose, InverseDynamics, SaveModel
 from bdnn_ros import bags
+from bdnn_ros.models import load_model
 from bdnn_ros.nodes.parameters import IDENTIFICATION, REPLAY
-from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros

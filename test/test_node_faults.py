@@ -29,8 +29,8 @@ from std_msgs.msg import String
 from bdnn_interfaces.srv import InverseDynamics, SaveModel
 from bdnn_ros import bags
 from bdnn_ros.cli.replay import replayed
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.online.learning import Learning
-from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
 

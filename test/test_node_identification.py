@@ -24,8 +24,8 @@ from std_msgs.msg import String
 from bdnn_interfaces.msg import DynamicsEstimate
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
 from bdnn_ros.cli.replay import replayed
+from bdnn_ros.models import load_model
 from bdnn_ros.online.learning import Learning
-from bdnn_ros.online.models import load_model
 from bdnn_ros.robot import Robot
 
 pytestmark = pytest.mark.ros

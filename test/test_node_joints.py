@@ -12,7 +12,7 @@ from live_support import Robotics, motion, node_process, pose, real_robot, statu
 from sensor_msgs.msg import JointState
 
 from bdnn_interfaces.srv import InverseDynamics
-from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
 

@@ -13,8 +13,8 @@ from bdnn_cases import black_box, scales
 from live_support import real_robot
 
 from bdnn_ros.errors import ModelFileError, UsageError
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.nodes.keeping import Kept
-from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.online.serving import LEARNED_HERE, Settings, nominal
 from bdnn_ros.online.session import Session
 from bdnn_ros.online.supervisor import PATIENCE
@@ -78,7 +78,7 @@ def test_a_model_is_kept_where_it_was(tmp_path, session):
 def test_a_file_whose_reading_fails_in_any_way_does_not_end_the_node(tmp_path, session, monkeypatch):
     """Nobody has thought of every way in which a file can be damaged."""
     path, log = save_model(tmp_path, nominal(ARM)), Log()
-    monkeypatch.setattr("bdnn_ros.online.models.modelfile.load", lambda *_, **__: {}["arrays"])
+    monkeypatch.setattr("bdnn_ros.models.modelfile.load", lambda *_, **__: {}["arrays"])
     kept = Kept(str(tmp_path), session, log)
     kept.resume()
     assert log == [

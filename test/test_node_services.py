@@ -29,8 +29,8 @@ from bdnn_ros.diagnosis.excerpts import SHORTEST
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.nodes.services import Services
-from bdnn_ros.online.models import load_model, save_model
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.robot import Robot
 

@@ -14,10 +14,10 @@ from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK
 from bdnn_ros.diagnosis.building import BLOCK_SECONDS
 from bdnn_ros.diagnosis.excerpts import ENOUGH, SHORTEST, refuse_short
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.models import save_model
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.feed import Feed
-from bdnn_ros.online.models import save_model
 from bdnn_ros.online.serving import Counts, Settings, nominal
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot

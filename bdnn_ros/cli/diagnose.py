@@ -18,7 +18,7 @@ from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, reference
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.files import write_model_files
-from bdnn_ros.online.models import load_model, save_model
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
 from bdnn_ros.report.words import WITHOUT_A_NAME, cause, certainty, change, corrected, needless

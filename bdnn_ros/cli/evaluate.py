@@ -10,7 +10,7 @@ from pathlib import Path
 from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
 from bdnn_ros.errors import listed
-from bdnn_ros.online.models import load_model
+from bdnn_ros.models import load_model
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import (
     RolloutError,

@@ -19,7 +19,7 @@ from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.choice import DECISIVE, Excitation, excite
 from bdnn_ros.excitation.rivals import Case, joints_of, read_case
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.online.models import Model, load_model
+from bdnn_ros.models import Model, load_model
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.robot.mimics import held_mimics
 from bdnn_ros.robot.urdf import OPEN_VELOCITY

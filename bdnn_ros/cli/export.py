@@ -20,7 +20,7 @@ from bdnn_ros.extension.extend import of_physical
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import MODEL, ROBOTS, require_own_effects, write_bytes, write_model_files
 from bdnn_ros.extension.unwritten import NETWORKS, of_joints
-from bdnn_ros.online.models import Model, load_model
+from bdnn_ros.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import INERTIAL_NAMES
 from bdnn_ros.physical.parameters_report import tilt_entry, zeros_entry

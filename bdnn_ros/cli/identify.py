@@ -16,7 +16,7 @@ from bdnn_ros.bdnn.modelfile import model_place
 from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
 from bdnn_ros.errors import BdnnError, UsageError, listed
-from bdnn_ros.online.models import Model, load_model, save_model
+from bdnn_ros.models import Model, load_model, save_model
 from bdnn_ros.physical.parameters import Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

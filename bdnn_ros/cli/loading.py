@@ -15,8 +15,8 @@ from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import RobotError, UsageError, listed
 from bdnn_ros.left_out import beside, disturbing
-from bdnn_ros.online.likeness import description_of
-from bdnn_ros.online.models import KnowsTimes, Model
+from bdnn_ros.likeness import description_of
+from bdnn_ros.models import KnowsTimes, Model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import with_mimics

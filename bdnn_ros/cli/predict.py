@@ -18,7 +18,7 @@ from bdnn_ros.bags import EveryState, Progress
 from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.cli.tables import csv_header
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.online.models import Model, load_model
+from bdnn_ros.models import Model, load_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import (
     MINIMUM_SAMPLES,

@@ -15,8 +15,8 @@ from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.options import counted
 from bdnn_ros.cli.tables import cell
 from bdnn_ros.errors import DataError, UsageError
+from bdnn_ros.models import save_model
 from bdnn_ros.online.learning import Error, Learning
-from bdnn_ros.online.models import save_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.scores import numbers
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from bdnn_ros.bdnn.modelfile import SUFFIX
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.online.models import Model
+from bdnn_ros.models import Model
 from bdnn_ros.online.places import looking_at, model_place
 from bdnn_ros.online.serving import Served
 from bdnn_ros.online.session import Session

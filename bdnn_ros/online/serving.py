@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.efforts import EffortConvention
+from bdnn_ros.models import Model
 from bdnn_ros.online.estimate import Parts, parts
-from bdnn_ros.online.models import Model
 from bdnn_ros.online.order import places
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import prior

@@ -11,14 +11,14 @@ from pathlib import Path
 
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import DataError, UsageError
+from bdnn_ros.likeness import require_arm
+from bdnn_ros.models import Model, build_model, load_to_serve, save_model
 from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.course import Course
 from bdnn_ros.online.estimate import Instant, Smoother
 from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.intake import CommandIntake, Intake
-from bdnn_ros.online.likeness import require_arm
-from bdnn_ros.online.models import Model, build_model, load_to_serve, save_model
 from bdnn_ros.online.order import require_joints
 from bdnn_ros.online.requests import Requests
 from bdnn_ros.online.serving import COMMANDED, LEARNED_HERE, Counts, Served, Settings, nominal
