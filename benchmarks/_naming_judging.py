@@ -67,7 +67,7 @@ def judge(truth: Json, found: Sequence[Json], robot: Robot) -> dict[str, Any]:
     """
     truths = combined(truth, robot)
     by_finding = [_explained_by(finding, found, truths, robot) for finding in found]
-    link_errors = [_is_link_error(finding, truth, robot) for finding in found]
+    link_errors = [_is_link_error(finding, truth) for finding in found]
     false = [
         f for f, hit, link in zip(found, by_finding, link_errors, strict=True) if hit is None and not link
     ]
@@ -204,25 +204,16 @@ def _on_axis(push: Truth, robot: Robot) -> bool:
     return bool(torque == 0.0 and np.linalg.norm(arm) < ON_AXIS)
 
 
-def _is_link_error(finding: Json, truth: Json, robot: Robot) -> bool:
-    """Whether a named link is really off by about as much as the finding says: its mass, or its inertia where that is told."""
+def _is_link_error(finding: Json, truth: Json) -> bool:
+    """Whether a named link's mass is really off by about as much as the finding says."""
     if finding["effect"] != "link_inertia":
         return False
-    told = {name: quantity["value"] for name, quantity in finding["parameters"].items()}
-    if "mass" not in told:
-        spins = robot.joints[_target(finding, robot)]
-        inertias = (
-            (one["described"][-1], one["real"][-1]) for at, one in truth["links"].items() if at == spins
-        )
-        return any(_is_off_by(told["scale"] * described, described, real) for described, real in inertias)
+    mass, nominal = (finding["parameters"][key]["value"] for key in ("mass", "nominal_mass"))
     for link in truth["links"].values():
-        if math.isclose(link["described"][0], told["nominal_mass"], rel_tol=1e-3):
-            return _is_off_by(told["mass"], link["described"][0], link["real"][0])
+        described, real = link["described"][0], link["real"][0]
+        if math.isclose(described, nominal, rel_tol=1e-3):
+            return abs(mass - real) <= LINK_ERROR * abs(real - described)
     return False
-
-
-def _is_off_by(told: float, described: float, real: float) -> bool:
-    return abs(told - real) <= LINK_ERROR * abs(real - described)
 
 
 def _is_wear(one: Truth | None) -> bool:

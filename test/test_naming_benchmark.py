@@ -210,12 +210,6 @@ def test_a_link_that_is_really_off_is_no_false_name(robot):
     assert named(0.9 * described)["false"] == ["link_inertia"]
 
 
-def test_of_a_link_that_only_spins_its_inertia_is_compared(robot):
-    entry = truth() | {"links": {J1: {"described": [3.0, 0.02], "real": [3.0, 0.01]}}}
-    found = [finding("link_inertia", link=robot.moving_link(J1), scale=scale) for scale in (0.6, 1.2)]
-    assert [judge(entry, [one], robot)["links"] for one in found] == [["link_inertia"], []]
-
-
 def test_draws_follow_from_their_seed_and_singles_take_turns():
     choices = Choices(hidden=1, worn=False)
     draws = [choices.draw(seed) for seed in range(10000, 10000 + len(EFFECTS))]

@@ -181,7 +181,7 @@ class LinkInertia(OnBody):
     """A link whose mass and inertia are `scale` times those of the model, its centre of mass unchanged.
 
     The model's are the described ones, times as many as give its `nominal_mass`: an earlier model may have another. Of a
-    link that only spins, as a rotor does, no effort depends on the mass: a finding has its inertia's `scale` alone.
+    link that only spins, as a rotor does, no effort depends on the mass: what is told in words is its inertia's `scale` alone.
     """
 
     name = "link_inertia"
@@ -225,7 +225,7 @@ class LinkInertia(OnBody):
         if not spins(robot, target):
             return self
         spinning = copy(self)
-        spinning.spins, spinning.parameters = True, self.parameters[2:]  # type: ignore[assignment,misc]
+        spinning.spins = True
         return spinning
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
