@@ -172,6 +172,7 @@ def _columns(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_what_takes_long_is_no_silence(beside, monkeypatch):
     """The trainer gives signs of life between the chunks of one batch, too."""
     beats: list[Ring] = []
+    monkeypatch.setattr("bdnn_ros.online.trainer.BATCH", 500)
     monkeypatch.setattr(Ring, "beat", lambda ring: beats.append(ring))
     beside.begin()
     beside.send(motion(REAL, 4.5, 100.0), 10**18)
