@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array
 
 from bdnn_ros.checks.sampling import lowest, some, telling
@@ -29,10 +30,10 @@ from bdnn_ros.robot.units import along
 from bdnn_ros.signals import Signals
 from bdnn_ros.signals.signals import friction_direction
 
-SHARES = tuple(0.005 * 1.75**k for k in range(12))
-"""Velocities tried, per root mean square velocity of the joint."""
-NEARER = tuple(1.15**k for k in range(-5, 6))
-"""Those tried in the end, per the best of these."""
+SHARES = tuple(0.005 * 1.35**k for k in range(22))
+"""Velocities tried, per root mean square velocity of the joint: what they leave has several valleys, and steep ones."""
+EXACTLY = 3e-4
+"""The lowest is found to this share: what a little of much friction lacks passes for a cause."""
 ALIKE = 0.3
 """What differs by less than this share makes no difference to speak of."""
 SEEN = 0.03
@@ -41,6 +42,8 @@ SMEARED = 3.0
 """What is all there at less than so many standard deviations of the velocity's noise may come on at once: noise hides it."""
 FAST = 0.95
 """It is all there for the rest of the time at least: no motion shows what is never all there."""
+FASTEST = 0.99
+"""The same where another joint's creeps, and this one's clearly does: moments may be anything's, but hardly just that."""
 EARLY = 0.006
 """So early friction comes that does: a joint that sticks leaves late, which the regression has a nuisance for [s]."""
 BREAKAWAYS = tuple(0.001 * 2.0**k for k in range(8))
@@ -158,54 +161,56 @@ class _Joint:
 
     def creep(self) -> Creep:
         """How its dry friction comes on."""
-        usual, _ = self._speeds
+        usual = self._usual
         begun = [(usual * share, usual * share, lead) for lead in LEADS[::5] for share in SHARES]
         found = min(begun, key=self._left_by)
         if self._left_by(found) > self._left_by(AT_ONCE) - np.log(CLEARLY):
             return AT_ONCE
         found = self._refined(found, apart=False)
         if found[0] > SEEN * usual:
-            found = self._apart(found, usual)
-        if self._left_by(found) > self._left_by_others(usual) - np.log(CLEARLY):
+            found = self._apart(found)
+        if self._left_by(found) > self._left_by_others() - np.log(CLEARLY):
             return AT_ONCE
         return found if self._is_seen(found) else AT_ONCE
 
     def likely(self, early: float) -> Creep:
         """How its dry friction comes on where that of other joints does, so early: what regularises one regularises all."""
-        usual, _ = self._speeds
-        all_at, _, _ = min([(usual * share, usual * share, early) for share in SHARES], key=self._left_by)
-        found = self._best([(all_at * k, all_at * k, early) for k in NEARER])
-        instead = min(self._left_by(AT_ONCE), self._left_by_others(usual))
-        better = self._left_by(found) < instead - np.log(LIKELY)
-        return found if better and self._is_seen(found) else AT_ONCE
+        found = self._lowest((0.0, 0.0, early), (0, 1))
+        better = min(self._left_by(AT_ONCE), self._left_by_others()) - self._left_by(found)
+        seen = self._is_seen(found) if better < np.log(CLEARLY) else self._is_seen(found, FASTEST)
+        return found if seen and better > np.log(LIKELY) else AT_ONCE
 
-    def _is_seen(self, creep: Creep) -> bool:
-        """Whether friction that comes on so makes a difference, and is all there at some time."""
-        usual, fast = self._speeds
+    def _is_seen(self, creep: Creep, fast: float = FAST) -> bool:
+        """Whether friction that comes on so makes a difference, and is all there for the rest of a share of the time."""
         all_at = max(creep[:2])
-        return all_at < fast and (all_at > SEEN * usual or creep[2] > EARLY)
+        makes = all_at > SEEN * self._usual or creep[2] > EARLY
+        return bool(makes and all_at < np.quantile(self._speed, fast))
 
     @cached_property
-    def _speeds(self) -> tuple[float, float]:
-        """Its usual velocity, and one that it seldom exceeds [rad/s]."""
-        speed = np.abs(self.signals.velocity[:, self.joint])
-        return float(np.sqrt(np.mean(speed**2))), float(np.quantile(speed, FAST))
+    def _speed(self) -> np.ndarray:
+        """How fast it is, (N,) [rad/s]."""
+        return np.abs(self.signals.velocity[:, self.joint])
 
-    def _apart(self, alike: Creep, usual: float) -> Creep:
+    @cached_property
+    def _usual(self) -> float:
+        """Its usual velocity [rad/s]."""
+        return float(np.sqrt(np.mean(self._speed**2)))
+
+    def _apart(self, alike: Creep) -> Creep:
         """What comes on otherwise ahead than back, where that leaves clearly less than what comes on alike."""
-        slow = [usual * share for share in SHARES if share > SEEN]
-        begun = min([(ahead, back, alike[2]) for ahead in slow for back in slow], key=self._left_by)
+        slow = [self._usual * share for share in SHARES[::2] if share > SEEN]
+        begun = min([alike, *((ahead, back, alike[2]) for ahead in slow for back in slow)], key=self._left_by)
         apart = self._refined(begun, apart=True)
         return apart if self._left_by(apart) < self._left_by(alike) - np.log(CLEARLY) else alike
 
     def _left_by(self, creep: Creep) -> float:
         return self._left(self._way(creep))
 
-    def _left_by_others(self, usual: float) -> float:
+    def _left_by_others(self) -> float:
         """What the best law leaves that comes on at once, gives way or falls."""
         sharp = self._way(AT_ONCE)
         bent = [self._left(bristles(self.signals, self.joint, breakaway)) for breakaway in BREAKAWAYS]
-        return min(*bent, *(self._left(sharp, self._falling(usual * share)) for share in FALLS))
+        return min(*bent, *(self._left(sharp, self._falling(self._usual * share)) for share in FALLS))
 
     def _refined(self, near: Creep, apart: bool) -> Creep:
         """How friction comes on that leaves least, from something near.
@@ -213,27 +218,32 @@ class _Joint:
         Args:
             apart: it may come on otherwise ahead than back.
         """
-        ahead, back, early = near
         for _ in range(ROUNDS):
-            if apart:
-                ahead = self._best([(ahead * k, back, early) for k in NEARER])[0]
-                back = self._best([(ahead, back * k, early) for k in NEARER])[1]
-            else:
-                ahead, back, _ = self._best([(ahead * k, back * k, early) for k in NEARER])
-            early = self._best([(ahead, back, lead) for lead in LEADS], in_time=True)[2]
-        return ahead, back, early
+            for ways in ((0,), (1,)) if apart else ((0, 1),):
+                near = self._lowest(near, ways)
+            ahead, back, _ = near
+            left = [self._left(self._way((ahead, back, lead)), in_time=True) for lead in LEADS]
+            near = ahead, back, float(np.interp(lowest(np.array(left)), range(len(LEADS)), LEADS))
+        return near
 
-    def _best(self, tried: Sequence[Creep], in_time: bool = False) -> Creep:
-        """What leaves least, between those tried in order.
+    def _lowest(self, near: Creep, ways: Sequence[int]) -> Creep:
+        """How friction comes on that leaves least of all that differs by its velocity ahead (0), back (1) or both."""
 
-        Args:
-            in_time: friction turns round neither early nor late besides.
-        """
-        at = lowest(np.array([self._left(self._way(one), in_time=in_time) for one in tried]))
-        ahead, back, early = (
-            float(np.interp(at, range(len(tried)), each)) for each in zip(*tried, strict=True)
-        )
-        return ahead, back, early
+        def moved(log_velocity: float) -> Creep:
+            ahead, back = (float(np.exp(log_velocity)) if k in ways else near[k] for k in range(2))
+            return ahead, back, near[2]
+
+        def left(log_velocity: float) -> float:  # a parabola near its lowest, which its logarithm is not
+            return float(np.exp(self._left_by(moved(log_velocity))))
+
+        tried = np.log(self._usual * np.array(SHARES))
+        heights = np.pad([left(one) for one in tried], 1, constant_values=np.inf)
+        valleys = np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] <= heights[2:]))
+        ends = ((tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]) for k in valleys)
+        found = [
+            minimize_scalar(left, bounds=each, method="bounded", options={"xatol": EXACTLY}) for each in ends
+        ]
+        return moved(min(found, key=lambda one: float(one.fun)).x)
 
     def _left(self, way: np.ndarray, falling: np.ndarray | None = None, in_time: bool = False) -> float:
         """Logarithm of the mean square that dry friction leaves, of its own size either way and turning round early or late.
