@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis import diagnose as diagnosing
+from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.diagnose import examine
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.motion import Motion
@@ -346,3 +349,15 @@ def test_what_a_tilted_base_asks_of_a_joint_is_not_taken_for_friction():
     recording, _ = made(drawn(65914, "sines", ("arm2", "arm6", "arm7")))
     found = creeping(seen(recording), ROBOT)
     assert found[0, :2].max() < 0.01  # rad/s, with a peak of about 1
+
+
+def test_a_little_less_of_much_friction_is_when_all_of_it_is_there():
+    """Or what is known of that to a hundredth would pass for friction that falls, more of it, or a scale."""
+    dry = ROBOT.with_joint_parameters(coulomb=40.0 * np.eye(ROBOT.width)[JOINT])
+    signals = seen(recorded(soft(0.2, 0.2, 40.0)))
+    creep = np.zeros((ROBOT.width, 3))
+    creep[JOINT, :2] = 0.2 * 1.01
+    equations = build(replace(signals, creep=creep), dry)
+    noise = Noise(np.zeros((ROBOT.width, 1)), 1e-3 * equations.effort_scale)
+    pool = Pool(equations, noise, [], 1e-6)
+    assert pool.nuisances(pool.whole)[-1] == pytest.approx(-0.4, rel=0.1)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from bdnn_ros.diagnosis.echo import Echo
+from bdnn_ros.diagnosis.later import later, later_spread
 from bdnn_ros.diagnosis.noise import ORDER, Noise, past
 from bdnn_ros.diagnosis.pushing import Pushing
 from bdnn_ros.diagnosis.term import COMMON, Term
@@ -25,7 +26,6 @@ from bdnn_ros.robot import Robot
 
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
-
 USUAL_MASS_ERROR = 0.05
 """What a description says of a link's mass is hardly ever better than this."""
 STICKING_LEAD = 0.003
@@ -35,7 +35,7 @@ HARDLY_SEEN = 1e-4
 HARDLY_USABLE = 0.05
 """A joint hardly moves where a smaller share of its rows counts."""
 BLURS = slice(1, 3)
-"""Which nuisances blur; before them comes a lead, after them each joint's sticking."""
+"""Which nuisances blur; before them comes a lead, after them each joint's sticking and what creeps."""
 
 
 @dataclass
@@ -123,7 +123,7 @@ class Equations:
             result[:, acting] = smooth[self.rows]
         else:
             result[:, acting] = self._smoothing @ flat[:, acting]
-        return result.reshape(-1, *values.shape[1:])
+        return result.reshape(len(self.rows), *values.shape[1:])
 
     def passed(self, values: np.ndarray) -> np.ndarray:
         """Efforts that joints bear at the working rate (N, n, ...) with the friction that an earlier model has of them."""
@@ -194,18 +194,17 @@ class Equations:
 
     @property
     def nuisances(self) -> np.ndarray:
-        """What is never a finding: columns of a lead, of two blurs and of each joint's sticking, (R, n, 3 + n).
+        """What is never a finding: columns of a lead, two blurs, each joint's sticking and k that creep, (R, n, 3 + n + k).
 
-        The first is the load's rate: an effort that is held for a sample leads by half of one. The second is its curvature,
-        that of a slow effort sensor. The third is the curvature of what is faster than the motion: it weighs down what noise
-        of the position adds to the bodies' effort, and leaves the effort alone. The others are the rates of the joints'
-        directions: a joint that sticks while it turns round leaves slowly, so that its dry friction turns before its
-        low-passed velocity does.
+        The first is the load's rate: an effort held for a sample leads by half of one. The second is its curvature: slow sensors.
+        The third is that of what is faster than the motion: it weighs down the position's noise. Then the rates of directions: a
+        joint that sticks leaves slowly, its friction before its low-passed velocity. The last: what creeps may come later.
         """
         if self._nuisances is None:
             rate = self.motion.load_rate
             general = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1), borne=False)
-            self._nuisances = np.concatenate([general, self._jitter, self._sticking], axis=2)
+            creeping = later(self.motion.signals, self.reduced)
+            self._nuisances = np.concatenate([general, self._jitter, self._sticking, creeping], axis=2)
         return self._nuisances
 
     @property
@@ -228,9 +227,10 @@ class Equations:
 
     @property
     def nuisance_spread(self) -> np.ndarray:
-        """Prior standard deviations of the lead [s], of the blurs [s²] and of the friction's leads [N·m·s], (3 + n,)."""
-        blur = self.motion.signals.kernel_std**2
-        return np.array([0.5 * self.hold, blur, blur, *(STICKING_LEAD * self.effort_scale)])
+        """Prior standard deviations of lead [s], blurs [s²], friction's leads [N·m·s] and coming on [N·m], (3 + n + k,)."""
+        blur, effort = self.motion.signals.kernel_std**2, self.effort_scale
+        more = later_spread(self.motion.signals, self.motion.robot, effort)
+        return np.array([0.5 * self.hold, blur, blur, *(STICKING_LEAD * effort), *more])
 
     def relieve(self, *acting: np.ndarray, bodies: tuple[Robot, np.ndarray] | None = None) -> None:
         """Take better estimates of the load and what belongs to it, as `Motion.with_load`, and of bodies, as `with_robot`."""
