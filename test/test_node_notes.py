@@ -54,5 +54,5 @@ def test_notes_are_in_the_answer(notes, said):
     )
     services._until = at_once
     with pytest.raises(StopIteration) as answer:
-        services._diagnose(Diagnose.Request(window=1.0), Diagnose.Response()).send(None)
+        services._diagnose(Diagnose.Request(window=10.0), Diagnose.Response()).send(None)
     assert answer.value.value.success and answer.value.value.message == said
