@@ -119,12 +119,13 @@ class Reporter:
         rate = self._rate(now, active)
         lacking, still = _without_effort(self._session)
         values = self._values(error.nrmse, rate, message_lost, (*lacking, *still))
-        silent = now - self._progress > SILENCE
-        strange = self._session.watch.strange if silent else ""
-        self._warnings.say("silence", f"{SILENT} {strange}".rstrip() if silent else "", ends=True)
+        since = now - self._progress
+        silence = since if since > SILENCE else 0.0
+        strange = self._session.watch.strange if silence else ""
+        self._warnings.say("silence", f"{SILENT} {strange}".rstrip() if silence else "", ends=True)
         stream = " ".join(filter(None, (refused, *self._complaints(unheard, lacking, still))))
         beside = " ".join(filter(None, (strange, refused, unheard)))
-        level, message = self._verdict(active, trouble, now, stream, beside)
+        level, message = self._verdict(active, trouble, silence, stream, beside)
         pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=NAME, message=message, hardware_id=self._name, values=pairs)
 
@@ -204,7 +205,9 @@ class Reporter:
         before, self._without_stamp = self._without_stamp, intake.unstamped if intake else 0
         return UNSTAMPED if self._without_stamp > before else ""
 
-    def _verdict(self, active: bool, trouble: str, now: float, stream: str, beside: str) -> tuple[bytes, str]:
+    def _verdict(
+        self, active: bool, trouble: str, silence: float, stream: str, beside: str
+    ) -> tuple[bytes, str]:
         session = self._session
         if trouble:
             return DiagnosticStatus.ERROR, trouble
@@ -219,8 +222,8 @@ class Reporter:
         if not session.supervisor.alive:
             why = session.supervisor.trouble
             return DiagnosticStatus.WARN, f"the trainer is being started{f' again ({why})' if why else ''}"
-        if now - self._progress > SILENCE:
-            silent = f"no joint state for {now - self._progress:.0f} s"
+        if silence:
+            silent = f"no joint state for {silence:.0f} s"
             return DiagnosticStatus.WARN, ". ".join(filter(None, (silent, beside)))
         watch = session.watch
         told = (session.counts.unlike, stream, watch.complaint, watch.absent)
