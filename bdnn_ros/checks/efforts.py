@@ -10,7 +10,7 @@ from bdnn_ros.errors import listed
 from bdnn_ros.physical.remark import Remark
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals.powerless import USUAL, powerless
+from bdnn_ros.signals.powerless import powerless, usual_effort
 from bdnn_ros.signals.unmeasured import absent, at_limit, held
 
 SATURATED = 0.01
@@ -43,9 +43,8 @@ def unread(recording: Recording) -> Iterator[Remark]:
 def braked(recording: Recording, robot: Robot) -> Iterator[Remark]:
     """For how long nothing but brakes can have held a robot."""
     effort = recording.require_effort()
-    usual = np.percentile(np.abs(effort), USUAL, axis=0)
-    weight = np.abs(robot.gravity(recording.position[powerless(recording)]))
-    held_up = (weight > np.maximum(HEAVY * usual, robot.coulomb)).any(axis=1)
+    heavy = np.maximum(HEAVY * usual_effort(effort), robot.coulomb)
+    held_up = (np.abs(robot.gravity(recording.position[powerless(recording)])) > heavy).any(axis=1)
     seconds = float(held_up.sum() / max(recording.rate, 1e-9))
     if seconds > HELD_SECONDS:
         yield Remark(

@@ -17,6 +17,11 @@ USUAL = 95.0
 """What efforts come to: so many percent of them are less."""
 
 
+def usual_effort(effort: np.ndarray) -> np.ndarray:
+    """What the efforts (N, n) of each joint come to, (n,)."""
+    return np.asarray(np.percentile(np.abs(effort), USUAL, axis=0))
+
+
 def powerless(recording: Recording) -> np.ndarray:
     """Samples at which all joints stand and none has an effort, (N,) bool.
 
@@ -33,7 +38,7 @@ def powerless(recording: Recording) -> np.ndarray:
     # noise by successive differences: an effort that falls from what held the arm to nothing is no noise
     steps = np.diff(effort, axis=0, prepend=effort[:1])
     noise = np.sqrt(uniform_filter1d(steps**2, size, axis=0).clip(0.0) / 2.0)
-    usual = np.percentile(np.abs(effort), USUAL, axis=0)
-    none = np.abs(uniform_filter1d(effort, size, axis=0)) <= np.maximum(NOTHING * noise, UNTRIMMED * usual)
+    untrimmed = UNTRIMMED * usual_effort(effort)
+    none = np.abs(uniform_filter1d(effort, size, axis=0)) <= np.maximum(NOTHING * noise, untrimmed)
     whole = (stands & none.all(axis=1)).astype(np.uint8)
     return np.asarray(maximum_filter1d(whole, size) > 0)
