@@ -149,6 +149,23 @@ def test_an_unknown_shape_widens_its_coefficients():
     np.testing.assert_allclose(estimate.covariance, estimate.covariance.T, rtol=1e-6)
 
 
+@pytest.mark.parametrize("slowest", [0.0, 0.2])
+def test_what_of_a_law_is_told_by_its_tail_alone_is_an_extrapolation(slowest):
+    coulomb, static, velocity = 0.8, 1.6, 0.1
+    spec = f"stribeck_friction@{J1}:coulomb={coulomb},static={static},velocity={velocity}"
+    equations = equations_of([spec])
+    speed = np.abs(equations.motion.velocity[equations.rows])
+    equations.count(equations.usable & (speed > slowest))
+    one, _ = term(spec, Robot.bundled("arm2"))
+    pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 1e-4)), [one], LINK_ERROR)
+    (estimate,) = estimates(pool, pool.fit([0]))
+    tail = np.exp(-((speed[:, 0][equations.usable[:, 0]].min() / velocity) ** 2))
+    least = (1.0 - tail) * (static - coulomb) / np.sqrt(3.0)
+    told = estimate.quantities["static"].std
+    assert told > 0.9 * least if slowest else told < 0.1 * (static - coulomb)
+    assert estimate.quantities["coulomb"].std < 0.02 * coulomb
+
+
 def test_without_shapes_it_is_the_fits_covariance():
     specs = (f"viscous_friction@{J1}:viscous=0.5", f"effort_offset@{J2}:offset=0.1")
     equations, robot = equations_of(specs), Robot.bundled("arm2")

@@ -30,6 +30,9 @@ MORE = 0.01
 """What a law says beyond the one it settles into is at least this share of the whole, or it is that one."""
 DOUBTED = 2.0
 """The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
+TINY = 1e-300
+MOST_SEEN = 0.99
+"""Share of the rows that count in which less of a law is seen than is taken to be seen of it."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +166,7 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
         if chosen in moved:
             coefficients = coefficients + moved[chosen]
             pick[0, pool.equations.rigid.shape[2]] = 1.0
-        beyond = _beyond(pool, chosen, len(span))
+        beyond = _beyond(pool, chosen, coefficients, len(span))
         third = doubting if term.effect.on_body else covariance
         own, scattered, doubted = (pick @ one @ pick.T + beyond for one in (covariance, robust, third))
         result.append(
@@ -202,8 +205,11 @@ def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.n
     return white, precision, spans
 
 
-def _beyond(pool: Pool, chosen: int, shapes: int) -> np.ndarray:
-    """What a hold adds to a delay's covariance and unseen moments to a push's, coefficients before shapes, (k, k)."""
+def _beyond(pool: Pool, chosen: int, coefficients: np.ndarray, shapes: int) -> np.ndarray:
+    """What a hold adds to a delay's covariance, unseen moments to a push's, and to a law's what of it is told by its tail.
+
+    Coefficients before shapes, (k, k).
+    """
     term, count = pool.terms[chosen], len(pool.slots[chosen])
     beyond = np.zeros((count + shapes, count + shapes))
     beyond[0, 0] = hold_spread(pool, chosen) ** 2
@@ -211,7 +217,22 @@ def _beyond(pool: Pool, chosen: int, shapes: int) -> np.ndarray:
         told = count + np.arange(shapes)
         spread = unseen(pool, term)
         beyond[told, told] = [spread.get(name, 0.0) ** 2 / 3.0 for name, _ in term.shape]
+    if term.effect.excess is not None and shapes:
+        extra = np.arange(count)[term.effect.excess > 0.0]
+        beyond[extra, extra] += ((1.0 - _seen(pool, term)) * coefficients)[extra] ** 2 / 3.0
     return beyond
+
+
+def _seen(pool: Pool, term: Term) -> np.ndarray:
+    """Share of the most that each coefficient of a law does along the motion which the rows that count show, (k,).
+
+    A static friction that is told from how friction begins to fall is an extrapolation, however exact that is seen.
+    """
+    equations = pool.equations
+    does = np.abs(term.effect.columns(equations.motion, term.target, dict(term.shape), term.link))
+    does = does[:, term.target]
+    shown = np.quantile(does[equations.rows][pool.sure[:, term.target]], MOST_SEEN, axis=0)
+    return np.asarray(np.clip(shown / np.maximum(does.max(axis=0), TINY), 0.0, 1.0))
 
 
 def _mirrored(pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray) -> np.ndarray | None:
