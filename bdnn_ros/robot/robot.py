@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from pathlib import Path
 from threading import get_ident
 
@@ -129,6 +129,11 @@ class Robot(ReadOnlyArrays):
         """Our index of each of Pinocchio's velocity entries, (n,)."""
         return np.argsort(self._order)
 
+    def _in_order(self, values: np.ndarray, *axes: int) -> np.ndarray:
+        """Values with Pinocchio's joints along some axes, in our order: without a copy where that is one."""
+        alike = (np.diff(self._order) == 1).all()
+        return values if alike else reduce(lambda v, axis: np.take(v, self._order, axis), axes, values)
+
     def pinocchio_model(self) -> tuple[pin.Model, np.ndarray]:
         """A copy of Pinocchio's model of the bodies, and its velocity index of each joint, (n,)."""
         return self._model.copy(), self._order.copy()
@@ -141,8 +146,7 @@ class Robot(ReadOnlyArrays):
     ) -> np.ndarray:
         """M q̈ + C q̇ + g of the bodies, without armature or friction, (..., n) [N·m]."""
         rows, shape = self._rows(position, velocity, acceleration)
-        result = rnea(self._model, self._data, rows)
-        return result[:, self._order].reshape(shape)
+        return rnea(self._model, self._data, rows)[:, self._order].reshape(shape)
 
     def drive_effort(
         self, velocity: np.ndarray, acceleration: np.ndarray, direction: np.ndarray
@@ -159,8 +163,8 @@ class Robot(ReadOnlyArrays):
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> np.ndarray:
         """Effort of bodies, armature and friction, (..., n) [N·m]."""
-        rigid = self.rigid_effort(position, velocity, acceleration)
-        return rigid + self.drive_effort(velocity, acceleration, np.sign(velocity))
+        drive = self.drive_effort(velocity, acceleration, np.sign(velocity))
+        return self.rigid_effort(position, velocity, acceleration) + drive
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Acceleration under an effort, (..., n) [rad/s²]."""
@@ -170,11 +174,11 @@ class Robot(ReadOnlyArrays):
 
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         """M(q) with armature on its diagonal, (..., n, n) [kg·m²]."""
-        model, data, order = self._model, self._data, self._order
+        model, data = self._model, self._data
         (q,), shape = self._rows(position)
         upper = np.array([pin.crba(model, data, row) for row in q]).reshape(-1, self.width, self.width)
         full = np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
-        full = full[:, order][:, :, order] + np.diag(self.armature)
+        full = self._in_order(full, 1, 2) + np.diag(self.armature)
         return full.reshape(*shape, self.width)
 
     def gravity(self, position: np.ndarray) -> np.ndarray:
@@ -193,27 +197,25 @@ class Robot(ReadOnlyArrays):
 
     def regressor(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Y with rigid_effort = Y · inertials.ravel(), (N, n, n * PER_LINK), for (N, n) arrays."""
-        model, data = self._model, self._data
-        (q, v, a), _ = self._rows(position, velocity, acceleration)
-        result = np.empty((len(q), self.width, self.width * PER_LINK))
-        for k, row in enumerate(zip(q, v, a, strict=True)):
+        (rows, _), model, data = self._rows(position, velocity, acceleration), self._model, self._data
+        result = np.empty((len(rows[0]), self.width, self.width * PER_LINK))
+        for k, row in enumerate(zip(*rows, strict=True)):
             result[k] = pin.computeJointTorqueRegressor(model, data, *row)
-        blocks = result.reshape(len(q), self.width, self.width, PER_LINK)
-        return blocks[:, self._order][:, :, self._order].reshape(result.shape)
+        blocks = result.reshape(*result.shape[:2], self.width, PER_LINK)
+        return self._in_order(blocks, 1, 2).reshape(result.shape)
 
     def effort_derivatives(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of `rigid_effort` by position, velocity and acceleration, (N, n, n) each, for (N, n) arrays."""
-        model, data = self._model, self._data
-        (q, v, a), _ = self._rows(position, velocity, acceleration)
-        result = np.empty((3, len(q), self.width, self.width))
-        for k, row in enumerate(zip(q, v, a, strict=True)):
+        (rows, _), model, data = self._rows(position, velocity, acceleration), self._model, self._data
+        dq, dv, da = np.empty((3, len(rows[0]), self.width, self.width))
+        found = data.dtau_dq, data.dtau_dv, data.M  # views of what each row is written to
+        for k, row in enumerate(zip(*rows, strict=True)):
             pin.computeRNEADerivatives(model, data, *row)
-            result[:, k] = data.dtau_dq, data.dtau_dv, data.M
-        result[2] = np.triu(result[2]) + np.swapaxes(np.triu(result[2], 1), 1, 2)
-        by_position, by_velocity, by_acceleration = result[:, :, self._order][..., self._order]
-        return by_position, by_velocity, by_acceleration
+            dq[k], dv[k], da[k] = found
+        da = np.triu(da) + np.swapaxes(np.triu(da, 1), 1, 2)
+        return self._in_order(dq, 1, 2), self._in_order(dv, 1, 2), self._in_order(da, 1, 2)
 
     @cached_property
     def slides(self) -> np.ndarray:
@@ -255,7 +257,7 @@ class Robot(ReadOnlyArrays):
             # of one joint pinocchio gives a vector
             jacobian[k] = pin.computeFrameJacobian(model, data, row, frame, aligned).reshape(6, -1)
             rotation[k] = data.oMf[frame].rotation  # which it has placed on its way
-        return jacobian[:, :, self._order], rotation
+        return self._in_order(jacobian, 2), rotation
 
     @cached_property
     def links(self) -> tuple[str, ...]:

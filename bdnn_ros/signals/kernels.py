@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-import scipy  # scipy.signal comes with its first use: half a second and 20 MB that most need not have
 from scipy import fft
 from scipy.sparse import csr_array
 
 KERNEL_WIDTHS = 4.0
 """Half length of the kernel in standard deviations."""
+
+NOTHING = 1e-18
+"""What is kept of a sample so small a part of is forgotten."""
 
 ROUNDING = 0.05
 """A rate this close to a whole number of working rates counts as there: 999 and 1001 Hz go together."""
@@ -61,16 +63,29 @@ def convolved(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 def lagging(values: np.ndarray, lag: float, rate: float) -> np.ndarray:
     """Values (N, ...) at a rate [Hz] behind a low-pass of first order of a time constant [s] that rests at the first."""
-    passed, kept = [1.0, 1.0], [1.0 + 2.0 * lag * rate, 1.0 - 2.0 * lag * rate]
-    return np.asarray(values[:1] + scipy.signal.lfilter(passed, kept, values - values[:1], axis=0))
+    both = 2.0 * lag * rate
+    return _first_order(values, 1.0 / (1.0 + both), 1.0 / (1.0 + both), (both - 1.0) / (both + 1.0))
 
 
 def trailing(values: np.ndarray, lag: float, rate: float) -> np.ndarray:
     """The same, exact for straight lines between samples: what a low-pass makes of a motion that it sees all along."""
     keep = float(np.exp(-1.0 / (lag * rate)))
     weight = lag * rate * (1.0 - keep)
-    passed, kept = [1.0 - weight, weight - keep], [1.0, -keep]
-    return np.asarray(values[:1] + scipy.signal.lfilter(passed, kept, values - values[:1], axis=0))
+    return _first_order(values, 1.0 - weight, weight - keep, keep)
+
+
+def _first_order(values: np.ndarray, now: float, before: float, keep: float) -> np.ndarray:
+    """Values (N, ...) behind y[k] = now · x[k] + before · x[k - 1] + keep · y[k - 1] that rests at the first; |keep| < 1.
+
+    In ever longer strides, each of which does for twice as many samples: scipy.signal takes a second to import.
+    """
+    x = values - values[:1]
+    result, stride = now * x, 1
+    result[1:] += before * x[:-1]
+    while stride < len(values) and abs(keep) > NOTHING:
+        result[stride:] += keep * result[:-stride]
+        keep, stride = keep**2, 2 * stride
+    return np.asarray(values[:1] + result)
 
 
 def convolving_at(weights: np.ndarray, samples: np.ndarray, segments: Sequence[slice]) -> csr_array:
