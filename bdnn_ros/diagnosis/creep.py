@@ -72,10 +72,8 @@ Creep = tuple[float, float, float]
 def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None) -> np.ndarray | None:
     """Velocities under which each joint's dry friction comes on little by little, ahead and back [rad/s], and how early [s].
 
-    They are (n, 3), zero where it does at once or the joint does not move; None where no joint's does.
-
-    Args:
-        disturbed: samples that are left out, (N,) bool.
+    They are (n, 3), zero where it does at once or the joint does not move; None where no joint's does. What is disturbed, (N,)
+    bool, is left out.
     """
     inside = signals.interior & telling(signals).any(axis=1)
     rows = some(np.flatnonzero(inside if disturbed is None else inside & ~disturbed), MOST_ROWS)
@@ -163,7 +161,7 @@ class _Joint:
         """How its dry friction comes on."""
         usual = self._usual
         begun = [(usual * share, usual * share, lead) for lead in LEADS[::5] for share in SHARES]
-        found = min(begun, key=self._left_by)
+        found = self._best(begun)
         if self._left_by(found) > self._left_by(AT_ONCE) - np.log(CLEARLY):
             return AT_ONCE
         found = self._refined(found, apart=False)
@@ -199,31 +197,31 @@ class _Joint:
     def _apart(self, alike: Creep) -> Creep:
         """What comes on otherwise ahead than back, where that leaves clearly less than what comes on alike."""
         slow = [self._usual * share for share in SHARES[::2] if share > SEEN]
-        begun = min([alike, *((ahead, back, alike[2]) for ahead in slow for back in slow)], key=self._left_by)
+        begun = self._best([alike, *((ahead, back, alike[2]) for ahead in slow for back in slow)])
         apart = self._refined(begun, apart=True)
         return apart if self._left_by(apart) < self._left_by(alike) - np.log(CLEARLY) else alike
 
+    def _best(self, creeps: Sequence[Creep]) -> Creep:
+        """The one of some that leaves least."""
+        return creeps[int(np.argmin(self._left(self._ways(creeps))))]
+
     def _left_by(self, creep: Creep) -> float:
-        return self._left(self._way(creep))
+        return float(self._left(self._ways([creep]))[0])
 
     def _left_by_others(self) -> float:
         """What the best law leaves that comes on at once, gives way or falls."""
-        sharp = self._way(AT_ONCE)
-        bent = [self._left(bristles(self.signals, self.joint, breakaway)) for breakaway in BREAKAWAYS]
-        return min(*bent, *(self._left(sharp, self._falling(self._usual * share)) for share in FALLS))
+        bent = [bristles(self.signals, self.joint, breakaway) for breakaway in BREAKAWAYS]
+        falling = [self._left_falling(self._usual * share) for share in FALLS]
+        return float(min(*self._left(np.stack(bent, axis=1)), *falling))
 
     def _refined(self, near: Creep, apart: bool) -> Creep:
-        """How friction comes on that leaves least, from something near.
-
-        Args:
-            apart: it may come on otherwise ahead than back.
-        """
+        """How friction comes on that leaves least, from something near: alike ahead and back, or apart."""
         for _ in range(ROUNDS):
             for ways in ((0,), (1,)) if apart else ((0, 1),):
                 near = self._lowest(near, ways)
             ahead, back, _ = near
-            left = [self._left(self._way((ahead, back, lead)), in_time=True) for lead in LEADS]
-            near = ahead, back, float(np.interp(lowest(np.array(left)), range(len(LEADS)), LEADS))
+            left = self._left(self._ways([(ahead, back, lead) for lead in LEADS]), in_time=True)
+            near = ahead, back, float(np.interp(lowest(left), range(len(LEADS)), LEADS))
         return near
 
     def _lowest(self, near: Creep, ways: Sequence[int]) -> Creep:
@@ -233,48 +231,57 @@ class _Joint:
             ahead, back = (float(np.exp(log_velocity)) if k in ways else near[k] for k in range(2))
             return ahead, back, near[2]
 
-        def left(log_velocity: float) -> float:  # a parabola near its lowest, which its logarithm is not
-            return float(np.exp(self._left_by(moved(log_velocity))))
+        def left(*log_velocities: float) -> np.ndarray:
+            # a parabola near its lowest, which its logarithm is not
+            return np.exp(self._left(self._ways([moved(one) for one in log_velocities])))
 
         tried = np.log(self._usual * np.array(SHARES))
-        heights = np.pad([left(one) for one in tried], 1, constant_values=np.inf)
+        heights = np.pad(left(*tried), 1, constant_values=np.inf)
         valleys = np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] <= heights[2:]))
         ends = ((tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]) for k in valleys)
+        exactly = {"xatol": EXACTLY}
         found = [
-            minimize_scalar(left, bounds=each, method="bounded", options={"xatol": EXACTLY}) for each in ends
+            minimize_scalar(lambda x: left(x)[0], bounds=each, method="bounded", options=exactly)
+            for each in ends
         ]
         return moved(min(found, key=lambda one: float(one.fun)).x)
 
-    def _left(self, way: np.ndarray, falling: np.ndarray | None = None, in_time: bool = False) -> float:
-        """Logarithm of the mean square that dry friction leaves, of its own size either way and turning round early or late.
+    def _left(self, ways: np.ndarray, in_time: bool = False) -> np.ndarray:
+        """Logarithms of the mean squares that dry friction leaves, of its own size either way and turning round early or late.
 
         Args:
-            way: direction of the friction, (N,).
-            falling: what it has more of while slow, (N,); it may only be more.
+            ways: directions of the friction, each of which is tried, (N, m).
             in_time: it turns round neither early nor late.
         """
-        columns = [np.maximum(way, 0.0), np.minimum(way, 0.0), self.load * way]
-        columns += [] if in_time else [self.signals.derivative(way)]
-        left = beyond(self.target, basis(self._own(columns)))
-        if falling is not None:
-            more = self._own([*columns, falling])
-            size = _fitted(more, self.target)
-            left = self.target - more @ size if size[-1] * (size[0] + size[1]) > 0.0 else left
+        own = self._own(self._of(ways)[: 3 if in_time else 4])
+        left = [beyond(self.target, basis(own[..., i])) for i in range(ways.shape[1])]
+        return np.log(np.maximum(np.mean(np.square(left), axis=1), TINY))
+
+    def _left_falling(self, velocity: float) -> float:
+        """The same where it comes on at once and falls with a velocity [rad/s]: it may only be more while slow."""
+        way = self._ways([AT_ONCE])
+        v = self.signals.velocity[:, self.joint, None]
+        own = self._own([*self._of(way), way * np.exp(-((v / max(velocity, TINY)) ** 2))])[..., 0]
+        size = _fitted(own, self.target)
+        falls = size[-1] * (size[0] + size[1]) > 0.0
+        left = self.target - own @ size if falls else beyond(self.target, basis(own[:, :-1]))
         return float(np.log(max(float(np.mean(left**2)), TINY)))
 
-    def _own(self, columns: Sequence[np.ndarray]) -> np.ndarray:
-        """Columns (N,) behind both low-passes, without what is beside them, (R, k)."""
-        return beyond(self.softening(np.stack(columns, axis=1)), self.spanned)
+    def _of(self, ways: np.ndarray) -> list[np.ndarray]:
+        """What dry friction of some directions (N, m) may be made of, (N, m) each: the last is that it turns round early."""
+        early = self.signals.derivative(ways)
+        return [np.maximum(ways, 0.0), np.minimum(ways, 0.0), self.load[:, None] * ways, early]
 
-    def _way(self, creep: Creep) -> np.ndarray:
-        """Direction of friction that comes on so, (N,)."""
+    def _own(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+        """k columns (N, m) behind both low-passes, without what is beside them, (R, k, m)."""
+        soft = self.softening(np.concatenate(columns, axis=1))
+        return beyond(soft, self.spanned).reshape(len(soft), len(columns), -1)
+
+    def _ways(self, creeps: Sequence[Creep]) -> np.ndarray:
+        """Directions of friction that comes on so, (N, m)."""
         one = slice(self.joint, self.joint + 1)
         motion = self.signals.velocity[:, one], self.signals.acceleration[:, one]
-        return friction_direction(*motion, self.signals.rate, np.array([creep]))[:, 0]
-
-    def _falling(self, velocity: float) -> np.ndarray:
-        v = self.signals.velocity[:, self.joint]
-        return np.asarray(self._way(AT_ONCE) * np.exp(-((v / max(velocity, TINY)) ** 2)))
+        return friction_direction(*motion, self.signals.rate, np.array(creeps))
 
 
 def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
