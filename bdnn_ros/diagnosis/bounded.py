@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.linalg import cho_solve, solve_triangular
@@ -143,13 +145,18 @@ def _solutions(a: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.solve(a, right[..., None])[..., 0])
 
 
+def pieces(block: np.ndarray) -> list[slice]:
+    """Rows of each block, given that of each row, (R,) int, ascending from 0."""
+    edges = np.searchsorted(block, np.arange(block[-1] + 2)).tolist()
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
 def by_block(
-    white: np.ndarray, target: np.ndarray, block: np.ndarray, blocks: int
+    white: np.ndarray, target: np.ndarray, block: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gram matrices (B, P, P), moments (B, P) and powers (B,) of each block of rows (R, n, P) and their target (R, n)."""
     grams, moments, powers = [], [], []
-    for b in range(blocks):
-        rows = block == b
+    for rows in pieces(block):
         tall, flat = white[rows].reshape(-1, white.shape[2]), target[rows].ravel()
         grams.append(tall.T @ tall)
         moments.append(tall.T @ flat)

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from bdnn_ros.diagnosis.echo import Echo
 from bdnn_ros.diagnosis.later import later, later_spread
-from bdnn_ros.diagnosis.noise import ORDER, Noise, past
+from bdnn_ros.diagnosis.noise import ORDER, Noise, past, whitened
 from bdnn_ros.diagnosis.pushing import Pushing
 from bdnn_ros.diagnosis.term import COMMON, Term
 from bdnn_ros.effects.environment import Push, window
@@ -34,6 +34,7 @@ HARDLY_SEEN = 1e-4
 """A coefficient that the motion hardly shows counts as shown by this share of the best: its prior spread stays finite."""
 HARDLY_USABLE = 0.05
 """A joint hardly moves where a smaller share of its rows counts."""
+ALL = slice(None)
 BLURS = slice(1, 3)
 """Which nuisances blur; before them comes a lead, after them each joint's sticking and what creeps."""
 
@@ -50,9 +51,8 @@ class Equations:
         usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest or sticking.
         doubt: share of each row's low-pass in which the joint turns round or creeps, so that it may stick, (R, n).
         dwelling: rows in which it creeps for so long that its dry friction passes for less than it is, (R, n) bool.
-        block, runs: held-out block of each row, (R,) int, starting at 0; rows of each gap-free piece.
-        relative: from U relative errors of the links to inertial parameters, (n * PER_LINK, U).
-        masses: which of them are of a described link's mass, (U,) bool.
+        block, runs: held-out block of each row, (R,) int, ascending from 0; rows of each gap-free piece.
+        relative, masses: from U relative errors of links to inertial parameters, (n * PER_LINK, U); those of masses, (U,) bool.
         effort_scale, effort_size: spread of each joint's effort, and its root mean square, (n,) [N·m].
         lead: how far the recorded effort is known to be ahead of the motion [s].
         jointwise: where an identified model takes the simulation's place, from the same errors to those of `COMMON` at
@@ -80,6 +80,7 @@ class Equations:
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
     _pasts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
+    _whitening: tuple[Noise, tuple[np.ndarray, np.ndarray]] | None = field(default=None, init=False)
     _pushing: dict[tuple[int, str | None], Pushing] = field(default_factory=dict, init=False)
     ever_usable: np.ndarray = field(init=False)
     """Rows that count unless they are held out, (R, n) bool: what acts only in held-out rows is still believed to be small."""
@@ -250,7 +251,7 @@ class Equations:
 
     def count(self, rows: np.ndarray) -> None:
         """Let these rows count from now on, (R, n) bool."""
-        self.usable, self._pasts = rows, {}
+        self.usable, self._pasts, self._whitening = rows, {}, None
 
     def link_spread(self, link_error: float) -> np.ndarray:
         """Prior standard deviations of the links' relative errors, (U,).
@@ -286,16 +287,12 @@ class Equations:
         return Echo(self.motion, self.rows)
 
     def whiten(
-        self, values: np.ndarray, noise: Noise, joints: np.ndarray | None = None, rows: slice = slice(None)
+        self, values: np.ndarray, noise: Noise, joints: np.ndarray | slice = ALL, rows: slice = ALL
     ) -> np.ndarray:
-        """Rows (R, n, ...) in units of their noise; unusable ones are zero.
-
-        Args:
-            joints: those of which the values are, (n,) int; None is all.
-            rows: those of which they are, after rows of zeros.
-        """
-        history, doubt = (of_each[rows] for of_each in self._past(noise.order))
-        return noise.whitened(values, history, doubt, joints)
+        """Rows (R, n, ...) of some joints, after rows of zeros, in units of their noise; unusable ones are zero."""
+        if self._whitening is None or self._whitening[0] is not noise:
+            self._whitening = noise, noise.whitening(*self._past(noise.order))
+        return whitened(values, *(each[rows][:, joints] for each in self._whitening[1]))
 
     def history(self, order: int = ORDER) -> np.ndarray:
         """How many usable rows come just before each, at most the order, (R, n); -1 for what is not usable itself."""

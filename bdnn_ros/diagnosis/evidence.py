@@ -24,6 +24,7 @@ from bdnn_ros.diagnosis.bounded import (
     held_out_losses,
     mean_evidence,
     outside,
+    pieces,
 )
 from bdnn_ros.diagnosis.equations import BLURS, Equations
 from bdnn_ros.diagnosis.fit import Fit
@@ -62,14 +63,12 @@ class Pool:
         self.kinds = np.concatenate([np.ones((most, self.base)), *kinds], axis=1)  # all are of one kind
         self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
         self.white_target = equations.whiten(equations.target, noise)
-        self.gram, self.moment, self.power = by_block(
-            self.white, self.white_target, equations.block, equations.blocks
-        )
+        self.gram, self.moment, self.power = by_block(self.white, self.white_target, equations.block)
         for term, slot in zip(self.terms, self.slots, strict=True):
             self.moment[:, slot] -= equations.echo(term, len(slot))
         self._fits: dict[tuple[int, ...], Fit] = {}
         self._held_out: dict[tuple[int, ...], np.ndarray] = {}
-        self._tall: tuple[tuple[object, ...], np.ndarray] | None = None
+        self._tall: tuple[tuple[object, ...], tuple[np.ndarray, np.ndarray]] | None = None
         history = equations.history(noise.order)
         stds = noise.of(equations.doubtful(noise.order), np.maximum(history, 0))
         self._scale = float(np.sum((history >= 0) * np.log(stds)))
@@ -95,7 +94,7 @@ class Pool:
             other.white[:, :, own] = self.equations.whiten(made, self.noise)
         slot = np.concatenate([self.slots[one] for one in found])
         other.gram, other.moment = self.gram.copy(), self.moment.copy()
-        for b, rows in enumerate(self.equations.block == b for b in range(self.equations.blocks)):
+        for b, rows in enumerate(pieces(self.equations.block)):
             new = other.white[rows][:, :, slot].reshape(-1, len(slot))
             cross = other.white[rows].reshape(-1, other.white.shape[2]).T @ new
             other.gram[b][:, slot], other.gram[b][slot] = cross, cross.T
@@ -241,20 +240,21 @@ class Pool:
         rows = slice(when[0], when[-1] + 1 + self.noise.order) if len(when) else slice(0)
         white = self.equations.whiten(columns[rows][:, joints], self.noise, joints, rows)
         each = columns.shape[2:]
-        known = self.known(fit, joints)[rows].reshape(-1, len(fit.coefficients))
+        known, beyond = (of_fit[rows] for of_fit in self.known(fit, joints))
         tall = white.reshape(-1, each[0] * each[1])
-        left = tall.T @ (self.white_target[rows][:, joints].ravel() - known @ fit.coefficients)
-        cross = known.T @ tall
+        left = tall.T @ beyond.ravel()
+        cross = known.reshape(-1, len(fit.coefficients)).T @ tall
         told = (fit.covariance @ cross).reshape(-1, *each).transpose(1, 0, 2)
         across, own = (values.reshape(-1, *each).transpose(1, 2, 0) for values in (cross, tall))
         return own @ own.transpose(0, 2, 1) - across @ told, left.reshape(each)
 
-    def known(self, fit: Fit, joints: np.ndarray) -> np.ndarray:
-        """Whitened columns of a fit on some joints, (R, joints, P); kept for the next term that is tried beside it."""
-        key = (fit.terms, tuple(joints.tolist()))
+    def known(self, fit: Fit, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whitened columns of a fit on some joints, (R, joints, P), and what it leaves; kept for the next term beside it."""
+        key = (fit.terms, fit.coefficients.tobytes(), tuple(joints.tolist()))
         if self._tall is None or self._tall[0] != key:
-            index = self.columns_of(fit.terms)
-            self._tall = key, self.white[:, joints][:, :, index]
+            white = self.white[:, joints][:, :, self.columns_of(fit.terms)]
+            of_fit = white.reshape(-1, white.shape[2]) @ fit.coefficients
+            self._tall = key, (white, self.white_target[:, joints] - of_fit.reshape(white.shape[:2]))
         return self._tall[1]
 
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:

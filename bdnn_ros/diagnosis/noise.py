@@ -33,44 +33,32 @@ class Noise:
         """How many rows before each are in it."""
         return int(self.coefficients.shape[1])
 
-    def of(self, doubt: np.ndarray, history: np.ndarray, joints: np.ndarray | None = None) -> np.ndarray:
-        """Standard deviation of rows, given as many rows before each as its history has, (R, k).
+    def of(self, doubt: np.ndarray, history: np.ndarray) -> np.ndarray:
+        """Standard deviation of rows, given as many rows before each as its history has, (R, n).
 
         Args:
-            doubt: of the joint's direction, (R, k).
-            history: usable rows just before each, up to the order, (R, k).
-            joints: whose they are, (k,) int; None is all.
+            doubt: of the joint's direction, (R, n).
+            history: usable rows just before each, up to the order, (R, n).
         """
-        joints = self._all if joints is None else joints
-        std = self.std[joints] if self.slip is None else np.hypot(self.std[joints], self.slip[joints] * doubt)
-        return np.asarray(std * self._shorter[1][history, joints])
+        std = self.std if self.slip is None else np.hypot(self.std, self.slip * doubt)
+        return np.asarray(std * self._shorter[1][history, self._all])
 
     def sure(self, doubt: np.ndarray) -> np.ndarray:
         """Rows in which what may stick is less than the other noise, (R, n) bool, given the doubt of the direction (R, n)."""
         return np.ones(doubt.shape, bool) if self.slip is None else self.slip * doubt <= self.std
 
-    def weights(self, history: np.ndarray, joints: np.ndarray | None = None) -> np.ndarray:
-        """Weights of the rows before each that predict it best, zero beyond its history, (R, k, order); see `of`."""
-        return np.asarray(self._shorter[0][history, self._all if joints is None else joints])
+    def weights(self, history: np.ndarray) -> np.ndarray:
+        """Weights of the rows before each that predict it best, zero beyond its history, (R, n, order); see `of`."""
+        return np.asarray(self._shorter[0][history, self._all])
 
-    def whitened(
-        self, values: np.ndarray, history: np.ndarray, doubt: np.ndarray, joints: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Rows (R, k, ...) in units of their noise; unusable ones are zero.
+    def whitening(self, history: np.ndarray, doubt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The weights, and units of the noise in each row's one, zero where it is unusable, (R, n); both for `whitened`.
 
         Args:
-            history, doubt: of all joints, as in `past`, (R, n).
-            joints: those of which the values are, (k,) int; None is all.
+            history, doubt: as in `past`, (R, n).
         """
-        if joints is not None:
-            history, doubt = history[:, joints], doubt[:, joints]
         seen = np.maximum(history, 0)
-        weights, keep = self.weights(seen, joints), (history >= 0) / self.of(doubt, seen, joints)
-        shape = values.shape[:2] + (1,) * (values.ndim - 2)
-        white = values.astype(float)
-        for lag in range(1, weights.shape[2] + 1):
-            white[lag:] -= weights[lag:, :, lag - 1].reshape(len(values[lag:]), *shape[1:]) * values[:-lag]
-        return white * keep.reshape(shape)
+        return self.weights(seen), (history >= 0) / self.of(doubt, seen)
 
     @property
     def _all(self) -> np.ndarray:
@@ -91,6 +79,16 @@ class Noise:
             weights[p - 1, :, : p - 1] = (known + last * known[:, ::-1]) / left
             errors[p - 1] = errors[p] / np.sqrt(left[:, 0])
         return weights, errors
+
+
+def whitened(values: np.ndarray, weights: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """Rows (R, k, ...) in units of their noise, by the `Noise.whitening` of the same rows and joints."""
+    shape = values.shape[:2] + (1,) * (values.ndim - 2)
+    white = values.astype(float)
+    for lag in range(1, weights.shape[2] + 1):
+        white[lag:] -= weights[lag:, :, lag - 1].reshape(len(values[lag:]), *shape[1:]) * values[:-lag]
+    white *= keep.reshape(shape)
+    return white
 
 
 def past(

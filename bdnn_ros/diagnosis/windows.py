@@ -64,8 +64,7 @@ class _Sums:
         """Of columns that act all the time, rows (R, n, k)."""
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
         white = pool.equations.whiten(columns[:, joints], pool.noise, joints)
-        known = pool.known(fit, joints)
-        left = pool.white_target[:, joints] - known @ fit.coefficients
+        known, left = pool.known(fit, joints)
         return cls(
             _running(np.einsum("rjk,rjl->rkl", white, white)),
             _running(np.swapaxes(white, 1, 2) @ known),
