@@ -120,11 +120,12 @@ def _way(parting: np.ndarray, at: float, half: float, period: float) -> np.ndarr
     """Where a motor goes in its gap of two halves after it left a side, until it meets one, in units of a half, (K,)."""
     look = max(round(FIRST_LOOK / period), 2)
     while True:
-        way = at + period**2 / half * np.cumsum(np.cumsum(parting[:look]))
-        met = np.flatnonzero(np.abs(way) >= 1.0)
-        if len(met):
-            way[met[0]] = np.sign(way[met[0]])
-            return way[: met[0] + 1]
+        way = at + period**2 / half * parting[:look].cumsum().cumsum()
+        met = np.abs(way) >= 1.0
+        if met.any():
+            first = int(met.argmax())
+            way[first] = np.sign(way[first])
+            return way[: first + 1]
         if look >= len(parting):
             return way
         look *= 2
@@ -132,5 +133,5 @@ def _way(parting: np.ndarray, at: float, half: float, period: float) -> np.ndarr
 
 def _next(samples: np.ndarray, first: int, none: int) -> int:
     """The first of ascending samples that is not before another; `none` where there is none."""
-    where = int(np.searchsorted(samples, first))
+    where = int(samples.searchsorted(first))
     return int(samples[where]) if where < len(samples) else none

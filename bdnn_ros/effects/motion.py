@@ -20,7 +20,7 @@ SPARSE = 50
 """One sample in so many is enough for a mean."""
 OF_MOTION = ("regressor", "_pulls", "calm")
 """Cached, and the same whatever the bodies and the load are."""
-OF_BODIES = ("link_load", "_slopes", "gravity_pulls", "usual_inertia")
+OF_BODIES = ("link_load", "_slopes", "inertia", "gravity_pulls", "usual_inertia")
 """Cached, and the same whatever the load is."""
 
 
@@ -161,10 +161,10 @@ class Motion:
         matrices = self.robot.mass_matrix(self.position[::SPARSE])
         return np.maximum(np.diagonal(matrices, axis1=1, axis2=2).mean(axis=0), LIGHTEST)
 
-    @property
+    @cached_property
     def inertia(self) -> np.ndarray:
         """The mass matrix's diagonal along the motion, (N, n) [kg·m²]."""
-        return np.maximum(np.diagonal(self._slopes[2], axis1=1, axis2=2), LIGHTEST)
+        return np.maximum(np.diagonal(self._slopes[2], axis1=0, axis2=2), LIGHTEST)
 
     def joint_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
         """Columns (N,) that act on one joint only, as (N, n, k)."""
@@ -222,9 +222,7 @@ class Motion:
         """
         rate = self.derivative(change)
         changes = (change, rate, self.derivative(rate))
-        return np.asarray(
-            sum(by[:, :, target] * c[:, None] for by, c in zip(self._slopes, changes, strict=True))
-        )
+        return np.asarray(sum(by[target] * c[:, None] for by, c in zip(self._slopes, changes, strict=True)))
 
     def bent(self, target: int, change: np.ndarray) -> np.ndarray:
         """As `shifted`, by a change of the link's position alone, which springs across the joint feel too, (N, n) [N·m]."""
@@ -236,8 +234,10 @@ class Motion:
         )
 
     @cached_property
-    def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return self.robot.effort_derivatives(self.position, self.velocity, self.acceleration)
+    def _slopes(self) -> list[np.ndarray]:
+        """Change of the rigid effort per position, velocity and acceleration of each joint, which comes first: (n, N, n) each."""
+        found = self.robot.effort_derivatives(self.position, self.velocity, self.acceleration)
+        return [np.ascontiguousarray(np.moveaxis(by, 2, 0)) for by in found]
 
     @cached_property
     def gravity_pulls(self) -> np.ndarray:
