@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.identifiability import Judgement, judge, likelier, plain
 from bdnn_ros.diagnosis.pushes import edges
 from bdnn_ros.diagnosis.search import Progress, Search, Selection
 from bdnn_ros.diagnosis.settling import settled, windows_anew
+from bdnn_ros.diagnosis.steadiness import steadied
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.motion import Motion
 
@@ -157,6 +158,8 @@ def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndar
     noise, link_error = found.pool.noise, found.pool.link_error
     terms = windows_anew(search.candidates, equations, Pool(equations, noise, found.terms, link_error)).terms
     selection, judgements = _reconsidered(search, found, terms)
+    if any(judgement.changing for judgement in judgements):
+        terms, noise = selection.terms, selection.pool.noise  # what stood for it leaves less than can be told
     equations.count(whole & ~test[:, None])
     alone = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
     extended, fitted = alone.left(), alone
@@ -204,6 +207,11 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
             break
         seen.append(better.places)
         selection, judgements = better, judge(search, better)
+    # two that are constant may look otherwise until each is on its link
+    selection, changing = steadied(search, selection)
+    if changing:
+        each = zip(selection.chosen, judge(search, selection), strict=True)
+        judgements = [changing.get(one, judgement) for one, judgement in each]
     return selection, weighed(search, selection, judgements)
 
 

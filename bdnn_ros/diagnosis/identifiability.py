@@ -50,12 +50,14 @@ class Judgement:
         nothing: probability that neither it nor a rival is there.
         rivals: other terms for its place and their probabilities, most probable first.
         steady: whether it helps throughout, on blocks that were not fitted to.
+        changing: whether it is a push that no constant one explains.
     """
 
     probability: float
     nothing: float
     rivals: tuple[tuple[Term, float], ...]
     steady: bool = True
+    changing: bool = False
 
     def at_least(self, term: Term) -> float:
         """How sure it is that the chosen term is there, be it with more: rivals that contain it do not speak against it."""
@@ -141,7 +143,7 @@ def folded(selection: Selection, judgements: Sequence[Judgement]) -> list[Judgem
                 own += probability
             else:
                 others.append((rival, probability))
-        result.append(Judgement(own, judgement.nothing, tuple(others)))
+        result.append(replace(judgement, probability=own, rivals=tuple(others)))
     return result
 
 
@@ -209,12 +211,23 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
         own, nothing = max(own, weighed[0]), max(nothing, weighed[1])
         for rival, score in weighed[2].items():
             scores[rival] = max(scores.get(rival, -np.inf), score)
+    return judged(fair, term, own, nothing, scores, toss(term, own - nothing))
+
+
+def judged(
+    pool: Pool, term: Term, own: float, nothing: float, scores: dict[int, float], amiss: float
+) -> Judgement:
+    """How sure a term is by its score, that of nothing in its place, and those of rivals in a pool.
+
+    Args:
+        amiss: by so much any of them may be wrong [nats].
+    """
     keys = list(scores)
     logs = np.array([own, nothing, *(scores[k] for k in keys)])
-    logs /= TEMPERATURE + toss(term, own - nothing)
+    logs /= TEMPERATURE + amiss
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
-    rivals_found = [(fair.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
+    rivals_found = [(pool.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
     return Judgement(float(weights[0]), float(weights[1]), _listed(term, rivals_found))
 
 

@@ -28,6 +28,8 @@ DOUBTFUL = 0.1
 likely as this beside what could stand in its place."""
 UNLIKELY = 0.5
 """What has no name is told as a doubt only where nothing at all is no likelier than this."""
+CHANGES = " Its force changes meanwhile, or where it acts: this is the constant push that comes nearest."
+"""What is said of a push that no constant one explains."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
         share=share,
         probability=judgement.probability,
         rivals=rivals,
-        sentence=effect.sentence(where, _told(estimate)),
+        sentence=effect.sentence(where, _told(estimate)) + CHANGES * judgement.changing,
         variant=effect.variant,
     )
 

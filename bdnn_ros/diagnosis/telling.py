@@ -60,7 +60,9 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
         for some in (names.findings, reported_velocity(case.recordings, cutoff, before))
     )
     findings = [*causes, *of_velocity]
-    of_effort = _verdict(causes, _unclear(case, names), bool(near.all()), names.unsaid <= MOST)
+    changing = any(judgement.changing for judgement in attempt.judgements)
+    said = names.unsaid <= MOST and not changing
+    of_effort = _verdict(causes, _unclear(case, names), bool(near.all()), said)
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
     gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
     above = _above(robot.joints, near, case.left)
