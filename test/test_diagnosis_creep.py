@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 import pytest
 
 from bdnn_ros.diagnosis import diagnose as diagnosing
@@ -26,7 +27,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.scores import score_model
 from bdnn_ros.signals import Signals, flattened, prepare
 from bdnn_ros.signals.signals import friction_direction
-from bdnn_ros.simulation.excitation import fourier
+from bdnn_ros.simulation.excitation import Trajectory, fourier, position_range
 from bdnn_ros.simulation.scenario import Scenario
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -304,6 +305,47 @@ def test_a_push_hides_how_friction_comes_on_but_not_where_it_does_not_act(pushed
     assert undisturbed(calm, ROBOT, around) is calm
     assert undisturbed(signals, ROBOT, np.zeros(len(signals), bool)) is signals
     assert undisturbed(signals, ROBOT, signals.time > 10.0) is signals
+
+
+def test_what_a_medium_does_to_bodies_is_not_taken_for_friction():
+    plan = points(seed=4)
+    effort = ROBOT.inverse_dynamics(plan.position, plan.velocity, plan.acceleration) + in_a_medium(0.3, plan)
+    noise = np.random.default_rng(4).standard_normal((2, *effort.shape))
+    effort += 0.003 * effort.std(axis=0) * noise[1]
+    recording = Recording(plan.time, ROBOT.joints, plan.position + 1e-5 * noise[0], None, effort)
+    assert creeping(seen(recording), ROBOT) is None
+
+
+def points(seed, duration=20.0, each=1.5) -> Trajectory:
+    """From point to point, each joint at a constant velocity for half of the time."""
+    low, high = position_range(ROBOT)
+    goals = np.random.default_rng(seed).uniform(0.6 * low, 0.6 * high, (int(duration / each) + 2, len(low)))
+    time, ramp = np.arange(0.0, duration, 1.0 / RATE), each / 4.0
+    leg, t = (time // each).astype(int), time % each
+    fast = (goals[leg + 1] - goals[leg]) / (each - ramp)
+    knots = np.array([0.0, ramp, each - ramp, each])
+    rate = np.interp(t, knots, [0.0, 1.0, 1.0, 0.0])
+    change = np.where(t < ramp, 1.0, np.where(t > each - ramp, -1.0, 0.0)) / ramp
+    way = np.where(t < ramp, t**2 / (2.0 * ramp), t - ramp / 2.0)
+    way = np.where(t > each - ramp, each - ramp - (each - t) ** 2 / (2.0 * ramp), way)
+    return Trajectory(time, goals[leg] + fast * way[:, None], fast * rate[:, None], fast * change[:, None])
+
+
+def in_a_medium(share, plan):
+    """Effort against a medium that takes a share of each body's momentum a second, and so much more of it at 1 m/s."""
+    model = pinocchio.buildModelFromXML(ROBOT.urdf)
+    data, effort = model.createData(), np.zeros_like(plan.position)
+    for row, (q, v) in enumerate(zip(plan.position, plan.velocity, strict=True)):
+        pinocchio.computeJointJacobians(model, data, q)
+        pinocchio.forwardKinematics(model, data, q, v)
+        for body in range(1, model.njoints):
+            inertia, moved = model.inertias[body], data.v[body]
+            velocity, turn = moved.linear + np.cross(moved.angular, inertia.lever), moved.angular
+            force = share * (1.0 + np.linalg.norm(velocity)) * inertia.mass * velocity
+            torque = share * (1.0 + np.linalg.norm(turn)) * inertia.inertia @ turn
+            jacobian = pinocchio.getJointJacobian(model, data, body, pinocchio.ReferenceFrame.LOCAL)
+            effort[row] += jacobian[:3].T @ force + jacobian[3:].T @ (torque + np.cross(inertia.lever, force))
+    return effort
 
 
 def test_what_is_never_all_there_is_not_taken_for_friction():

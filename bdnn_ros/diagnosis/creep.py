@@ -17,6 +17,7 @@ from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array
 
 from bdnn_ros.checks.sampling import lowest, some, telling
+from bdnn_ros.diagnosis.bodies import of_bodies
 from bdnn_ros.diagnosis.leftover import basis, beyond
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.bristles import bristles
@@ -80,7 +81,7 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
     if not len(rows):
         return None
     smoothing = signals.smoothing_at(rows)
-    bodies = _of_bodies(signals, robot)
+    bodies = of_bodies(signals, robot)
     bodies = (smoothing @ bodies.reshape(len(bodies), -1)).reshape(-1, *bodies.shape[1:])
     load = np.abs(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
     moving = np.flatnonzero(further(signals.position, signals.position_noise)).tolist()
@@ -94,14 +95,6 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
         if not found[j].any():
             found[j] = joints[j].likely(early)
     return found
-
-
-def _of_bodies(signals: Signals, robot: Robot) -> np.ndarray:
-    """What errors of links, of gravity's direction and of joints' zeros add to the effort, (N, n, 11 n + 3)."""
-    q, v, a = signals.position, signals.velocity, signals.acceleration
-    pulls = [replace(robot, gravity_vector=axis).gravity(q) for axis in np.eye(3)]
-    zeros = robot.effort_derivatives(q, v, a)[0]
-    return np.concatenate([robot.regressor(q, v, a), np.stack(pulls, axis=-1), zeros], axis=-1)
 
 
 def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signals:
