@@ -237,6 +237,20 @@ def test_what_lies_within_three_deviations_of_nothing_is_not_shown(force, shown,
     assert estimate.shown is shown
 
 
+@pytest.mark.parametrize("share, shown", [(1.1, True), (0.9, False)])
+def test_friction_that_holds_more_than_the_joint_ever_bore_is_not_shown(share, shown):
+    """What was never measured at the joint is told of a few slow moments."""
+    equations, robot = equations_of([]), Robot.bundled("arm2")
+    one, _ = term(f"stribeck_friction@{J1}:coulomb=1,static=2,velocity=0.1", robot)
+    signals = equations.motion.signals
+    effort = np.tile([share, 9.0], (len(signals), 1)) * [2.0, 1.0]
+    equations.motion = replace(equations.motion, signals=replace(signals, effort=effort))
+    pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.01)), [one], LINK_ERROR)
+    (found,) = estimates(pool, pool.whole)
+    known = replace(found, coefficients=np.ones(2), covariance=1e-6 * np.eye(3), robust=1e-6 * np.eye(3))
+    assert replace(known, doubting=known.covariance).shown is shown
+
+
 @pytest.mark.parametrize("force, shown", [(0.22, True), (0.18, False)])
 def test_what_lies_within_two_deviations_where_links_are_doubted_is_not_shown(force, shown):
     """Three of what the links' errors seem to be are less than two of twice as much."""

@@ -274,6 +274,35 @@ def test_a_bristle_as_short_as_any_that_is_tried_is_dry_friction(breakaway, show
     assert get("hysteresis").shown(values, stds) is shown
 
 
+@pytest.mark.parametrize(
+    "static, std, velocity, shown",
+    [
+        (2.0, 0.5, 0.1, True),
+        (2.0, 1.1, 0.1, False),
+        (2.0, 0.5, 0.49, False),
+        (2.0, 0.5, 0.02, False),
+        (-1.0, 0.5, 0.1, True),
+    ],
+)
+def test_friction_falls_where_its_height_is_known_and_its_velocity_is_at_no_end(static, std, velocity, shown):
+    """Be it less than a model has."""
+    values = {"coulomb": 1.0 if static > 0.0 else 0.0, "static": static, "velocity": velocity}
+    assert get("stribeck_friction").shown(values, {"coulomb": 0.01, "static": std, "velocity": 0.02}) is shown
+
+
+@pytest.mark.parametrize(
+    "name, values",
+    [
+        ("stribeck_friction", {"coulomb": 1.0, "static": 3.0, "velocity": 0.1}),
+        ("hysteresis", {"force": 3.0, "breakaway": 0.1}),
+    ],
+)
+def test_friction_that_is_more_than_was_ever_measured_is_not_shown(name, values):
+    """A joint that is held by more does not move."""
+    law, stds = get(name), dict.fromkeys(values, 1e-3)
+    assert law.shown(values, stds, most=3.1) and not law.shown(values, stds, most=2.9)
+
+
 @pytest.mark.parametrize(("stiffness", "less"), [(3.01, False), (-3.01, True)])
 def test_a_spring_is_less_by_its_stiffness_wherever_it_rests(stiffness, less):
     """A preloaded one rests further off than a specification takes."""

@@ -46,6 +46,7 @@ class Estimate:
             are the same motion told. Of other terms the same as `covariance`.
         acting: what acts per coefficient; see `Pool.acting`.
         mirrored: variance of each coefficient by what its other side does as well, (k,); None for none.
+        most: the largest effort that was measured at its joint [N·m].
     """
 
     term: Term
@@ -55,6 +56,7 @@ class Estimate:
     doubting: np.ndarray
     acting: float = 1.0
     mirrored: np.ndarray | None = None
+    most: float = math.inf
 
     @property
     def values(self) -> dict[str, float]:
@@ -70,7 +72,8 @@ class Estimate:
     def shown(self) -> bool:
         """Whether it is known well enough for a name: to be there, and by its parameters."""
         stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
-        return self.there and self.term.effect.shown(self.values, {p.name: float(std) for p, std in stds})
+        known = {p.name: float(std) for p, std in stds}
+        return self.there and self.term.effect.shown(self.values, known, self.acting * self.most)
 
     @property
     def more(self) -> bool:
@@ -178,9 +181,16 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
                 doubted,
                 acting_per_measured(pool, fit, chosen),
                 _mirrored(pool, fit, term, coefficients),
+                _most(pool, term),
             )
         )
     return result
+
+
+def _most(pool: Pool, term: Term) -> float:
+    """The largest effort that was measured at a term's joint [N·m]; infinite where it has none."""
+    effort = pool.equations.motion.signals.effort
+    return math.inf if effort is None or term.target < 0 else float(np.abs(effort[:, term.target]).max())
 
 
 def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:

@@ -204,8 +204,8 @@ class Effect(ABC):
         ends = ((value, end) for value, both in pairs for end in both[self.may_be_gone :])
         return not any(end and math.isclose(value, end, rel_tol=1e-3) for value, end in ends)
 
-    def shown(self, values: Values, stds: Values) -> bool:
-        """Whether a finding with these values and their standard deviations may be named."""
+    def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
+        """Whether values with these standard deviations may be named, where a joint's effort was never more than `most` [N·m]."""
         return True
 
     def strength(self, unit: np.ndarray, usual: np.ndarray) -> np.ndarray:

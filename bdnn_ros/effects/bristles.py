@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from types import MappingProxyType
+
 import numpy as np
 
+from bdnn_ros.effects.base import Effect, Parameter, Values
+from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.plant import Plant
 from bdnn_ros.signals import Signals
+
+KNOWN = 4.0
+"""Standard deviations by which a bristle's force and travel must exceed nothing: a joint that creeps looks like a short one."""
 
 
 def bristle(position: np.ndarray, breakaway: float) -> np.ndarray:
@@ -28,3 +37,57 @@ def bristle(position: np.ndarray, breakaway: float) -> np.ndarray:
 def bristles(motion: Signals, joint: int, breakaway: float) -> np.ndarray:
     """Bend of a joint's bristle along a motion, (N,): each gap-free segment begins unbent."""
     return np.concatenate([bristle(motion.position[rows, joint], breakaway) for rows in motion.segments])
+
+
+class Hysteresis(Effect):
+    """Pre-sliding friction: a bristle that is bent over the distance `breakaway` before it slides (Dahl)."""
+
+    name = "hysteresis"
+    title = "pre-sliding friction"
+    on = "joint"
+    in_drive = True
+    parameters = (
+        Parameter("force", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
+        Parameter("breakaway", "rad", 1e-4, 0.5, plausible=(0.01, 0.1)),
+    )
+    equation = "F with dF/dq = (force / breakaway) * (1 - sign(qd) * F / force)"
+    confused_with = ("coulomb_friction", "joint_elasticity", "backlash", "stribeck_friction")
+    shown_by = "many small reversals, of about the breakaway distance, beside large ones"
+    source = "Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968"
+    coefficient_bounds = ((0.0, np.inf),)
+    settles_into = "coulomb_friction"
+    shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
+
+    def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
+        # one as short as any that is tried would rather be shorter: no bristle at all
+        beyond = values["breakaway"] - self.shape_bounds["breakaway"][0]
+        known = abs(values["force"]) > KNOWN * stds["force"] and beyond > KNOWN * stds["breakaway"]
+        return known and values["force"] <= most
+
+    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
+        force, breakaway = values["force"], values["breakaway"]
+        last = math.nan
+        bend = 0.0
+
+        def resist(time: float, position: float, velocity: float, load: float) -> float:
+            nonlocal last, bend
+            step = 0.0 if math.isnan(last) else position - last
+            last = position
+            if step:
+                direction = math.copysign(1.0, step)
+                bend = direction + (bend - direction) * math.exp(-abs(step) / breakaway)
+            return force * bend
+
+        plant.efforts.append((target, resist))
+
+    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
+        return motion.sharp_column(target, bristles(motion.signals, target, shape["breakaway"]))
+
+    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
+        return [{"breakaway": float(b)} for b in np.geomspace(0.005, 0.12, 5)]
+
+    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        return {"force": float(coefficients[0]), "breakaway": float(shape["breakaway"])}
+
+    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
+        return np.array([values["force"]]), {"breakaway": values["breakaway"]}

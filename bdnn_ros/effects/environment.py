@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from types import MappingProxyType
 
@@ -135,7 +136,7 @@ class ExternalWrench(Push):
             key: values[key] for key in ("start", "end", *POINT)
         }
 
-    def shown(self, values: Values, stds: Values) -> bool:
+    def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
         return any(abs(values[c]) > SHOWN * stds[c] for c in COMPONENTS)
 
     def sentence(self, where: str, values: Values) -> str:

@@ -8,7 +8,6 @@ from types import MappingProxyType
 import numpy as np
 
 from bdnn_ros.effects.base import Effect, Held, Parameter, Values
-from bdnn_ros.effects.bristles import bristles
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import Robot
@@ -22,8 +21,6 @@ RESOLVED = 0.25
 """A Stribeck velocity that is passed within this share of the low-pass's standard deviation cannot be told from sticking."""
 FALLING = 2.0
 """Friction falls where it is there: its Stribeck velocity is no less than this many times that at which all of it is."""
-KNOWN = 4.0
-"""Standard deviations by which a bristle's force and travel must exceed nothing: a joint that creeps looks like a short one."""
 SLIDING = {
     "coulomb_friction": ("coulomb", "coulomb"),
     "stribeck_friction": ("coulomb", "coulomb"),
@@ -153,6 +150,14 @@ class StribeckFriction(DryFriction):
         least = 0.0 if creep is None else FALLING * float(creep[target, :2].max())
         return bool(shape["velocity"] >= max(RESOLVED * usual * motion.signals.kernel_std, least))
 
+    def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
+        # a fall as slow or as fast as any that is tried would rather be slower (sticking) or faster (drag)
+        velocity, (low, high) = values["velocity"], self.shape_bounds["velocity"]
+        inside = low + stds["velocity"] < velocity < high - stds["velocity"]
+        # slow moments may be so few that any height fits: what was never measured would hold the joint for ever
+        known = abs(values["static"] - values["coulomb"]) > stds["static"] and values["static"] <= most
+        return inside and known
+
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         coulomb, extra = (float(c) for c in coefficients)
         return {"coulomb": coulomb, "static": coulomb + extra, "velocity": float(shape["velocity"])}
@@ -259,56 +264,3 @@ class QuadraticDrag(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["drag"]]), {}
-
-
-class Hysteresis(Effect):
-    """Pre-sliding friction: a bristle that is bent over the distance `breakaway` before it slides (Dahl)."""
-
-    name = "hysteresis"
-    title = "pre-sliding friction"
-    on = "joint"
-    in_drive = True
-    parameters = (
-        Parameter("force", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
-        Parameter("breakaway", "rad", 1e-4, 0.5, plausible=(0.01, 0.1)),
-    )
-    equation = "F with dF/dq = (force / breakaway) * (1 - sign(qd) * F / force)"
-    confused_with = ("coulomb_friction", "joint_elasticity", "backlash", "stribeck_friction")
-    shown_by = "many small reversals, of about the breakaway distance, beside large ones"
-    source = "Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968"
-    coefficient_bounds = ((0.0, np.inf),)
-    settles_into = "coulomb_friction"
-    shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
-
-    def shown(self, values: Values, stds: Values) -> bool:
-        # one as short as any that is tried would rather be shorter: no bristle at all
-        beyond = values["breakaway"] - self.shape_bounds["breakaway"][0]
-        return abs(values["force"]) > KNOWN * stds["force"] and beyond > KNOWN * stds["breakaway"]
-
-    def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
-        force, breakaway = values["force"], values["breakaway"]
-        last = math.nan
-        bend = 0.0
-
-        def resist(time: float, position: float, velocity: float, load: float) -> float:
-            nonlocal last, bend
-            step = 0.0 if math.isnan(last) else position - last
-            last = position
-            if step:
-                direction = math.copysign(1.0, step)
-                bend = direction + (bend - direction) * math.exp(-abs(step) / breakaway)
-            return force * bend
-
-        plant.efforts.append((target, resist))
-
-    def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
-        return motion.sharp_column(target, bristles(motion.signals, target, shape["breakaway"]))
-
-    def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        return [{"breakaway": float(b)} for b in np.geomspace(0.005, 0.12, 5)]
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"force": float(coefficients[0]), "breakaway": float(shape["breakaway"])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["force"]]), {"breakaway": values["breakaway"]}

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from bdnn_ros.effects import (
     actuation,
     backlash,
+    bristles,
     drift,
     environment,
     friction,
@@ -36,7 +37,7 @@ ALL: tuple[Effect, ...] = (
     friction.AsymmetricFriction(),
     friction.LoadDependentFriction(),
     friction.QuadraticDrag(),
-    friction.Hysteresis(),
+    bristles.Hysteresis(),
     rigid.Armature(),
     rigid.Payload(),
     rigid.LinkInertia(),

@@ -148,7 +148,7 @@ class Payload(OnBody):
         mass = abs(coefficients[0]) + (0.0 if std is None else CERTAIN * std[0])
         return bool(np.linalg.norm(coefficients[1:POINT]) <= REACH * mass)
 
-    def shown(self, values: Values, stds: Values) -> bool:
+    def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
         return abs(values["mass"]) > WEIGHED * stds["mass"]
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
