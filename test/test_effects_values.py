@@ -267,9 +267,11 @@ def test_a_bristle_is_shown_by_a_force_and_a_travel_that_are_well_known(force, b
     assert get("hysteresis").shown({"force": 1.0, "breakaway": 0.01}, stds) is shown
 
 
-@pytest.mark.parametrize("breakaway, shown", [(0.001, False), (0.0011, False), (0.0025, True)])
-def test_a_bristle_as_short_as_any_that_is_tried_is_dry_friction(breakaway, shown):
-    """However well its travel is known: it would rather be shorter."""
+@pytest.mark.parametrize(
+    "breakaway, shown", [(0.001, False), (0.0011, False), (0.0025, True), (0.2985, True), (0.2999, False)]
+)
+def test_a_bristle_as_short_or_as_long_as_any_that_is_tried_is_none(breakaway, shown):
+    """However well its travel is known: it would rather be shorter, dry friction, or longer, a spring."""
     values, stds = {"force": 1.0, "breakaway": breakaway}, {"force": 0.01, "breakaway": 1e-4}
     assert get("hysteresis").shown(values, stds) is shown
 
@@ -301,6 +303,12 @@ def test_friction_that_is_more_than_was_ever_measured_is_not_shown(name, values)
     """A joint that is held by more does not move."""
     law, stds = get(name), dict.fromkeys(values, 1e-3)
     assert law.shown(values, stds, most=3.1) and not law.shown(values, stds, most=2.9)
+
+
+@pytest.mark.parametrize("crossing, shown", [(5e-4, True), (0.4, True), (0.499, False)])
+def test_a_gap_that_is_never_crossed_is_not_shown(crossing, shown):
+    """A short way across is that of a small gap."""
+    assert get("backlash").shown({"gap": 0.3, "crossing": crossing}, {"gap": 0.01, "crossing": 0.01}) is shown
 
 
 @pytest.mark.parametrize(("stiffness", "less"), [(3.01, False), (-3.01, True)])

@@ -7,6 +7,7 @@ is known from the motion alone, whatever the rotor weighs and whatever the contr
 
 from __future__ import annotations
 
+import math
 from types import MappingProxyType
 
 import numpy as np
@@ -68,6 +69,10 @@ class Backlash(Effect):
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         return np.array([values["gap"]]), {"crossing": values["crossing"]}
+
+    def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
+        # a gap as long as any that is tried would rather be longer, and never be crossed
+        return values["crossing"] + stds["crossing"] < CROSSINGS[1]
 
     def sentence(self, where: str, values: Values) -> str:
         gap = f"{abs(values['gap']):.3g} {printed(along('rad', self.slides))}"

@@ -59,8 +59,9 @@ class Hysteresis(Effect):
     shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
-        # one as short as any that is tried would rather be shorter: no bristle at all
-        beyond = values["breakaway"] - self.shape_bounds["breakaway"][0]
+        # one as short as any that is tried would rather be shorter, no bristle at all; as long, longer: a spring, or a drift
+        travel, (low, high) = values["breakaway"], self.shape_bounds["breakaway"]
+        beyond = min(travel - low, high - travel)
         known = abs(values["force"]) > KNOWN * stds["force"] and beyond > KNOWN * stds["breakaway"]
         return known and values["force"] <= most
 
