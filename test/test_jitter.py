@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,18 @@ def test_even_samples_get_their_even_times_back(even, scattered):
     assert np.std(off) < 0.1 * SCATTER and abs(np.mean(off)) < 0.1 * SCATTER
     assert "scatter by 0.3 ms" in mended.notes[-1]
     assert error_of(recorded(even, scattered)) < 3.0 * error_of(recorded(even, even))
+
+
+@pytest.mark.parametrize("scatter, said", [(1e-8, False), (5e-7, False), (1e-5, True)])
+def test_a_scatter_that_nobody_feels_is_put_right_without_a_word(even, scatter, said):
+    """Stamps of a bag that were rounded to nanoseconds, or made by a sum of periods: less than a thousandth of one."""
+    stamps = even + scatter * np.random.default_rng(1).standard_normal(len(even))
+    smooth = replace(
+        recorded(even, stamps), position=np.stack([np.sin(even), 0.5 * np.cos(2.3 * even)], axis=1)
+    )
+    mended = without_jitter(smooth)
+    assert np.std(mended.time - even) < 0.1 * scatter
+    assert bool(mended.notes) == said
 
 
 def test_samples_that_were_taken_when_their_stamps_say_are_left_alone(scattered):

@@ -31,6 +31,8 @@ FEWEST = 20
 """In fewer samples the two kinds of time cannot be told apart."""
 SMOOTHER = 0.9
 """Even times are taken where positions depart from a smooth course by less than this share of what they do by the stamps."""
+FELT = 1e-3
+"""Stamps that scatter by less than this share of a period are not worth a word."""
 TINY = 1e-30
 
 
@@ -44,12 +46,14 @@ def without_jitter(recording: Recording) -> Recording:
     if len(recording) < FEWEST:
         return recording
     time = taken_at(recording.time, recording.position, recording.rate, recording.segments())
-    off = recording.time - time
+    off, period = recording.time - time, 1.0 / recording.rate
     if off.any():
         told = f"stamps scatter by {1e3 * off.std():.2g} ms about the even rate that positions were taken at; put right."
-        if np.abs(off[off != 0.0]).min() > UNEVEN / recording.rate:
+        late = np.abs(off[off != 0.0]).min() > UNEVEN * period
+        if late:
             told = f"{np.count_nonzero(off)} of {len(off)} stamps are late, by up to {1e3 * off.max():.2g} ms; put right."
-        recording = replace(recording, time=time, notes=(*recording.notes, f"{recording.name}: {told}"))
+        said = [f"{recording.name}: {told}"] * bool(late or off.std() > FELT * period)
+        recording = replace(recording, time=time, notes=(*recording.notes, *said))
     return _spread_out(recording)
 
 
