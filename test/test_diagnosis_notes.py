@@ -328,3 +328,15 @@ def test_a_joint_that_moves_briefly_is_not_told_to_stand():
     assert "arm2_joint2 is compared: it does not move" in still
     assert of_recording(arm, equations)[0].startswith("Only arm2_joint1 moves: ")
     assert uncompared(arm, usable[:, :1], usable[:, :1]) == []
+
+
+@pytest.mark.parametrize("longest, said", [(11.2, True), (33.4, False)])
+def test_too_little_motion_is_told_as_what_there_is_and_what_is_needed(longest, said):
+    """That no joint moved for longer read as if the robot stood still."""
+    signals = SimpleNamespace(cutoff=1.5)
+    equations = SimpleNamespace(
+        motion=SimpleNamespace(signals=signals), alone=None, moving=np.array([3.0, longest])
+    )
+    told = of_recording(Robot.bundled("arm2"), equations)
+    assert bool(told) == said
+    assert all(note.startswith("There are 11 s of motion") and " 34 s are needed" in note for note in told)

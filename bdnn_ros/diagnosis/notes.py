@@ -43,9 +43,9 @@ ALONE = (
     "of them is named.{remedy}"
 )
 BRIEFLY = (
-    "No joint moves for more than {seconds:.1f} s, where a low-pass of {cutoff:.1f} Hz asks for {least:.1f} s: what changes with "
-    "time, a push or a drift, cannot be told from what differs from place to place, as cogging, so none of them is named. Record "
-    "more motion."
+    "There are {seconds} s of motion at the joint that moves longest, and {least} s are needed behind a low-pass of {cutoff:.1f} "
+    "Hz to tell what changes with time, a push or a drift, from what differs from place to place, as cogging: none of them is "
+    "named. Record more motion."
 )
 UNCOMPARED = (
     "No effort of {joints} is compared: it does not move, or none was measured where it does. Zeros of `effort_rmse` are no "
@@ -101,7 +101,8 @@ def of_recording(robot: Robot, equations: Equations) -> list[str]:
     if equations.alone is not None:
         notes.append(_alone(robot, equations, equations.alone))
     if longest < least:
-        notes.append(BRIEFLY.format(seconds=longest, cutoff=signals.cutoff, least=least))
+        told = {"seconds": math.floor(longest), "least": math.ceil(least)}
+        notes.append(BRIEFLY.format(cutoff=signals.cutoff, **told))
     return notes
 
 
