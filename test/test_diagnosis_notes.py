@@ -12,10 +12,11 @@ from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.diagnose import diagnose, examine
 from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.diagnosis.naming import Named
 from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
-from bdnn_ros.diagnosis.telling import _above, _unexplained_sentence
+from bdnn_ros.diagnosis.telling import _above, _advice, _unexplained_sentence
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.effects.registry import get, parse_spec
@@ -340,3 +341,18 @@ def test_too_little_motion_is_told_as_what_there_is_and_what_is_needed(longest, 
     told = of_recording(Robot.bundled("arm2"), equations)
     assert bool(told) == said
     assert all(note.startswith("There are 11 s of motion") and " 34 s are needed" in note for note in told)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "since", "said"),
+    [
+        ("cannot_tell", None, ("No cause stands out in this motion: record more",)),
+        ("cannot_tell", object(), ("Identify the earlier model from more motion",)),
+        ("nothing_wrong", None, ()),
+    ],
+)
+def test_where_nothing_can_be_told_there_is_something_to_do(verdict, since, said):
+    """Though nothing is in doubt that a motion of its own would settle."""
+    case = SimpleNamespace(found=[], attempt=SimpleNamespace(judgements=[]), robot=ARM, since=since)
+    told = _advice(case, Named([], False, [], [], [], 0.0), verdict)
+    assert len(told) == len(said) and all(map(str.startswith, told, said))

@@ -9,8 +9,9 @@ import pytest
 from report_cases import examined, fourier_motion, rendered, worn
 from report_page import Page
 
+from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
 from bdnn_ros.effects.registry import EFFECTS, variants
 from bdnn_ros.report import words
 from bdnn_ros.robot import Robot
@@ -249,6 +250,20 @@ def test_beside_an_earlier_model_changes_are_told() -> None:
     )
     assert words.claim(told).startswith("With this cause and ")
     assert words.claim(told, since=True).startswith("With this change and ")
+
+
+@pytest.mark.parametrize(("least", "shown"), [(-0.001, False), (0.1, True)])
+def test_where_nothing_is_surely_gained_on_an_earlier_model_no_change_is_claimed(
+    least: float, shown: bool
+) -> None:
+    """A model that was identified is never without any error: that it disagrees was said of a gain of -0.1 to 21.4 %."""
+    told = Diagnosis({}, "cannot_tell", (), {}, 0.1, (least, 0.2), 0.3, (), "Some is left.", (), (), ("j1",))
+    later = SimpleNamespace(diagnosis=told, model=object())
+    said = (verdict_lines(later)[0], words.headline(told, since=True), words.claim(told, since=True))
+    claims = ("disagrees", "has changed", "errs by more")
+    for one, claimed in zip(said, claims, strict=True):
+        assert (claimed in one) == shown and (one.startswith("No change ") and "can be shown" in one) != shown
+    assert "disagrees" in verdict_lines(SimpleNamespace(diagnosis=told, model=None))[0]
 
 
 @pytest.mark.parametrize("findings", [(), (finding("velocity_filter", cutoff=9.0),)])

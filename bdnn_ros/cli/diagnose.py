@@ -21,7 +21,16 @@ from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.models import load_model, save_model
 from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
-from bdnn_ros.report.words import WITHOUT_A_NAME, cause, certainty, change, corrected, needless
+from bdnn_ros.report.words import (
+    UNCHANGED,
+    WITHOUT_A_NAME,
+    cause,
+    certainty,
+    change,
+    corrected,
+    needless,
+    unshown,
+)
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import printed
 from bdnn_ros.written import spelled
@@ -125,10 +134,13 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
     beside = LEFT.format(where=listed(diagnosis.above)) if diagnosis.above else MOSTLY_UNNAMED
-    lines = [(VERDICTS if examination.model is None else CHANGES)[diagnosis.verdict].format(beside=beside)]
+    since = examination.model is not None
+    verdict = (CHANGES if since else VERDICTS)[diagnosis.verdict]
+    verdict = UNCHANGED if unshown(diagnosis, since) else verdict
+    lines = [verdict.format(beside=beside)]
     if diagnosis.findings and all(finding.of_velocity for finding in diagnosis.findings):
         agrees = NO_CAUSE if corrected(diagnosis) else AGREES
-        of_effort = agrees.format(reference=reference(examination.model is not None))
+        of_effort = agrees.format(reference=reference(since))
         lines[0] = f"{lines[0] if diagnosis.verdict == 'cannot_tell' else of_effort} {OF_A_SENSOR}"
     for number, group in enumerate(_grouped(diagnosis.findings), start=1):
         said = group[0].sentence if len(group) == 1 else _together(group)

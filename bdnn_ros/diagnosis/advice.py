@@ -12,6 +12,11 @@ from bdnn_ros.effects.rigid import Armature
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.axes import spins
 
+WIDER = "of all joints together, over wider ranges, slow and fast; `bdnn excite` makes such a motion."
+MORE = f"No cause stands out in this motion: record more {WIDER}"
+MORE_SINCE = f"Identify the earlier model from more motion, and record more to compare with it, {WIDER}"
+"""What there is to do where nothing can be told, and nothing is in doubt that a motion of its own would settle."""
+
 
 def advice(
     found: Sequence[Estimate],

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.diagnosis.advice import advice
+from bdnn_ros.diagnosis.advice import MORE, MORE_SINCE, advice
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.case import Case
 from bdnn_ros.diagnosis.equations import Equations
@@ -79,15 +79,15 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
         unexplained_sentence=_unexplained_sentence(
             case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight
         ),
-        advice=_advice(case, names),
+        advice=_advice(case, names, of_effort),
         notes=_notes(case, names, findings, of_effort, interval[0]),
         above=above,
         slight=slight,
     )
 
 
-def _advice(case: Case, names: Named) -> tuple[str, ...]:
-    """What to do about the terms that are large enough for a name."""
+def _advice(case: Case, names: Named, of_effort: Verdict) -> tuple[str, ...]:
+    """What to do about the terms that are large enough for a name, or where nothing can be told."""
     told = advice(
         [case.found[one] for one in names.weighty],
         [case.attempt.judgements[one] for one in names.weighty],
@@ -95,6 +95,8 @@ def _advice(case: Case, names: Named) -> tuple[str, ...]:
         lambda term: name_of(case.robot, term),
         [k for k, one in enumerate(names.weighty) if one in (*names.silent, *names.unknown)],
     )
+    if of_effort == "cannot_tell" and not told:
+        told = [MORE_SINCE if case.since else MORE]
     return tuple(told)
 
 

@@ -33,6 +33,8 @@ CLAIMS = {
 }
 LEFT = "With {these} and the links corrected, {left} of the {reference}'s squared error is left above the noise, at {above}."
 """What is claimed of causes beside which more than the noise is left somewhere."""
+UNCHANGED = "No change since the model was identified can be shown: nothing that was found surely predicts better than it does."
+"""What takes the place of what disagrees, where the gain on an earlier model may be nothing: no model is without any error."""
 WITHOUT_A_NAME = "the extended model corrects without a name, as errors of the links, of stamps or of how friction comes on"
 SLIGHTLY = {
     "nothing_wrong": "The {reference} predicts the measured effort without any cause; at {slight} little is left, though more "
@@ -82,6 +84,8 @@ def headline(diagnosis: Diagnosis, since: bool = False) -> str:
     findings = _causes(diagnosis) or diagnosis.findings
     if diagnosis.verdict == "nothing_wrong":
         return "Nothing has changed" if since else "Nothing wrong found"
+    if unshown(diagnosis, since):
+        return "No change can be shown"
     if not findings or diagnosis.verdict == "cannot_tell":
         return f"{'Something has changed' if since else 'The simulation is off'}, and no cause stands out"
     if len(findings) == 1:
@@ -96,6 +100,8 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     these, explain = (f"this {one}", "explains") if count == 1 else (f"these {count} {one}s", "explain")
     if of_effort == "nothing_wrong" and corrected(diagnosis):
         return CORRECTED.format(gain=percent(diagnosis.gain, 1), reference=reference(since))
+    if unshown(diagnosis, since):
+        return UNCHANGED
     if of_effort == "partly_explained" and diagnosis.above:
         left, above = remaining(diagnosis.unexplained_share), listed(diagnosis.above)
         return LEFT.format(these=these, left=left, reference=reference(since), above=above)
@@ -113,6 +119,11 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
 def needless(diagnosis: Diagnosis) -> bool:
     """Whether no cause is needed for the efforts, whatever is found of a reported velocity: what is gained has no name."""
     return diagnosis.verdict in ("nothing_wrong", "explained") and not _causes(diagnosis)
+
+
+def unshown(diagnosis: Diagnosis, since: bool) -> bool:
+    """Whether nothing has a name, and an earlier model may be as good as what was found."""
+    return since and diagnosis.verdict == "cannot_tell" and diagnosis.gain_interval[0] <= 0.0
 
 
 def corrected(diagnosis: Diagnosis) -> bool:
