@@ -54,6 +54,33 @@ def test_what_no_robot_can_have_is_named(text: str, wrong: str, sentence: str) -
 
 
 @pytest.mark.parametrize(
+    ("text", "unexpanded", "name"),
+    [
+        ("</robot>", '<xacro:gripper parent="bar"/></robot>', "gripper"),
+        (f"<inertial>{MASS}{INERTIA}</inertial>", '<xacro:box_inertia m="1"/>', "box_inertia"),
+        (ARM[ARM.index("<link") :], '<xacro:include filename="$(find it)/it.xacro"/></robot>', "include"),
+    ],
+    ids=["beside the links", "within a link", "nothing else"],
+)
+@pytest.mark.parametrize("address", ["http://www.ros.org/wiki/xacro", "http://ros.org/xacro", None])
+def test_what_xacro_has_not_expanded_is_refused_in_one_sentence(
+    text: str, unexpanded: str, name: str, address: str | None
+) -> None:
+    declared = f'<robot xmlns:xacro="{address}"' if address else "<robot"
+    with pytest.raises(RobotError) as refused:
+        Robot.from_urdf(ARM.replace(text, unexpanded).replace("<robot", declared, 1))
+    assert (
+        refused.value.problem == f"The robot description holds <xacro:{name}>, which xacro has not expanded."
+    )
+    assert refused.value.remedy == "Run xacro first, and give what it writes."
+
+
+def test_what_xacro_has_written_may_still_declare_and_tell_of_it() -> None:
+    written = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="arm"><!-- was <xacro:gripper parent="bar"/> -->'
+    assert Robot.from_urdf(ARM.replace('<robot name="arm">', written)).joints == ("lift",)
+
+
+@pytest.mark.parametrize(
     ("text", "odd"),
     [
         ('ixx="0.1"', 'ixx="-0.005"'),

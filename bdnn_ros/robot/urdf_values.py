@@ -1,6 +1,7 @@
 """Refuses a URDF whose moving links and joints hold values that are no numbers, or that nothing can have.
 
-URDF parsers pass over an <inertial> that they cannot read: the link would silently weigh nothing.
+URDF parsers pass over an <inertial> that they cannot read, and over what xacro has not expanded: links would silently
+weigh nothing, or be missing.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
@@ -21,6 +23,11 @@ NEGATIVE_SPREAD = 1e-6
 """And by so much for each kilogram, where all of them are next to nothing [m²]."""
 MOST = 1e9
 """No mass, inertia, place or friction of a robot is beyond this in SI units; a limit may be, and then is none."""
+XACRO = re.compile(r"\{[^}]*xacro[^}]*\}")
+"""How the names of elements in one of xacro's namespaces begin."""
+UNDECLARED = re.compile(r"<xacro:([\w.-]+)")
+"""One whose prefix nothing declares."""
+RUN_XACRO = "Run xacro first, and give what it writes."
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -28,12 +35,19 @@ def refuse_impossible(urdf: str) -> None:
     """Looks at masses, inertias and places of the links that move, and at axes, limits and friction of all joints.
 
     Raises:
-        RobotError: one of them is missing, not a finite number, larger than a robot's can be, or impossible.
+        RobotError: one of them is missing, not a finite number, larger than a robot's can be, or impossible; or xacro
+            has not been run.
     """
     try:
         root = ElementTree.fromstring(urdf)
-    except ElementTree.ParseError:
+    except ElementTree.ParseError as error:
+        left = UNDECLARED.search(urdf)
+        if left and expat.ErrorString(error.code) == expat.errors.XML_ERROR_UNBOUND_PREFIX:
+            raise _unexpanded(left[1]) from None
         return  # whoever reads the model says what is wrong with it
+    for element in root.iter():
+        if XACRO.match(element.tag):
+            raise _unexpanded(XACRO.sub("", element.tag))
     moved = _moved(root)
     for link in root.findall("link"):
         inertial = link.find("inertial")
@@ -41,6 +55,10 @@ def refuse_impossible(urdf: str) -> None:
             _check_inertial(inertial, f"link {link.get('name')}")
     for joint in root.findall("joint"):
         _check_joint(joint, f"joint {joint.get('name')}")
+
+
+def _unexpanded(name: str) -> RobotError:
+    return RobotError(f"The robot description holds <xacro:{name}>, which xacro has not expanded.", RUN_XACRO)
 
 
 def _moved(root: ElementTree.Element) -> set[str | None]:
@@ -143,5 +161,5 @@ def _refuse_beyond(
 def _remedy(text: str) -> str:
     """What to do about a text that is no number."""
     if "$" in text:
-        return "Run xacro first: it puts the values in."
+        return RUN_XACRO
     return "Write a point, not a comma." if "," in text else "Correct the URDF."
