@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -176,6 +177,16 @@ def test_what_cannot_be_answered_is_said_in_one_sentence(
     said = capsys.readouterr().err
     assert words in said
     assert "Traceback" not in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_description_without_mass_is_nothing_to_start_from(tmp_path, capsys):
+    seen = recorded(1)
+    bare = re.sub("<inertial>.*?</inertial>", "", seen.urdf, flags=re.DOTALL)
+    path = str(bags.write(replace(seen, urdf=bare), tmp_path / "bag"))
+    assert main(["identify", path, "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "none of the moving links a mass" in said and "or pass --prior none." in said
     assert not (tmp_path / "out").exists()
 
 

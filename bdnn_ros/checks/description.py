@@ -69,14 +69,14 @@ def doubts(robot: Robot) -> Iterator[Remark]:
     yield from _impossible(_described(robot), float(lengths.max()))
 
 
-def require_mass(robot: Robot) -> None:
+def require_mass(robot: Robot, remedy: str = GIVE_MASS) -> None:
     """Refuses a robot of which no link has mass: there is nothing that a recording could be compared with.
 
     Raises:
         RobotError: none has.
     """
     if not robot.inertials[:, 0].any():
-        raise RobotError(NO_MASS, GIVE_MASS)
+        raise RobotError(NO_MASS, remedy)
 
 
 def _massless(robot: Robot, lengths: np.ndarray) -> Iterator[Remark]:

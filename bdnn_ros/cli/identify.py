@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from bdnn_ros.bdnn.modelfile import model_place
+from bdnn_ros.checks.description import GIVE_MASS, require_mass
 from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
 from bdnn_ros.errors import BdnnError, UsageError, listed
@@ -107,6 +108,8 @@ def run(args: argparse.Namespace) -> int:
     recordings, robot = loading.load(args, needs_robot=args.prior == "urdf")
     if robot is None:
         loading.say_unusable(recordings)
+    elif args.prior == "urdf":
+        require_mass(robot, f"{GIVE_MASS[:-1]}, or pass --prior none.")
     fitness.require_length(recordings)
     for recording in recordings:
         fitness.require_measured(recording)
