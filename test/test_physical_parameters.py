@@ -1,5 +1,7 @@
 """Inertial parameters, pseudo-inertias and the prior at the URDF."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -104,6 +106,26 @@ def test_a_load_is_believed_whatever_is_believed_of_the_links():
         belief = prior(robot, Spread(inertial=inertial, load=0.1))
         deviation = np.sqrt(np.diagonal(belief.covariance))[: robot.width * PER_LINK : PER_LINK]
         np.testing.assert_allclose(deviation, 0.1 * robot.inertials[:, 0].mean(), rtol=1e-4)
+
+
+@pytest.mark.parametrize("bare", [[], [1, 4]], ids=["as it is", "with frames that weigh nothing"])
+@pytest.mark.parametrize("scale", [1e-6, 1e3])
+def test_the_prior_does_not_depend_on_the_unit_of_mass(scale, bare):
+    robot = Robot.bundled("arm6")
+    inertials = robot.inertials.copy()
+    inertials[bare] = 0.0
+    usual, scaled = (prior(replace(robot, inertials=inertials * by)) for by in (1.0, scale))
+    np.testing.assert_allclose(scaled.effort_scale, scale * usual.effort_scale)
+    np.testing.assert_allclose(scaled.mean, scale * usual.mean)
+    covariance, deviation = scaled.covariance / scale**2, np.sqrt(np.diagonal(usual.covariance))
+    rounding = 1e-9 * np.outer(deviation, deviation)
+    np.testing.assert_array_less(np.abs(covariance - usual.covariance), rounding)
+
+
+def test_a_robot_without_mass_has_a_prior_all_the_same():
+    robot = Robot.bundled("arm6")
+    belief = prior(replace(robot, inertials=np.zeros_like(robot.inertials)))
+    assert (belief.effort_scale > 0.0).all() and (np.diagonal(belief.covariance) > 0.0).all()
 
 
 def test_parameters_go_through_a_vector():

@@ -28,7 +28,7 @@ from bdnn_ros.bdnn.samples import (
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.robot.bodies import thickened
+from bdnn_ros.robot.bodies import heaviness, thickened
 from bdnn_ros.signals import Signals
 
 WRONG_BY = 0.3
@@ -135,7 +135,8 @@ def belief_of(robot: Robot, samples: Samples) -> Belief:
     scales = scales_of(samples)
     usual = np.array([scales.effort / scales.acceleration, scales.effort / scales.velocity, scales.effort])
     told = np.array([robot.armature, robot.viscous, robot.coulomb])
-    bodies = np.array([thickened(values) for values in robot.inertials])
+    heavy = heaviness(robot.inertials)
+    bodies = np.array([thickened(values, heavy) for values in robot.inertials])
     joints = np.maximum(told, 0.05 * usual)
     return Belief(bodies, joints, scales.effort, 1.0 / WRONG_BY**2, JOINT_STRENGTH)
 

@@ -10,6 +10,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from bdnn_ros.physical.parameters import PER_JOINT, Parameters, of_robot, prior
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.robot.bodies import LIGHTEST, heaviness
 from bdnn_ros.robot.mounting import STANDARD_GRAVITY
 from bdnn_ros.signals import Signals
 
@@ -65,7 +66,8 @@ class Scene:
         ridge = 1e-12 * np.diag(np.diagonal(belief.covariance))
         self.information = inverse(belief.covariance + ridge)[0]
         self.links = [robot.moving_link(joint) for joint in robot.joints]
-        self.load = float(np.mean(np.maximum(robot.inertials[:, 0], 1e-3)))
+        lightest = LIGHTEST * heaviness(robot.inertials)
+        self.load = float(np.mean(np.maximum(robot.inertials[:, 0], lightest)))
         velocity = robot.limits.usual_velocity
         self._friction = FRICTION * np.stack([self.scale / velocity, self.scale, self.scale / 3.0])
 

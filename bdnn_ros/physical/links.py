@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
+from bdnn_ros.robot.bodies import feasible_pseudo_inertia, heaviness, inertial_parameters, pseudo_inertia
 
 THIN = 0.3
 """No link is described better across than this share of its length would tell."""
@@ -19,8 +19,9 @@ def relative_inertials(robot: Robot) -> np.ndarray:
     the centre, each by its own size. So an error of 0.1 is "10 % off" in each of these senses: of a rod, along it.
     """
     result = np.zeros((robot.width * PER_LINK, robot.width * PER_LINK))
+    heavy = heaviness(robot.inertials)
     for i, values in enumerate(robot.inertials):
-        pseudo = feasible_pseudo_inertia(pseudo_inertia(values))
+        pseudo = feasible_pseudo_inertia(pseudo_inertia(values), heavy)
         mass = float(pseudo[3, 3])
         centre = pseudo[:3, 3] / mass
         columns = [pseudo]

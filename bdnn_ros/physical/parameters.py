@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from bdnn_ros.robot import PER_LINK, Robot
-from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, pseudo_inertia
+from bdnn_ros.robot.bodies import feasible_pseudo_inertia, heaviness, inertial_parameters, pseudo_inertia
 
 INERTIAL_NAMES = ("mass", "mass_x", "mass_y", "mass_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """m [kg], m·c [kg·m], inertia about the link frame's origin [kg·m²], in the order of `Robot.inertials`."""
@@ -107,10 +107,10 @@ def prior(robot: Robot, spread: Spread | None = None) -> Prior:
     width = robot.width
     size = width * (PER_LINK + PER_JOINT)
     covariance = np.zeros((size, size))
-    something = _unknown_body(robot, spread.load)
+    something, heavy = _unknown_body(robot, spread.load), heaviness(robot.inertials)
     for body, values in enumerate(robot.inertials):
         rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
-        link = feasible_pseudo_inertia(pseudo_inertia(values))
+        link = feasible_pseudo_inertia(pseudo_inertia(values), heavy)
         for pseudo, deviation in ((link, spread.inertial), (something, 1.0)):
             tangent = tangent_basis(np.linalg.cholesky(pseudo))
             covariance[rows, rows] += deviation**2 * tangent @ tangent.T
@@ -148,7 +148,7 @@ def _symmetric_steps() -> tuple[np.ndarray, np.ndarray]:
 
 def _unknown_body(robot: Robot, share: float) -> np.ndarray:
     """Pseudo-inertia of a body of unknown shape at a link's origin, a decimetre across, (4, 4)."""
-    mass = max(share * float(np.mean(robot.inertials[:, 0])), 3e-4)
+    mass = max(share * float(np.mean(robot.inertials[:, 0])), 3e-4 * heaviness(robot.inertials))
     return mass * np.diag([0.1**2, 0.1**2, 0.1**2, 1.0])
 
 
@@ -169,5 +169,7 @@ def _scales(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     velocity = robot.limits.usual_velocity
     inertia = np.diagonal(robot.mass_matrix(position), axis1=1, axis2=2).mean(axis=0)
     effort = np.sqrt(np.mean(robot.rigid_effort(position, motion, acceleration) ** 2, axis=0))
+    heavy = heaviness(robot.inertials)
     # what a drive adds hardly shrinks with the link it moves: a wrist's gear may outweigh the whole hand
-    return effort + 0.05 * effort.max() + 1e-3, inertia + 0.2 * inertia.max() + 1e-6, velocity
+    effort, inertia = effort + 0.05 * effort.max(), inertia + 0.2 * inertia.max()
+    return effort + 1e-3 * heavy, inertia + 1e-6 * heavy, velocity

@@ -8,6 +8,8 @@ SMALLEST_SPREAD = 1e-4
 """Smallest principal second moment of a body, relative to its largest: thinner ones are thickened."""
 LIGHTEST, SHORTEST = 1e-3, 1e-6
 """What weighs less is made so heavy [kg], and what reaches less far made so large [m²]."""
+USUAL_MASS = 3.0
+"""Of a link of an arm, on average [kg]."""
 
 
 def pseudo_inertia(inertials: np.ndarray) -> np.ndarray:
@@ -31,12 +33,24 @@ def inertial_parameters(pseudo: np.ndarray) -> np.ndarray:
     return np.array([pseudo[3, 3], *pseudo[:3, 3], *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
-def feasible_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:
+def heaviness(inertials: np.ndarray) -> float:
+    """What a robot's bodies (n, PER_LINK) weigh in terms of usual ones: what is next to nothing of them goes by it.
+
+    1 where they weigh nothing.
+    """
+    return max(float(np.mean(inertials[:, 0])), 0.0) / USUAL_MASS or 1.0
+
+
+def feasible_pseudo_inertia(pseudo: np.ndarray, heavy: float = 1.0) -> np.ndarray:
     """The pseudo-inertia itself, or the nearest one that is safely positive-definite, (4, 4).
 
     URDFs hold massless links, points, thin rods and inertias that no body can have.
+
+    Args:
+        pseudo: (4, 4).
+        heavy: `heaviness` of the robot that it is a body of.
     """
-    mass = max(float(pseudo[3, 3]), LIGHTEST)
+    mass = max(float(pseudo[3, 3]), LIGHTEST * heavy)
     centre = pseudo[:3, 3] / mass
     moment = pseudo[:3, :3] - mass * np.outer(centre, centre)
     values, vectors = np.linalg.eigh(moment)
@@ -51,8 +65,8 @@ def feasible_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:
     return result
 
 
-def thickened(inertial: np.ndarray) -> np.ndarray:
-    """Inertial parameters (PER_LINK,) of a body, or of the nearest one that can safely exist."""
+def thickened(inertial: np.ndarray, heavy: float = 1.0) -> np.ndarray:
+    """Inertial parameters (PER_LINK,) of a body, or of the nearest one that can safely exist; as `feasible_pseudo_inertia`."""
     pseudo = pseudo_inertia(inertial)
-    possible = feasible_pseudo_inertia(pseudo)
+    possible = feasible_pseudo_inertia(pseudo, heavy)
     return inertial if possible is pseudo else inertial_parameters(possible)
