@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -91,6 +93,33 @@ def test_results_that_cannot_all_take_their_place_leave_what_was_there(
         for name in ("a.txt", "b.txt", "c.txt"):
             (place / name).write_text("new")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.txt": "old", "c.txt": "old"}
+
+
+def test_results_written_at_once_take_their_place_one_after_the_other(tmp_path: Path) -> None:
+    def write() -> None:
+        with outputs.written_together(tmp_path) as place:
+            (place / "a.txt").touch()
+
+    writer, other = threading.Thread(target=write), os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(other, fcntl.LOCK_EX)
+    writer.start()
+    writer.join(0.3)
+    assert writer.is_alive() and not (tmp_path / "a.txt").exists()
+    os.close(other)
+    writer.join()
+    assert (tmp_path / "a.txt").exists()
+
+
+def test_results_are_refused_by_what_is_there_once_they_are_written(tmp_path: Path) -> None:
+    def refuse() -> None:
+        if (tmp_path / "a.txt").exists():
+            raise UsageError("It is there.")
+
+    with pytest.raises(UsageError), outputs.written_together(tmp_path, refuse) as slow:
+        (slow / "a.txt").write_text("slow")
+        with outputs.written_together(tmp_path, refuse) as fast:
+            (fast / "a.txt").write_text("fast")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["fast"]
 
 
 def test_a_link_among_results_stays_one(tmp_path: Path) -> None:

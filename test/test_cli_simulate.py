@@ -68,6 +68,20 @@ def test_what_is_hidden_is_not_printed(tmp_path, capsys):
         assert word not in printed.out + printed.err
 
 
+def test_a_recording_that_comes_meanwhile_is_left_as_it_is(tmp_path, capsys, monkeypatch):
+    write = bags.write
+
+    def overtaken(recording, path):
+        write(recording.part(slice(0, 50)), tmp_path / "out" / "bag")
+        return write(recording, path)
+
+    monkeypatch.setattr(bags, "write", overtaken)
+    out, status = simulated(tmp_path)
+    assert status == 2
+    assert f"{out / 'bag'} is there already. Choose another --out" in capsys.readouterr().err
+    assert len(bags.read(out)) == 50 and [path.name for path in out.iterdir()] == ["bag"]
+
+
 def test_the_same_seed_gives_the_same_bag_and_truth(tmp_path):
     first, _ = simulated(tmp_path / "a", "--hide", "1", "--seed", "9")
     second, _ = simulated(tmp_path / "b", "--hide", "1", "--seed", "9")

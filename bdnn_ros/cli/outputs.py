@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
@@ -81,13 +82,15 @@ def written_whole(path: Path) -> Iterator[TextIO]:
 
 
 @contextmanager
-def written_together(out: Path) -> Iterator[Path]:
+def written_together(out: Path, refuse: Callable[[], None] = lambda: None) -> Iterator[Path]:
     """A place beside the results for files and directories that then appear in a directory together: all or none.
 
     What was there under their names goes when all of them are written, and comes back if they cannot take its place.
+    Of results that are written at once one after the other takes its place.
 
     Args:
         out: the directory, made if there is none.
+        refuse: raises where they may not take the place of what is there by then.
 
     Raises:
         UsageError: it is none, or something cannot be written; names the directory.
@@ -102,7 +105,9 @@ def written_together(out: Path) -> Iterator[Path]:
             new.mkdir()
             old.mkdir()
             yield new
-            _exchange(new, old, real)
+            with _alone(real):
+                refuse()
+                _exchange(new, old, real)
     except BaseException as error:
         for place in absent:
             with suppress(OSError):  # it may be in use by now
@@ -111,6 +116,18 @@ def written_together(out: Path) -> Iterator[Path]:
         if isinstance(reason, OSError):
             raise unwritable(out, reason) from reason
         raise
+
+
+@contextmanager
+def _alone(directory: Path) -> Iterator[None]:
+    """Whoever else wants to be alone in the directory waits; nobody does where it cannot be locked, as on some network disks."""
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _exchange(new: Path, old: Path, out: Path) -> None:

@@ -137,15 +137,13 @@ def run(args: argparse.Namespace) -> int:
     if args.seed < 0:
         raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
     bag, truth = args.out / BAG, args.out / TRUTH
-    if bag.exists() and not args.overwrite:
-        raise UsageError(f"{bag} is there already.", "Choose another --out, or pass --overwrite.")
-    bags.refuse_existing(bag, args.overwrite)
+    _refuse_existing(bag, args.overwrite)
     for sentence in never_acting(installed, robot, scenario.seconds):  # of a recording that lasted longer
         options.say(f"{sentence[:-1]}: it never acts.")
     with options.progress("simulating") as show:
         simulated, content = scenario.run(show)
     _say_held(simulated)
-    with outputs.written_together(args.out) as place:
+    with outputs.written_together(args.out, lambda: _refuse_existing(bag, args.overwrite)) as place:
         bags.write(simulated.recording, place / BAG)
         with outputs.written_whole(place / TRUTH) as file:
             yaml.safe_dump(content, file, sort_keys=False)
@@ -155,6 +153,12 @@ def run(args: argparse.Namespace) -> int:
         print(f"{args.hide} hidden: see {truth}, after a guess.")
     print(f"{bag}: {counted(len(simulated.recording), 'sample')} of {counted(robot.width, 'joint')}.")
     return 0
+
+
+def _refuse_existing(bag: Path, overwrite: bool) -> None:
+    if bag.exists() and not overwrite:
+        raise UsageError(f"{bag} is there already.", "Choose another --out, or pass --overwrite.")
+    bags.refuse_existing(bag, overwrite)
 
 
 def _say_left_out(found: EffectsFile, args: argparse.Namespace) -> None:
