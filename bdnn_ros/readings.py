@@ -10,6 +10,7 @@ from bdnn_ros.errors import RecordingError, listed
 
 MOST = 1e12
 """No robot's position, velocity or effort is beyond this, in whatever unit; powers of larger numbers overflow."""
+LEAVE_OUT = "Fix the driver, or pass --drop-invalid to leave such samples out."
 
 
 def credible(values: np.ndarray) -> np.ndarray:
@@ -47,9 +48,14 @@ def refuse_not_finite(
     Raises:
         RecordingError: there are some.
     """
-    _refuse(
-        name, field, joints, time, ~np.isfinite(values), lambda row, column: "not finite", "Fix the driver."
-    )
+    wrong = ~np.isfinite(values)
+
+    def said(row: int, column: int) -> str:
+        # a message may leave a velocity or effort empty, but not all positions
+        return "missing" if field != "position" and np.isnan(values[row]).all() else "not finite"
+
+    some = not wrong.any(axis=1).all()
+    _refuse(name, field, joints, time, wrong, said, LEAVE_OUT if some else "Fix the driver.")
 
 
 def refuse_incredible(
@@ -110,9 +116,7 @@ def _refuse(
     raise RecordingError(
         f"{name}: {field} of {joints[column]} is {said(row, column)} at {time[row]:.3f} s{after} "
         f"({count} of {len(wrong)} samples).",
-        "Fix the driver, or pass --drop-invalid to leave such samples out."
-        if few
-        else _without(joints, _mostly(joints, wrong)) or otherwise,
+        LEAVE_OUT if few else _without(joints, _mostly(joints, wrong)) or otherwise,
     )
 
 

@@ -115,8 +115,7 @@ class Recording:
         if self.effort is None:
             raise RecordingError(
                 f"{self.name}: the joint states carry no effort.",
-                "Record a driver that fills JointState.effort, or pass --effort command "
-                "with --effort-commands TOPIC to use the commanded effort.",
+                "Record a driver that fills JointState.effort, or the commands as well, for --effort command.",
             )
         return self.effort
 

@@ -61,6 +61,24 @@ def test_an_empty_description_is_one_that_cannot_be_used(
     assert f"{path}: The robot description is empty. Give another" in capsys.readouterr().err
 
 
+def test_names_are_mapped_only_where_a_bag_has_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = bag_of(tmp_path / "bag", motion(joints=("pivot", "wheel"))), str(tmp_path / "out")
+    urdf, joints = tmp_path / "pendulum.urdf", ["--joints", "pivot,wheel"]
+    urdf.write_text(PENDULUM)
+    lacks = (
+        "The URDF has no movable joint wheel; it has pivot. Use the URDF of this robot, or joints that it has"
+    )
+    for verb, end in (
+        (["identify", str(path), "--out", out], ", or map the bag's names with --rename.\n"),
+        (["simulate", "--out", out], ".\n"),
+        (["excite", "--out", out], ".\n"),
+    ):
+        assert main([*verb, "--urdf", str(urdf), *joints]) == 2
+        assert capsys.readouterr().err.endswith(lacks + end)
+
+
 def test_info_says_that_a_joint_is_not_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = bag_of(tmp_path / "bag", motion(samples=1500, joints=("pivot", "wheel"), urdf=PENDULUM))
     assert main(["info", str(path), "--joints", "wheel"]) == 0

@@ -7,7 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_cases import PENDULUM, bag_of, model_of_pendulum, motion
+from bag_cases import (
+    EPOCH,
+    MULTI_ARRAY,
+    PENDULUM,
+    STRING,
+    bag_of,
+    command,
+    model_of_pendulum,
+    motion,
+    states,
+    text,
+    write_bag,
+)
 
 from bdnn_ros.cli import fitness
 from bdnn_ros.cli.main import main
@@ -52,6 +64,28 @@ def said(verb: str, bag: Path, model: Path, capfd: pytest.CaptureFixture[str]) -
 def test_efforts_that_never_change_say_nothing_of_a_motion(verb, tmp_path, model, capfd):
     bag = bag_of(tmp_path / "bag", constant())
     assert "the effort of no joint that moves ever changes. Check that" in said(verb, bag, model, capfd)
+
+
+@pytest.mark.parametrize(
+    ("verb", "topics"), [("info", ()), ("info", ("/u", "/w")), *((verb, ("/u",)) for verb in VERBS)]
+)
+def test_commands_are_advised_where_the_bag_holds_some(verb, topics, tmp_path, model, capfd):
+    sent = [(topic, MULTI_ARRAY, EPOCH, command((1.0,))) for topic in topics]
+    silent = states(replace(motion(samples=300), effort=None))
+    described = ("/robot_description", STRING, EPOCH, text(PENDULUM))
+    error = said(verb, write_bag(tmp_path / "bag", [described, *silent, *sent]), model, capfd)
+    assert "the joint states carry no effort" in error
+    advised = {
+        0: "or the commands as well, for --effort command.",
+        1: "or pass --effort command to use what is commanded on /u.",
+        2: "or pass --effort command with --effort-commands /u to use what is commanded on /u.",
+    }
+    assert error.endswith(advised[len(topics)])
+
+
+def test_advice_of_info_names_whose_option_it_is(tmp_path, model, capfd):
+    bag = bag_of(tmp_path / "bag", slow(4.5, 10.0))
+    assert "(--holdout of `bdnn identify` and `bdnn evaluate`)" in said("info", bag, model, capfd)
 
 
 def test_the_effort_of_a_joint_that_stands_does_not_count():

@@ -45,6 +45,17 @@ def test_values_must_be_finite(field: str, value: float) -> None:
         replace(recording(), **{field: values})
 
 
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
+def test_an_effort_that_some_messages_leave_empty_is_missing_and_may_be_left_out(share: float) -> None:
+    whole = recording()
+    effort = whole.require_effort().copy()
+    effort[: int(100 * share)] = np.nan
+    with pytest.raises(RecordingError, match=r"effort of a is missing at 0\.000 s .* or pass --drop-invalid"):
+        replace(whole, effort=effort)
+    kept, _ = cleaned(whole.time, whole.joints, whole.position, effort=effort, drop_invalid=True)
+    assert len(kept) == 100 - int(100 * share)
+
+
 @pytest.mark.parametrize("change", [-0.005, -0.01])
 def test_stamps_must_increase(change: float) -> None:
     time = recording().time.copy()

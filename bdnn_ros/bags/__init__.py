@@ -1,5 +1,6 @@
 """Bags and recordings: MCAP, rosbag2 directories and sqlite3 files in, MCAP and rosbag2 directories out."""
 
+from bdnn_ros.bags.commands import commands_among
 from bdnn_ros.bags.copies import copies_kept
 from bdnn_ros.bags.description import read_description
 from bdnn_ros.bags.every import EveryState, read_every
@@ -14,6 +15,7 @@ __all__ = [
     "Played",
     "Progress",
     "Topic",
+    "commands_among",
     "copies_kept",
     "read",
     "read_description",

@@ -14,11 +14,16 @@ from bdnn_ros.efforts import COMMAND_AGE, in_force
 from bdnn_ros.errors import RecordingError, UsageError, listed
 
 
+def commands_among(topics: Sequence[Topic]) -> list[str]:
+    """Names of those that effort commands may be on."""
+    return [t.name for t in topics if t.type == MULTI_ARRAY and t.count]
+
+
 class Commands:
     """Effort commands against the time of their recording."""
 
     def __init__(self, name: str, topic: str | None, available: Sequence[Topic]) -> None:
-        suitable = [t.name for t in available if t.type == MULTI_ARRAY and t.count]
+        suitable = commands_among(available)
         if topic is None and len(suitable) == 1:
             topic = suitable[0]
         if topic not in suitable:

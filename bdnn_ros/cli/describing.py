@@ -117,7 +117,14 @@ def with_joints(
     free = free_joints(robot.urdf)
     if free:
         say(f"{listed(free)} of the URDF, of more than one degree of freedom, held where it puts the robot.")
-    looked_at = Robot.from_urdf(robot.urdf, chosen, held)
+    try:
+        looked_at = Robot.from_urdf(robot.urdf, chosen, held)
+    except RobotError as error:
+        if {*chosen} <= {*complete.joints, *free}:
+            raise
+        raise RobotError(
+            error.problem, f"{error.remedy[:-1]}, or map the bag's names with --rename."
+        ) from None
     mimics = {joint: leader for joint, leader in held_mimics(looked_at).items() if leader in chosen}
     if mimics:
         say(f"{standing_still(mimics)}, unless --joints names it.")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bdnn_ros.checks.data import check_data
 from bdnn_ros.checks.handling import unloaded
-from bdnn_ros.cli import fitness, loading, options, outputs
+from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.cli.describing import of_the_unheld, unheld
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import Examination, examine
@@ -100,8 +100,7 @@ def run(args: argparse.Namespace) -> int:
             )
     if robot is None:
         raise UsageError("There is no simulation to compare with.", "Give --urdf FILE or --robot NAME.")
-    for recording in recordings:
-        fitness.require_measured(recording)
+    loading.require_efforts(args, recordings)
     said = [note for recording in recordings for note in recording.notes]
     known = Compared.of(earlier, robot)
     robot = known.robot

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     (recording,), robot = loading.load(args, model=model, needs_robot=False, picks=True)
     if robot is None:
         loading.say_unusable([recording])
-    fitness.require_measured(recording)
+    loading.require_efforts(args, [recording])
     model = loading.along(model, recording)
     if args.holdout is None:
         signals = prepare(recording, args.cutoff)

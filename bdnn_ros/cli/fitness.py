@@ -64,8 +64,7 @@ def require_measured(recording: Recording) -> np.ndarray:
     if moves.any() and (np.ptp(effort, axis=0) <= STILL)[moves].all():
         raise RecordingError(
             f"{recording.name}: the effort of no joint that moves ever changes.",
-            "Check that the driver reports it, or pass --effort command with --effort-commands TOPIC to use the "
-            "commanded effort.",
+            "Check that the driver reports it.",
         )
     return effort
 
@@ -92,7 +91,7 @@ def prepared(part: Recording, whole: Recording, cutoff: float | None, what: str)
         raise RecordingError(
             f"{whole.name}: {what} has {len(part)} samples in {part.recorded:.2g} s, too few for a low-pass at "
             f"{cutoff:.3g} Hz.",
-            "Record longer or at a higher rate, or give another --holdout.",
+            "Record longer or at a higher rate, or hold out another share (--holdout of `bdnn identify` and `bdnn evaluate`).",
         )
     return signals
 

@@ -111,8 +111,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.prior == "urdf":
         require_mass(robot, f"{GIVE_MASS[:-1]}, or pass --prior none.")
     fitness.require_length(recordings)
-    for recording in recordings:
-        fitness.require_measured(recording)
+    loading.require_efforts(args, recordings)
     parts = fitness.parted(recordings, args.holdout, args.cutoff)
     training, lasts = [first for first, _ in parts], [last for _, last in parts]
     # scores of all bags are one number, so all pass one low-pass: that of the slowest; each is learned from behind its own

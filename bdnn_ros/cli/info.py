@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
             *_of_the_efforts(recording, told, robot),
         ]
         fitness.require_motion(recording)
-        fitness.require_measured(recording)
+        loading.require_efforts(args, [recording])
         _, last = fitness.split(recording, signals, HOLDOUT)
         tested = fitness.prepared_last(last, recording, args.cutoff, HOLDOUT)
         report["concerns"] += fitness.unscored([recording], [last], [tested])

@@ -10,10 +10,10 @@ from typing import TypeVar
 
 from bdnn_ros import bags
 from bdnn_ros.cli.describing import described_robot, unusable, with_joints, without_led
-from bdnn_ros.cli.fitness import require_distinct, require_motion
+from bdnn_ros.cli.fitness import require_distinct, require_measured, require_motion
 from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
-from bdnn_ros.errors import RobotError, UsageError, listed
+from bdnn_ros.errors import RecordingError, RobotError, UsageError, listed
 from bdnn_ros.left_out import beside, disturbing
 from bdnn_ros.likeness import description_of
 from bdnn_ros.models import KnowsTimes, Model
@@ -76,6 +76,27 @@ def load(
     convention = _convention(args, recordings, robot)
     commanded = args.effort == "command"
     return [convention.applied(one, commanded) if convention else one for one in recordings], robot
+
+
+def require_efforts(args: argparse.Namespace, recordings: Sequence[Recording]) -> None:
+    """Refuses efforts that say nothing of the motion; commands that their bag holds may stand for them.
+
+    Raises:
+        RecordingError: as `fitness.require_measured`.
+    """
+    for path, recording in zip(args.bags, recordings, strict=True):
+        try:
+            require_measured(recording)
+        except RecordingError as error:
+            held = [] if args.effort == "command" else bags.commands_among(bags.topics(path))
+            if not held:
+                raise
+            which = f" with --effort-commands {held[0]}" if len(held) > 1 else ""
+            raise RecordingError(
+                error.problem,
+                f"Check that the driver reports it, or pass --effort command{which} to use what is commanded on "
+                f"{held[0]}.",
+            ) from None
 
 
 def disturbed(args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot | None) -> bool:

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         options.say(str(remark))
     fitness.require_length(recordings)
     recording = recordings[0]
-    fitness.require_measured(recording)
+    loading.require_efforts(args, recordings)
     learning = Learning(robot, args.cutoff)
     began = time.perf_counter()
     errors = []

@@ -109,7 +109,7 @@ def model_of(urdf: str, joints: tuple[str, ...], held: Held) -> tuple[pin.Model,
     if missing or not names:
         raise RobotError(
             f"The URDF has no movable joint {listed(missing)}; it has {listed(movable, 20)}.",
-            "Use the URDF of this robot, or map the bag's names with --rename.",
+            "Use the URDF of this robot, or joints that it has.",
         )
     lock = [full.getJointId(name) for name in full.names[1:] if name not in names]
     if lock:
