@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.naming import Named
 from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
-from bdnn_ros.diagnosis.telling import _above, _advice, _unexplained_sentence
+from bdnn_ros.diagnosis.telling import _above, _advice, _led, _unexplained_sentence
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.effects.registry import get, parse_spec
@@ -261,11 +261,25 @@ def test_what_is_twice_the_noise_is_told_with_its_place_though_it_is_little(name
 
 
 def test_that_links_errors_make_up_most_is_said_where_they_do():
-    (note,) = mostly_links(0.74, since=False)
-    assert "74 % of the simulation's squared error" in note
-    (note,) = mostly_links(1.71, since=False)  # causes may undo some of it
-    assert "100 % of" in note
-    assert mostly_links(0.3, since=False) == []
+    (note,) = mostly_links(0.74, False, since=False)
+    assert "74 % of the simulation's squared error" in note and "wrong units" not in note
+    (note,) = mostly_links(1.71, True, since=False)  # causes may undo some of it
+    assert "100 % of" in note and "wrong units" in note
+    assert mostly_links(0.3, True, since=False) == []
+
+
+@pytest.mark.parametrize(
+    ("by_lead", "gained", "lead", "told"),
+    [(0.7, 0.9, -4e-3, True), (0.3, 0.9, -4e-3, False), (0.06, 0.1, -4e-3, False), (0.7, 0.9, 2e-3, False)],
+    ids=["most", "less than half", "hardly anything", "of a hold"],
+)
+def test_a_lead_that_makes_up_most_of_what_is_gained_is_told_beside_causes(by_lead, gained, lead, told):
+    case = SimpleNamespace(
+        by_lead=by_lead, gained=gained, lead=lead, equations=SimpleNamespace(hold=2e-3), since=None
+    )
+    notes = _led(case)
+    assert len(notes) == told
+    assert not told or notes[0].startswith("Efforts are stamped 4.0 ms too late for the motion")
 
 
 @pytest.mark.slow

@@ -90,6 +90,18 @@ def test_what_is_not_known_is_refused_by_what_it_is(tmp_path: Path, change: dict
     assert ("incomplete" in str(refused.value)) == ("lacks" in says)
 
 
+def test_the_unit_of_all_efforts_is_not_asked(tmp_path: Path) -> None:
+    """No motion tells it from links that are all off by one factor; that of one joint's is asked."""
+    friction = place("coulomb_friction", JOINTS[0])
+    asked = [
+        case_of(
+            Robot.bundled("arm2"), tmp_path, finding(friction, {"coulomb": 0.3}, place("effort_scale", at))
+        )
+        for at in (None, JOINTS[0])
+    ]
+    assert [case.open for case in asked] == [False, True]
+
+
 def test_only_rivals_that_are_open_are_asked(tmp_path: Path) -> None:
     rivals = [
         place(name, JOINTS[0], p=p)

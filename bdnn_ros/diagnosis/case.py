@@ -11,7 +11,8 @@ import numpy as np
 from bdnn_ros.diagnosis.attempt import Attempt
 from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.gains import rms, squares
+from bdnn_ros.diagnosis.gains import by_links, rms, share_of, squares
+from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.pushes import at_an_end, throughout
 from bdnn_ros.diagnosis.unexplained import Remainder
@@ -76,6 +77,30 @@ class Case:
         """That per squared error of the simulation."""
         before = squares(self.simulation**2, self.held)
         return max(squares(self.left, self.held) / max(before, 1e-30), 0.0)
+
+    @cached_property
+    def by_links(self) -> float:
+        """Part of the simulation's squared error that the links' corrections remove."""
+        return by_links(self.equations, self.attempt.fitted, self.held)
+
+    @cached_property
+    def lead(self) -> float:
+        """How far efforts lead the motion in the extended model, which is no finding [s]."""
+        return parted(self.attempt.fitted, self.attempt.fitted.whole)[0]
+
+    @cached_property
+    def by_lead(self) -> float:
+        """Part of the simulation's squared error that this lead removes."""
+        part = self.equations.nuisances[:, :, 0] * self.lead
+        return share_of(part, self.attempt.fitted.left(), self.equations.target, self.held)
+
+    @property
+    def gained(self) -> float:
+        """Part of it that the extended model removes."""
+        before, after = (
+            float(np.sum(one[self.held] ** 2)) for one in (self.equations.target, self.attempt.extended)
+        )
+        return 1.0 - after / max(before, 1e-30)
 
     @property
     def far_off(self) -> bool:

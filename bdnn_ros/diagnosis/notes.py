@@ -22,8 +22,10 @@ from bdnn_ros.robot import Robot
 FAR_OFF = "The links' masses and inertias are further off than usual: more is wrong with them than is named."
 MOSTLY_LINKS = (
     "Beside the named causes, errors of all links' masses and inertias make up {share:.0f} % of the {reference}'s squared "
-    "error: none of them is sure by itself, and wrong units or what has no name may be among them."
+    "error: none of them is sure by itself{more}."
 )
+AMONG_THEM = ", and wrong units or what has no name may be among them"
+"""What is said of links that are further off than usual."""
 BY_LINKS = (
     "Errors of {whose}, none of which stands out, make up {share:.0f} % of the {reference}'s squared error; the extended model "
     "mends them."
@@ -172,9 +174,14 @@ def unknown(found: Sequence[tuple[Estimate, str]]) -> list[str]:
     return [UNKNOWN.format(what="; ".join(told(*one) for one in found))] if found else []
 
 
-def mostly_links(share: float, since: bool) -> list[str]:
-    """A note where the links' corrections remove most of the squared error, this share of it."""
-    return [MOSTLY_LINKS.format(share=100.0 * min(share, 1.0), reference=reference(since))] * (share > MOST)
+def mostly_links(share: float, far_off: bool, since: bool) -> list[str]:
+    """A note where the links' corrections remove most of the squared error, this share of it.
+
+    Args:
+        far_off: whether the links are further off than usual.
+    """
+    told = {"share": 100.0 * min(share, 1.0), "reference": reference(since), "more": AMONG_THEM * far_off}
+    return [MOSTLY_LINKS.format(**told)] * (share > MOST)
 
 
 def mended(least: float, by_links: float, by_lead: float, lead: float, hold: float, since: bool) -> list[str]:
@@ -186,16 +193,19 @@ def mended(least: float, by_links: float, by_lead: float, lead: float, hold: flo
         lead: how far efforts lead the motion [s].
         hold: how far one leads that is held for a sample [s].
     """
-    told = {"share": 100.0 * min(max(by_links, by_lead), 1.0), "reference": reference(since)}
     if least < SLIGHT or max(by_links, by_lead) < SLIGHT:
         return []
-    if by_links >= by_lead:
-        return [
-            BY_LINKS.format(whose="the earlier model" if since else "the links' masses and inertias", **told)
-        ]
-    if abs(lead) <= USUAL_LEAD * hold:
-        return []
-    return [BY_LEAD.format(much=1e3 * abs(lead), way="early" if lead > 0.0 else "late", **told)]
+    if by_links < by_lead:
+        return leading(by_lead, lead, hold, since)
+    whose = "the earlier model" if since else "the links' masses and inertias"
+    return [BY_LINKS.format(whose=whose, share=100.0 * min(by_links, 1.0), reference=reference(since))]
+
+
+def leading(share: float, lead: float, hold: float, since: bool) -> list[str]:
+    """A note on a lead of the efforts [s] that makes up this share of the squared error, beyond that of a hold [s]."""
+    way, much = "early" if lead > 0.0 else "late", 1e3 * abs(lead)
+    told = BY_LEAD.format(much=much, way=way, share=100.0 * min(share, 1.0), reference=reference(since))
+    return [told] * (abs(lead) > USUAL_LEAD * hold)
 
 
 def loads(

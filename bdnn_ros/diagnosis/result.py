@@ -97,6 +97,7 @@ class Diagnosis:
         notes: what else there is to say of the recordings and of what was found.
         above: joints where the extended model errs by more than the noise, those with most left first; not in diagnosis.json.
         slight: those where it errs by more than twice the noise, though by too little to matter; nor is this.
+        also: "links", "stamps": what without being a finding makes up most of what the extended model mends; nor is this.
     """
 
     source: Mapping[str, Any]
@@ -112,6 +113,7 @@ class Diagnosis:
     notes: tuple[str, ...] = field(default=())
     above: tuple[str, ...] = field(default=())
     slight: tuple[str, ...] = field(default=())
+    also: tuple[str, ...] = field(default=())
 
     def as_json(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""

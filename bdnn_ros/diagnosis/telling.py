@@ -7,18 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from bdnn_ros.diagnosis.advice import MORE, MORE_SINCE, advice
+from bdnn_ros.diagnosis.alike import ALIKE, FEWEST, SETTLED, Common, common, tied, untold
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.case import Case
 from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.gains import by_links, gain_of, share_of
-from bdnn_ros.diagnosis.leads import parted
+from bdnn_ros.diagnosis.gains import gain_of
 from bdnn_ros.diagnosis.naming import Named, name_of, named
 from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
     FAR_OFF,
     MOST,
+    SLIGHT,
     THROUGHOUT,
+    leading,
     loads,
     mended,
     mostly_links,
@@ -32,6 +34,7 @@ from bdnn_ros.diagnosis.pushes import pushing
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference, remaining
 from bdnn_ros.diagnosis.unexplained import Remainder
 from bdnn_ros.diagnosis.velocity_filter import reported_velocity
+from bdnn_ros.effects.rigid import LinkInertia
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 
@@ -53,11 +56,12 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     near = case.near(case.extended)
     unfit = _unfit(equations, case.simulation, case.extended, near)
     names = named(robot, equations, attempt, case.found, unfit, case.at_ends | case.always)
+    alike = _alike(case, names.findings)
     before = None if since is None else since.velocity_cutoff
     # a filtered velocity is no cause of an effort's error, and says nothing of what else is one
     causes, of_velocity = (
         sorted(some, key=lambda finding: -finding.share)
-        for some in (names.findings, reported_velocity(case.recordings, cutoff, before))
+        for some in (tied(names.findings, alike), reported_velocity(case.recordings, cutoff, before))
     )
     findings = [*causes, *of_velocity]
     changing = any(judgement.changing for judgement in attempt.judgements)
@@ -79,11 +83,26 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
         unexplained_sentence=_unexplained_sentence(
             case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight
         ),
-        advice=_advice(case, names, of_effort),
-        notes=_notes(case, names, findings, of_effort, interval[0]),
+        advice=(*_advice(case, names, of_effort), *_settling(alike, findings)),
+        notes=_notes(case, names, findings, of_effort, interval[0], alike),
         above=above,
         slight=slight,
+        also=("links",) * (case.by_links > MOST) + ("stamps",) * bool(_led(case)),
     )
+
+
+def _alike(case: Case, causes: Sequence[Finding]) -> Common | None:
+    """One factor of all that links are off by, where they are told: named, or as most of what the extended model mends."""
+    named = sum(one.effect == LinkInertia.name for one in causes)
+    told = case.by_links > (MOST if causes else SLIGHT)
+    if case.since is not None or case.equations.alone is not None or not (told or named >= FEWEST):
+        return None
+    return common(case.equations, case.attempt.fitted)
+
+
+def _settling(alike: Common | None, findings: Sequence[Finding]) -> list[str]:
+    """What settles whether links or the efforts' unit are wrong."""
+    return [alike.said(SETTLED)] if alike is not None and untold(findings) else []
 
 
 def _advice(case: Case, names: Named, of_effort: Verdict) -> tuple[str, ...]:
@@ -101,10 +120,15 @@ def _advice(case: Case, names: Named, of_effort: Verdict) -> tuple[str, ...]:
 
 
 def _notes(
-    case: Case, names: Named, findings: Sequence[Finding], of_effort: Verdict, least: float
+    case: Case,
+    names: Named,
+    findings: Sequence[Finding],
+    of_effort: Verdict,
+    least: float,
+    alike: Common | None,
 ) -> tuple[str, ...]:
     """What is said beside findings and a verdict, where the gain is `least` at least."""
-    robot, equations, fitted, since = case.robot, case.equations, case.attempt.fitted, bool(case.since)
+    robot, equations, since = case.robot, case.equations, bool(case.since)
     # what dry friction is named for may hold any effort at rest
     at_rest = () if names.findings else case.remainder.resting
     silent, unknowns = (
@@ -122,19 +146,23 @@ def _notes(
         *unnamed([(one.term, place) for one, place in silent], names.unsaid, since),
         *unknown(unknowns),
         *[FAR_OFF] * case.far_off,
-        *(mostly_links(by_links(equations, fitted, case.held), since) if names.findings else ()),
-        *(_mended(case, least) if of_effort == "nothing_wrong" else ()),
+        *(mostly_links(case.by_links, case.far_off, since) if names.findings else ()),
+        *(_mended(case, least) if of_effort == "nothing_wrong" else _led(case)),
+        *([] if alike is None else [alike.said(ALIKE)]),
         *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
     )
 
 
 def _mended(case: Case, least: float) -> list[str]:
     """What the extended model mends that has no name, `least` of the squared error for sure."""
-    equations, fitted = case.equations, case.attempt.fitted
-    lead = parted(fitted, fitted.whole)[0]
-    by_lead = share_of(equations.nuisances[:, :, 0] * lead, fitted.left(), equations.target, case.held)
-    of_links = by_links(equations, fitted, case.held)
-    return mended(least, of_links, by_lead, lead, equations.hold, bool(case.since))
+    return mended(least, case.by_links, case.by_lead, case.lead, case.equations.hold, bool(case.since))
+
+
+def _led(case: Case) -> list[str]:
+    """The note on a lead of the efforts that makes up most of what the extended model mends beside causes."""
+    if case.by_lead <= max(MOST * case.gained, SLIGHT):
+        return []
+    return leading(case.by_lead, case.lead, case.equations.hold, bool(case.since))
 
 
 def _unfit(

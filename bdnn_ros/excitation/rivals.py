@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from bdnn_ros.diagnosis.alike import everywhere
 from bdnn_ros.diagnosis.identifiability import TIE
 from bdnn_ros.diagnosis.result import FORMAT
 from bdnn_ros.effects.base import Effect
@@ -119,7 +120,8 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _question(one: Mapping[str, Any], robot: Robot) -> Question:
-    rivals = [_suspect(rival, robot) for rival in one["rivals"]]
+    told = (rival for rival in one["rivals"] if not everywhere(rival["effect"], rival.get("joint")))
+    rivals = [_suspect(rival, robot) for rival in told]
     return Question(_suspect(one, robot), tuple(rival for rival in rivals if rival.probability >= TIE))
 
 

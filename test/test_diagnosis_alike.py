@@ -1,0 +1,68 @@
+"""All links off by one factor: efforts in another unit do the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_cases import equations_of, white
+
+from bdnn_ros.diagnosis.alike import Common, common, tied, untold
+from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
+from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.registry import get
+from bdnn_ros.robot import PER_LINK, Robot
+
+ARM = Robot.bundled("arm6")
+STD = 0.05
+LINKS = [Term(get("link_inertia"), k, f"arm6_link{k + 1}") for k in range(1, 4)]
+
+
+def found(masses: np.ndarray, own: float = 0.03) -> Common | None:
+    """What a recording tells of links whose masses are off by so much, and all else of them by a few per cent."""
+    errors = own * np.random.default_rng(1).standard_normal(6 * PER_LINK)
+    errors[::PER_LINK] += masses
+    equations = equations_of((), "arm6", errors)
+    error, noise = white(equations, STD)
+    equations.target = equations.target + error
+    motion = equations.motion
+    terms = [term.shaped(term.shapes(motion)[0]) for term in LINKS]
+    return common(equations, Pool(equations, noise, terms, 0.05))
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_one_factor_of_all_links_is_told_as_that_of_the_efforts(factor):
+    alike = found(np.full(6, factor - 1.0))
+    assert alike is not None and abs(alike.factor - factor) < 3.0 * alike.std < 0.1
+
+
+@pytest.mark.parametrize(
+    "masses",
+    [np.zeros(6), np.array([0.0, 0.25, 0.25, 0.25, 0.0, 0.0]), np.array([0.2, -0.3, 0.3, 0, -0.2, 0.2])],
+)
+def test_links_that_are_off_each_by_itself_are_not(masses):
+    assert found(masses) is None
+
+
+def of_link(scale: float, std: float = 0.05) -> Finding:
+    parameters = {"scale": Quantity(scale, std, "-")}
+    rival = Rival("payload", None, "l", 0.02)
+    return Finding("link_inertia", None, "l", parameters, 0.1, 0.96, (rival,), "")
+
+
+def test_links_that_agree_on_a_factor_are_a_tie_with_the_unit_of_the_efforts():
+    """Even odds: no motion tells them apart. A link of its own factor is none, and two may agree by chance."""
+    alike, agree, other = Common(1.25, 0.02), of_link(1.2), of_link(0.7)
+    told = tied([agree, other, agree, agree], alike)
+    assert [one.probability for one in told] == [0.48, 0.96, 0.48, 0.48]
+    assert told[0].rivals == (Rival("effort_scale", None, None, 0.48), *agree.rivals)
+    assert told[0].rivals[0].where == "all joints" and untold(told)
+    for findings, factor in (
+        ([agree, other, agree], alike),
+        ([agree] * 3, None),
+        ([agree] * 3, Common(1.5, 0.02)),
+    ):
+        assert tied(findings, factor) == findings and not untold(findings)
+    assert "an effort_scale of 0.80 at all joints" in alike.said(
+        "an effort_scale of {scale:.2f} at all joints"
+    )
