@@ -29,6 +29,7 @@ from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.models import load_model, save_model
 from bdnn_ros.recording import Recording
+from bdnn_ros.report.words import claim
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals.kernels import lagging
 from bdnn_ros.simulation.simulate import simulate
@@ -300,6 +301,21 @@ def test_where_more_than_noise_is_left_is_said_first():
         )
         assert left == f"{named} identified; beside them more than the noise is left at b:"
         assert unnamed == f"{named} identified; most of what the extended model mends has no name:"
+
+
+def test_what_agrees_only_with_errors_that_are_no_findings_is_not_said_of_the_causes_alone():
+    found = Finding("armature", "a", None, {"armature": Quantity(0.02, 0.001, "kg*m^2")}, 0.1, 0.99, (), "")
+    alone = Diagnosis({}, "explained", (found,), {}, 0.9, (0.8, 0.95), 0.0, (), "", ())
+    for also, beside, parts in (
+        ((), "", "links"),
+        (("links",), " and with what is told of links below", "links"),
+        (("links", "stamps"), " and with what is told of links and stamps below", "links and stamps"),
+        (("stamps",), " and with what is told of stamps below", "links and stamps"),
+    ):
+        diagnosis = replace(alone, also=also)
+        first = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None))[0]
+        assert first == f"Root causes identified; with them{beside} the model agrees with the data:"
+        assert claim(diagnosis).startswith(f"With this cause and its {parts} corrected the model")
 
 
 def test_nothing_is_wrong_with_the_extended_robot(diagnosed, recording, tmp_path, capsys):

@@ -203,7 +203,7 @@ def test_a_filtered_velocity_is_no_cause_of_the_efforts_error() -> None:
 
     def told(*findings: Finding, verdict: str = "explained") -> tuple[str, str]:
         diagnosis = SimpleNamespace(
-            findings=findings, verdict=verdict, gain=0.0, gain_interval=(-0.1, 0.1), slight=()
+            findings=findings, verdict=verdict, gain=0.0, gain_interval=(-0.1, 0.1), slight=(), also=()
         )
         return words.headline(diagnosis), words.claim(diagnosis)
 
@@ -217,6 +217,7 @@ def test_what_is_left_beside_the_causes_is_told_with_its_place_and_size() -> Non
     """Of 0.1 % at one wrist it was said that the causes explain part of the error."""
     told = SimpleNamespace(
         slight=(),
+        also=(),
         findings=(finding("viscous_friction", viscous=1.0),),
         verdict="partly_explained",
         unexplained_share=0.003,
@@ -237,7 +238,9 @@ def test_what_is_left_beside_the_causes_is_told_with_its_place_and_size() -> Non
 def test_not_every_effort_is_predicted_to_the_noise_where_more_is_left_somewhere(
     verdict: str, found: tuple[Finding, ...]
 ) -> None:
-    told = SimpleNamespace(findings=found, verdict=verdict, gain=0.0, gain_interval=(0.0, 0.0), slight=())
+    told = SimpleNamespace(
+        findings=found, verdict=verdict, gain=0.0, gain_interval=(0.0, 0.0), slight=(), also=()
+    )
     plain = words.claim(told)
     told.slight = ("j2", "j4")
     assert "j2, j4" in words.claim(told) and "every" not in words.claim(told)
@@ -246,7 +249,7 @@ def test_not_every_effort_is_predicted_to_the_noise_where_more_is_left_somewhere
 
 def test_beside_an_earlier_model_changes_are_told() -> None:
     told = SimpleNamespace(
-        findings=(finding("viscous_friction", viscous=1.0),), verdict="explained", slight=()
+        findings=(finding("viscous_friction", viscous=1.0),), verdict="explained", slight=(), also=()
     )
     assert words.claim(told).startswith("With this cause and ")
     assert words.claim(told, since=True).startswith("With this change and ")
@@ -278,7 +281,7 @@ def test_a_simulation_that_needs_corrections_without_a_name_is_not_called_right(
     assert words.claim(off).endswith("takes 95.8\N{NO-BREAK SPACE}% off the simulation's error.")
     assert "earlier model's error" in words.claim(off, since=True)
     right = SimpleNamespace(
-        findings=findings, verdict=verdict, gain=0.2, gain_interval=(0.07, 0.29), slight=()
+        findings=findings, verdict=verdict, gain=0.2, gain_interval=(0.07, 0.29), slight=(), also=()
     )
     assert words.claim(right).startswith("The simulation predicts")
 

@@ -42,17 +42,19 @@ MOST_REMARKS = 3
 """Sentences about the data that are printed; the report has all."""
 VERDICTS = {
     "nothing_wrong": "Nothing wrong was found: no cause is needed to explain the data.",
-    "explained": "Root causes identified; with them the model agrees with the data:",
+    "explained": "Root causes identified; with them{also} the model agrees with the data:",
     "partly_explained": "Root causes identified; {beside}:",
     "cannot_tell": "The simulation disagrees with the data, and no single cause stands out.",
 }
 CHANGES = {
     "nothing_wrong": "Nothing has changed since the model was identified, as far as the data shows.",
-    "explained": "Changes identified; with them the model agrees with the data:",
+    "explained": "Changes identified; with them{also} the model agrees with the data:",
     "partly_explained": "Changes identified; {beside}:",
     "cannot_tell": "The earlier model disagrees with the data, and no single change stands out.",
 }
 """The verdicts where the model is one identified earlier."""
+ALSO = " and with what is told of {these} below"
+"""What is said of errors that are no findings, where they make up most of what is mended."""
 LEFT = "beside them more than the noise is left at {where}"
 MOSTLY_UNNAMED = "most of what the extended model mends has no name"
 AGREES = "The {reference} agrees with the measured efforts."
@@ -133,10 +135,11 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
     beside = LEFT.format(where=listed(diagnosis.above)) if diagnosis.above else MOSTLY_UNNAMED
+    also = ALSO.format(these=" and ".join(diagnosis.also)) if diagnosis.also else ""
     since = examination.model is not None
     verdict = (CHANGES if since else VERDICTS)[diagnosis.verdict]
     verdict = UNCHANGED if unshown(diagnosis, since) else verdict
-    lines = [verdict.format(beside=beside)]
+    lines = [verdict.format(beside=beside, also=also)]
     if diagnosis.findings and all(finding.of_velocity for finding in diagnosis.findings):
         agrees = NO_CAUSE if corrected(diagnosis) else AGREES
         of_effort = agrees.format(reference=reference(since))

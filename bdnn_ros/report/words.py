@@ -27,7 +27,7 @@ TELLING = ("mass", "torque", "start_value", "end_value")
 
 CLAIMS = {
     "nothing_wrong": "The {reference} predicts the measured effort as well as this data can tell.",
-    "explained": "With {these} and its links corrected the model predicts every measured effort down to its noise.",
+    "explained": "With {these} and its {parts} corrected the model predicts every measured effort down to its noise.",
     "partly_explained": "{These} {explain} part of the error; most of what the extended model mends has no name.",
     "cannot_tell": "The {reference} errs by more than the noise, but the data supports no single {one}.",
 }
@@ -39,7 +39,7 @@ WITHOUT_A_NAME = "the extended model corrects without a name, as errors of the l
 SLIGHTLY = {
     "nothing_wrong": "The {reference} predicts the measured effort without any cause; at {slight} little is left, though more "
     "than the noise.",
-    "explained": "With {these} and its links corrected the model predicts the measured efforts down to their noise but at "
+    "explained": "With {these} and its {parts} corrected the model predicts the measured efforts down to their noise but at "
     "{slight}, where little more is left.",
 }
 """What is claimed where what is left at some joints is more than twice the noise, though little."""
@@ -113,6 +113,7 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
         explain=explain,
         reference=reference(since),
         slight=listed(diagnosis.slight),
+        parts=" and ".join(dict.fromkeys(("links", *diagnosis.also))),
     )
 
 
