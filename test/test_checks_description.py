@@ -7,7 +7,9 @@ from collections.abc import Mapping
 
 import pytest
 
-from bdnn_ros.checks.description import doubts, require_mass
+from bdnn_ros.checks.description import doubts, require_mass, weightless
+from bdnn_ros.diagnosis.notes import haunted
+from bdnn_ros.diagnosis.result import Finding
 from bdnn_ros.errors import RobotError
 from bdnn_ros.robot import BUNDLED, Robot
 
@@ -62,6 +64,39 @@ def test_what_no_link_can_have_is_named(robot: Robot, link: str, words: str) -> 
     assert words in remark.problem
     assert remark.about == link
     assert "<inertial>" in remark.remedy
+
+
+def with_flange(inertia: str, mass: str = "0") -> Robot:
+    """The bundled arm6 with a frame of some inertia fixed to its last link."""
+    tensor = " ".join(f'{name}="{inertia if name[1] == name[2] else 0}"' for name in IDENTITY)
+    flange = (
+        f'<link name="flange"><inertial><mass value="{mass}"/><inertia {tensor}/></inertial></link>'
+        '<joint name="bolts" type="fixed"><parent link="arm6_link6"/><child link="flange"/></joint>'
+    )
+    return Robot.from_urdf(Robot.bundled("arm6").urdf.replace("</robot>", f"{flange}</robot>"))
+
+
+def test_a_link_without_mass_has_no_inertia() -> None:
+    """Such a frame's inertia counts all the same, and passes for a wrong one of the link that it is fixed to."""
+    (remark,) = doubts(with_flange("0.1"))
+    assert (
+        remark.about == "flange"
+        and "(flange: 0.1 kg·m²), which counts as one of arm6_link6" in remark.problem
+    )
+    assert remark.remedy.startswith("Remove the inertia, or give it a mass")
+    assert weightless(with_flange("0.1"), "arm6_link6") == ["flange"]
+    assert weightless(with_flange("0.1"), "arm6_link5") == []
+    for robot in (with_flange("1e-9"), with_flange("0"), with_flange("0.01", "0.5")):
+        assert list(doubts(robot)) == [] and weightless(robot, "arm6_link6") == []
+
+
+def test_a_finding_at_a_link_with_such_a_frame_is_told_of_it() -> None:
+    findings = [
+        Finding(effect, None, link, {}, 0.1, 0.9, (), "")
+        for effect, link in (("link_inertia", "arm6_link6"), ("payload", "arm6_link5"))
+    ]
+    (note,) = haunted(with_flange("0.1"), findings)
+    assert note.startswith("What is named at arm6_link6 may be no more than the described inertia of flange")
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -34,19 +34,26 @@ GIVE_MASS = "Give its links an <inertial>."
 
 
 class Described(NamedTuple):
-    """A link that moves and has mass.
+    """A link that moves and has an inertia.
 
     Attributes:
+        joint: index of the joint that moves it.
         moments: principal moments of inertia about its centre of mass, ascending, (3,) [kg·m²].
         placeholder: whether its inertia is the identity matrix, which no real body happens to have.
         body: the largest principal moment of the body that it belongs to [kg·m²].
     """
 
     name: str
+    joint: int
     mass: float
     moments: np.ndarray
     placeholder: bool
     body: float
+
+    @property
+    def ghost(self) -> bool:
+        """Whether it has no mass, but an inertia worth speaking of, which the simulation counts."""
+        return self.mass == 0.0 and self.moments[2] > MATTERS * self.body
 
     @property
     def excess(self) -> float:
@@ -64,9 +71,10 @@ def doubts(robot: Robot) -> Iterator[Remark]:
     if not robot.inertials[:, 0].any():
         yield Remark("", NO_MASS, GIVE_MASS)
         return
-    lengths = _lengths(robot)
+    lengths, described = _lengths(robot), _described(robot)
     yield from _massless(robot, lengths)
-    yield from _impossible(_described(robot), float(lengths.max()))
+    yield from _ghosts(robot, [one for one in described if one.ghost])
+    yield from _impossible([one for one in described if one.mass > 0.0], float(lengths.max()))
 
 
 def require_mass(robot: Robot, remedy: str = GIVE_MASS) -> None:
@@ -88,6 +96,25 @@ def _massless(robot: Robot, lengths: np.ndarray) -> Iterator[Remark]:
             f"The robot description gives {listed(links)} no mass.",
             "Give it an <inertial>: what it weighs will pass for something else.",
         )
+
+
+def _ghosts(robot: Robot, links: Sequence[Described]) -> Iterator[Remark]:
+    if not links:
+        return
+    names = listed(one.name for one in links)
+    moved = listed(dict.fromkeys(robot.moving_link(robot.joints[one.joint]) for one in links))
+    yield Remark(
+        names,
+        f"The robot description gives {names} no mass but an inertia ({links[0].name}: {links[0].moments[2]:.3g} kg·m²), "
+        f"which counts as one of {moved}: no body without mass has any.",
+        "Remove the inertia, or give it a mass: what it gets wrong will pass for causes, there or elsewhere.",
+    )
+
+
+def weightless(robot: Robot, link: str) -> list[str]:
+    """Links without mass whose described inertia counts as one of the body that a link belongs to."""
+    body, _, _ = robot.body_of(link)
+    return [one.name for one in _described(robot) if one.ghost and one.joint == body]
 
 
 def _impossible(links: list[Described], longest: float) -> Iterator[Remark]:
@@ -131,7 +158,7 @@ def _impossible(links: list[Described], longest: float) -> Iterator[Remark]:
 
 
 def _described(robot: Robot) -> list[Described]:
-    """Links with mass on the bodies that the robot's joints move."""
+    """Links with mass or inertia on the bodies that the robot's joints move."""
     largest = [_moments(inertia_of(values))[2] for values in robot.inertials]
     found = []
     for link in robot.links:
@@ -140,9 +167,9 @@ def _described(robot: Robot) -> list[Described]:
         except UsageError:
             continue  # it does not move
         own = link_inertia(robot.urdf, link)
-        if own.mass > 0.0:
+        if own.mass > 0.0 or own.inertia.any():
             identity = bool(np.array_equal(own.inertia, np.eye(3)))
-            found.append(Described(link, own.mass, _moments(own), identity, largest[body]))
+            found.append(Described(link, body, own.mass, _moments(own), identity, largest[body]))
     return found
 
 

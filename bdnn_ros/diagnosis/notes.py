@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bdnn_ros.checks.description import weightless
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import HARDLY_USABLE, Equations
 from bdnn_ros.diagnosis.joining import own_zeros, stretches
@@ -15,6 +16,7 @@ from bdnn_ros.diagnosis.pushes import ENDS
 from bdnn_ros.diagnosis.result import Finding, reference
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import EDGES, FORCE, ExternalWrench
+from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -91,6 +93,10 @@ LIKE_A_LOAD = (
 CARRIED = (
     "Something pulls {where} straight down {when}, all through some of the recordings, as a load of {mass:.2g} kg would: a "
     "payload is told of recordings that all have it. Diagnose those apart from the others."
+)
+WEIGHTLESS = (
+    "What is named at {where} may be no more than the described inertia of {links}, fixed to it without a mass, which the "
+    "simulation counts as its own."
 )
 DOWN = math.cos(math.radians(30.0))
 """A force within this angle of gravity may be a weight: a load that is swung pulls sideways, too."""
@@ -228,6 +234,13 @@ def loads(
         if weight > DOWN * float(np.linalg.norm(force)):
             notes += _held(finding.link, weight / gravity, start, end, pieces)
     return notes
+
+
+def haunted(robot: Robot, findings: Sequence[Finding]) -> list[str]:
+    """A note on each link named with another mass or a payload whose body has the inertia of links without mass."""
+    links = (one.link for one in findings if one.link and get(one.effect).on_body)
+    found = ((link, weightless(robot, link)) for link in dict.fromkeys(links))
+    return [WEIGHTLESS.format(where=link, links=listed(ghosts)) for link, ghosts in found if ghosts]
 
 
 def _held(
