@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import expit
 
 from bdnn_ros.diagnosis.candidates import acting_per_measured
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
-from bdnn_ros.diagnosis.leads import hold_spread, parted
+from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.pushes import distance, edges, unseen
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.widening import mirrored, widened
 from bdnn_ros.effects.base import SHOWN
 from bdnn_ros.effects.environment import EDGES, POINT
 
@@ -30,9 +30,6 @@ MORE = 0.01
 """What a law says beyond the one it settles into is at least this share of the whole, or it is that one."""
 DOUBTED = 2.0
 """The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
-TINY = 1e-300
-MOST_SEEN = 0.99
-"""Share of the rows that count in which less of a law is seen than is taken to be seen of it."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +166,7 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
         if chosen in moved:
             coefficients = coefficients + moved[chosen]
             pick[0, pool.equations.rigid.shape[2]] = 1.0
-        beyond = _beyond(pool, chosen, coefficients, len(span))
+        beyond = widened(pool, chosen, coefficients, len(span))
         third = doubting if term.effect.on_body else covariance
         own, scattered, doubted = (pick @ one @ pick.T + beyond for one in (covariance, robust, third))
         result.append(
@@ -180,7 +177,7 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
                 scattered,
                 doubted,
                 acting_per_measured(pool, fit, chosen),
-                _mirrored(pool, fit, term, coefficients),
+                mirrored(pool, fit, term, coefficients),
                 _most(pool, term),
             )
         )
@@ -213,53 +210,6 @@ def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.n
         ranges = [span for c in fit.terms for span in _ranges(pool, pool.terms[c])]
         precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
     return white, precision, spans
-
-
-def _beyond(pool: Pool, chosen: int, coefficients: np.ndarray, shapes: int) -> np.ndarray:
-    """What a hold adds to a delay's covariance, unseen moments to a push's, and to a law's what of it is told by its tail.
-
-    Coefficients before shapes, (k, k).
-    """
-    term, count = pool.terms[chosen], len(pool.slots[chosen])
-    beyond = np.zeros((count + shapes, count + shapes))
-    beyond[0, 0] = hold_spread(pool, chosen) ** 2
-    if term.effect.timed:
-        told = count + np.arange(shapes)
-        spread = unseen(pool, term)
-        beyond[told, told] = [spread.get(name, 0.0) ** 2 / 3.0 for name, _ in term.shape]
-    if term.effect.excess is not None and shapes:
-        extra = np.arange(count)[term.effect.excess > 0.0]
-        beyond[extra, extra] += ((1.0 - _seen(pool, term)) * coefficients)[extra] ** 2 / 3.0
-    return beyond
-
-
-def _seen(pool: Pool, term: Term) -> np.ndarray:
-    """Share of the most that each coefficient of a law does along the motion which the rows that count show, (k,).
-
-    A static friction that is told from how friction begins to fall is an extrapolation, however exact that is seen.
-    """
-    equations = pool.equations
-    does = np.abs(term.effect.columns(equations.motion, term.target, dict(term.shape), term.link))
-    does = does[:, term.target]
-    shown = np.quantile(does[equations.rows][pool.sure[:, term.target]], MOST_SEEN, axis=0)
-    return np.asarray(np.clip(shown / np.maximum(does.max(axis=0), TINY), 0.0, 1.0))
-
-
-def _mirrored(pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray) -> np.ndarray | None:
-    """Variance of each angle of a base (k,) by how likely it is the same to the other side; None of other terms.
-
-    Across the plane in which an arm moves a tilt takes of its weight alone, to whichever side.
-    """
-    if term.effect.on != "base":
-        return None
-    equations, left, result = pool.equations, pool.white_residual(fit), np.zeros(len(coefficients))
-    as_found = equations.made(term) @ coefficients
-    for one, angle in enumerate(coefficients):
-        turned = np.where(np.arange(len(coefficients)) == one, -coefficients, coefficients)
-        other = term.shaped(term.effect.relinearised(turned, dict(term.shape)))
-        moved = left + equations.whiten(as_found - equations.made(other) @ turned, pool.noise)
-        result[one] = (2.0 * angle) ** 2 * expit(0.5 * float(np.sum(left**2) - np.sum(moved**2)))
-    return result
 
 
 def excesses(pool: Pool) -> list[float]:
