@@ -209,11 +209,14 @@ def findings_of(
     ever = Removal(np.array([0.1]), True, True, held_out.brief)
     monkeypatch.setattr(naming, "removed", lambda *rows: [(held_out, ever)])
     monkeypatch.setattr(naming, "leftover", lambda fitted, every, one: False)
+    monkeypatch.setattr(naming, "beyond_links", lambda equations, error, estimate: True)
     monkeypatch.setattr(naming, "_finding", tell)
     target, scale = np.ones(usable.shape), np.ones(usable.shape[1])
     equations = SimpleNamespace(usable=usable, target=target, effort_scale=scale)
     test = np.arange(9) < 2
-    attempt = SimpleNamespace(test=test, judgements=[judgement], fitted=None, extended=None)
+    attempt = SimpleNamespace(
+        test=test, judgements=[judgement], fitted=SimpleNamespace(link_error=0.05), extended=None
+    )
     arm, fit = Robot.bundled("arm2"), np.zeros(1, bool)
     told = naming.named(arm, equations, attempt, [estimate], fit, set())
     assert told.silent == ([] if told.findings or told.unknown else [0])

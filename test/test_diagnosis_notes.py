@@ -7,12 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnosis_cases import equations_of
 
 from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.diagnose import diagnose, examine
 from bdnn_ros.diagnosis.identifiability import Judgement
-from bdnn_ros.diagnosis.naming import Named
+from bdnn_ros.diagnosis.naming import Named, beyond_links
 from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
@@ -192,12 +193,39 @@ def test_a_payload_whose_mass_may_be_nothing_is_told_as_a_centre_of_mass_first()
     """A link that was a twentieth off read as a finding, a payload."""
     mass = {"mass": Quantity(1.02, 1.67, "kg")}
     found = SimpleNamespace(term=Term(get("payload"), 1, "forearm"), quantities=mass)
-    (said,) = unknown([(found, "forearm")])
+    (said,) = unknown([(found, "forearm", True)])
     first, other = said.split("a centre of mass of forearm that is elsewhere than in the model, or ")
     assert "payload" not in first and other.startswith(
         "a payload at forearm, mass 1 ± 2 kg, which may be nothing"
     )
+    (said,) = unknown([(found, "forearm", False)])
+    assert (
+        "payload" not in said
+        and "inertia of forearm beyond the model's, as a rotor that moves it has" in said
+    )
     assert unknown([]) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "weighs", "there"),
+    [
+        ({"mass": 0.5, "com_x": 0.2}, True, True),
+        ({"mass": 0.02, "com_x": 0.02}, False, False),
+        ({"mass": 0.0, "turning": 0.2}, False, True),
+    ],
+    ids=["a payload", "a link that is a little off", "a rotor"],
+)
+def test_what_a_link_may_be_off_by_anyway_is_not_surely_there(values, weighs, there):
+    equations = equations_of((), "arm6")
+    payload = Term(get("payload"), 2, "arm6_link3").shaped(dict.fromkeys(("com_x", "com_y", "com_z"), 0.0))
+    mass, turning = values["mass"], values.get("turning", 0.0)
+    coefficients = np.array([mass, mass * values.get("com_x", 0.0), 0, 0, 0, 0, 0, 0, 0, turning])
+    known = 1e-6 * np.eye(10)
+    found = Estimate(payload, coefficients, known, known, known)
+    assert beyond_links(equations, 0.02, found) is there
+    assert beyond_links(equations, 0.02, found, but_rotor=True) is weighs
+    unsure = replace(found, doubting=100.0 * np.eye(10))
+    assert not beyond_links(equations, 0.02, unsure)
 
 
 @pytest.mark.parametrize(

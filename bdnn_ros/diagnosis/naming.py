@@ -9,17 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bdnn_ros.diagnosis.attempt import Attempt
-from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.equations import USUAL_MASS_ERROR, Equations
 from bdnn_ros.diagnosis.gains import removed, squares
 from bdnn_ros.diagnosis.identifiability import Judgement
 from bdnn_ros.diagnosis.lookalikes import Placed
-from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.posterior import CLEAR, Estimate
 from bdnn_ros.diagnosis.pushes import leftover, together
 from bdnn_ros.diagnosis.result import Finding, Rival
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR
 from bdnn_ros.effects.actuation import EffortDelay
 from bdnn_ros.effects.environment import EDGES
+from bdnn_ros.effects.rigid import POINT, OnBody, slots
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.axes import rotor_on
 
 SAMPLES_LATE = 0.75
 """What acts later than its stamp by less than so many sample periods acts with its sample."""
@@ -31,6 +33,9 @@ UNLIKELY = 0.5
 CHANGES = " Its force changes meanwhile, or where it acts: this is the constant push that comes nearest."
 """What is said of a push that no constant one explains."""
 
+ANYTHING = 1e3
+"""So many times as large as usual may be anything."""
+
 
 @dataclass(frozen=True)
 class Named:
@@ -41,7 +46,7 @@ class Named:
         doubtful: whether something large is likely without being sure.
         weighty: what is large enough, and borne out.
         silent: what is large enough and has none.
-        unknown: payloads that are sure and large enough, though their masses are not known.
+        unknown: payloads that are sure and large enough, and beyond what links may be off by, though their masses are not known.
         unsaid: share of the simulation's squared error that the model takes away by what has no name.
     """
 
@@ -73,7 +78,7 @@ def named(
     before = max(float(np.sum(equations.target[held] ** 2)), 1e-30)
     findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
     silent, unknown = list[int](), list[int]()
-    every = range(len(found))
+    every, error = range(len(found)), attempt.fitted.link_error
     for one, estimate, judgement, (held_out, ever) in zip(
         every, found, attempt.judgements, taken, strict=True
     ):
@@ -94,7 +99,12 @@ def named(
             share = min(max(squares(less, held) / before, 0.0), 1.0)
             findings.append(_finding(robot, estimate, judgement, share))
             silent.remove(one)
-        elif sure and estimate.term.effect.on_body and estimate.there:
+        elif (
+            sure
+            and estimate.term.effect.on_body
+            and estimate.there
+            and beyond_links(equations, error, estimate)
+        ):
             unknown.append(one)
             silent.remove(one)
         elif judgement.nothing <= UNLIKELY:
@@ -102,6 +112,31 @@ def named(
     lasting = (one for one in (*silent, *unknown) if not found[one].term.effect.timed)
     unsaid = sum(max(squares(taken[one][0].less, held), 0.0) for one in lasting) / before
     return Named(findings, doubtful, weighty, silent, unknown, unsaid)
+
+
+def beyond_links(
+    equations: Equations, link_error: float, estimate: Estimate, but_rotor: bool = False
+) -> bool:
+    """Whether a body's change is more than its link may be off by anyway, as well as it is known.
+
+    Args:
+        link_error: by which the links seem to be off.
+        but_rotor: look at what is no inertia about the joint's axis, as of a rotor.
+    """
+    term, robot = estimate.term, equations.motion.robot
+    assert isinstance(term.effect, OnBody) and term.link is not None
+    body, added = term.effect.inertials(robot, dict(term.shape), term.link)
+    usual = max(link_error, USUAL_MASS_ERROR) if equations.jointwise is None else link_error
+    own = equations.relative[slots(body)] * equations.link_spread(usual)
+    count = added.shape[1]
+    covariance = own @ own.T + added @ estimate.doubting[:count, :count] @ added.T
+    if but_rotor:
+        rotor = ANYTHING * math.sqrt(covariance.diagonal()[POINT:].max()) * rotor_on(robot, body)
+        covariance += np.outer(rotor, rotor)
+    size = np.sqrt(np.diag(covariance))
+    change = added @ estimate.coefficients / size
+    squared = change @ np.linalg.pinv(covariance / np.outer(size, size), hermitian=True) @ change
+    return math.sqrt(max(float(squared), 0.0)) > CLEAR
 
 
 def _with_its_sample(estimate: Estimate, equations: Equations) -> bool:

@@ -74,6 +74,8 @@ NOT_IN_MODEL = (
     "Not sure enough for a name, and not in the extended model, though the gain counts it: something that pushes at "
     "{where}."
 )
+OF_INERTIA = "inertia of {place} beyond the model's, as a rotor that moves it has"
+"""What is said of what seems to be a payload, where all but an inertia about its joint is no more than a link may be off by."""
 AT_AN_END = (
     f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends, "
     "or pre-sliding friction was bent before the recording began: it is not named. Record from rest until the robot rests."
@@ -170,10 +172,12 @@ def unnamed(terms: Sequence[tuple[Term, str]], share: float, since: bool) -> lis
     return told + ([NOT_IN_MODEL.format(where=listed(dict.fromkeys(pushes), 20))] if pushes else [])
 
 
-def unknown(found: Sequence[tuple[Estimate, str]]) -> list[str]:
-    """A note on payloads, each with its place, that are surely there with masses that may be nothing."""
+def unknown(found: Sequence[tuple[Estimate, str, bool]]) -> list[str]:
+    """A note on payloads, each with its place and whether it is more than a rotor, surely there though they may weigh nothing."""
 
-    def told(estimate: Estimate, place: str) -> str:
+    def told(estimate: Estimate, place: str, weighs: bool) -> str:
+        if not weighs:
+            return OF_INERTIA.format(place=place)
         mass = estimate.quantities["mass"]
         return OFF_CENTRE.format(place=place, title=estimate.term.title, mass=mass.value, std=mass.std)
 

@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.case import Case
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of
-from bdnn_ros.diagnosis.naming import Named, name_of, named
+from bdnn_ros.diagnosis.naming import Named, beyond_links, name_of, named
 from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
@@ -130,6 +130,7 @@ def _notes(
 ) -> tuple[str, ...]:
     """What is said beside findings and a verdict, where the gain is `least` at least."""
     robot, equations, since = case.robot, case.equations, bool(case.since)
+    error = case.attempt.fitted.link_error
     # what dry friction is named for may hold any effort at rest
     at_rest = () if names.findings else case.remainder.resting
     silent, unknowns = (
@@ -146,7 +147,9 @@ def _notes(
         *([] if since else haunted(robot, findings)),
         *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
         *unnamed([(one.term, place) for one, place in silent], names.unsaid, since),
-        *unknown(unknowns),
+        *unknown(
+            [(one, place, beyond_links(equations, error, one, but_rotor=True)) for one, place in unknowns]
+        ),
         *[FAR_OFF] * case.far_off,
         *(mostly_links(case.by_links, case.far_off, since) if names.findings else ()),
         *(_mended(case, least) if of_effort == "nothing_wrong" else _led(case)),

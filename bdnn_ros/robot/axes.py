@@ -29,6 +29,13 @@ def distances_from_axes(robot: Robot, link: str, point: np.ndarray) -> np.ndarra
     return np.where(robot.slides, np.inf, speed[order])
 
 
+def rotor_on(robot: Robot, joint: int) -> np.ndarray:
+    """Inertial parameters (PER_LINK,) by which a rotor on a joint's axis is a part of the body that it moves, per kg·m²."""
+    jacobian, rotation = robot.link_motion(np.zeros((1, robot.width)), robot.moving_link(robot.joints[joint]))
+    axis = rotation[0].T @ jacobian[0, 3:, joint]
+    return np.concatenate([np.zeros(4), np.outer(axis, axis)[np.tril_indices(3)]])
+
+
 def turns_all(robot: Robot, joint: int) -> bool:
     """Whether a joint turns all that other joints move: a base that is tilted about its axis does the same."""
     return bool(robot.carries[joint].all()) and not robot.slides[joint]
