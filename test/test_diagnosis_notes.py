@@ -13,6 +13,7 @@ from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.diagnose import diagnose, examine
 from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.naming import Named, beyond_links
 from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
 from bdnn_ros.diagnosis.posterior import Estimate
@@ -204,6 +205,21 @@ def test_a_payload_whose_mass_may_be_nothing_is_told_as_a_centre_of_mass_first()
         and "inertia of forearm beyond the model's, as a rotor that moves it has" in said
     )
     assert unknown([]) == []
+
+
+@pytest.mark.parametrize(("late", "kept"), [([0], -4e-3), ([0, 1], -2e-3)])
+def test_a_lead_stays_where_joints_without_a_delay_show_it(late, kept):
+    """A delay of a tenth of a millisecond at one joint halved that of all others in the extended model."""
+    terms = [Term(get("effort_delay"), joint) for joint in late]
+    equations = SimpleNamespace(rigid=np.zeros((1, 2, 3)), hold=2e-3, width=2)
+    pool = SimpleNamespace(
+        equations=equations, terms=terms, coefficients=lambda fit, chosen: np.array([3e-3])
+    )
+    fit = SimpleNamespace(coefficients=np.array([0.0, 0.0, 0.0, -4e-3]), terms=range(len(terms)))
+    lead, moved = parted(pool, fit)
+    assert lead == pytest.approx(kept)
+    for taken in moved.values():  # the sum of both is what was measured
+        assert lead + taken == pytest.approx(-4e-3)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,8 @@ LATEST, LAG_STEP = 0.2, 0.004
 def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
     """The lead that stays one [s], and what each chosen delay takes of it [s].
 
-    A delay of all joints takes all but what a hold is expected to be; delays of single joints only what no sample explains.
+    A delay of all joints takes all but what a hold is expected to be; delays of single joints only what no sample explains,
+    and only where all have one: joints without show the lead by themselves.
     What made one less since an earlier model was identified was no hold.
     """
     lead = float(fit.coefficients[pool.equations.rigid.shape[2]])
@@ -37,7 +38,7 @@ def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
             less = pool.terms[chosen].effect.coefficient_bounds[0][0] < 0.0
             kept = max(min(0.5 * half, lead + delay), 0.0 if less else -np.inf)
             return kept, {chosen: lead - kept}
-    if not delays:
+    if len({pool.terms[chosen].target for chosen in delays}) < pool.equations.width:
         return lead, {}
     kept = float(np.clip(lead, -half, half))
     limited = {c: (max if delay >= 0.0 else min)(lead - kept, -delay) for c, delay in delays.items()}
