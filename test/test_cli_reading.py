@@ -93,6 +93,27 @@ def test_commands_are_in_the_robots_order(tmp_path: Path, bag: Path, known: str)
         np.testing.assert_array_equal(recording.effort, SEEN.select(recording.joints).effort)
 
 
+@pytest.mark.parametrize("gripper", [(), (0.02,)], ids=["commanded alone", "in the joint states"])
+@pytest.mark.parametrize("described", [True, False])
+def test_what_is_commanded_beside_the_arm_keeps_its_place(
+    tmp_path: Path, gripper: tuple[float, ...], described: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sent = [
+        ("/efforts", MULTI_ARRAY, stamp - 1, command([*u[:2], 7.0, *u[2:]]))
+        for stamp, u in zip(STAMPS, SEEN.require_effort(), strict=True)
+    ]
+    messages = sorted([*said(ARM.joints, gripper=gripper), *sent], key=lambda message: message[2])
+    path = write_bag(tmp_path / "bag", [DESCRIPTION, *messages] if described else messages)
+    named = [*ARM.joints[:2], "gripper", *ARM.joints[2:]]
+    (recording,) = loaded([path, "--effort", "command", "--joints", ",".join(named)])
+    assert recording.joints == (ARM.joints if described or not gripper else tuple(named))
+    np.testing.assert_array_equal(
+        recording.select(ARM.joints).require_effort(), SEEN.select(ARM.joints).require_effort()
+    )
+    told = "gripper only stands for what the commands hold" in capsys.readouterr().err
+    assert told == ("gripper" not in recording.joints)
+
+
 def test_a_prediction_is_for_commands_in_the_models_order(bag: Path) -> None:
     parser = argparse.ArgumentParser()
     options.add_recording_arguments(parser, bags="one")

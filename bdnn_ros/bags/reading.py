@@ -63,7 +63,8 @@ def read(
             description in the bag) or the joints of the messages, the first that fits.
         drop_invalid: as of `recording.cleaned`, instead of refusing the bag.
         rename: rules as in `Recording.rename`, applied before joints are chosen.
-        joints: the joints to read, all needed, in this order.
+        joints: the joints to read, all needed, in this order; with commands, those that no message holds only have a
+            place among their values.
         robot_joints: without `joints`, those of these that the bag has, in this order, but for those whose messages
             do not fit to the others'. Without either, the robot description in the bag says the joints; where there
             is none, all of one message are read.
@@ -114,7 +115,8 @@ def samples_of(
     old = states.joints
     new = renamed(old, rename)
     described = tuple(robot_joints) or movable_joints(urdf)
-    wanted = _wanted(name, states.groups, dict(zip(old, new, strict=True)), joints, described)
+    held = [joint for joint in joints if commands is None or joint in new] or joints
+    wanted = _wanted(name, states.groups, dict(zip(old, new, strict=True)), held, described)
     main = tuple(new[old.index(joint)] for joint in states.groups[0])
     samples, notes = _samples(
         name, states, dict(zip(new, old, strict=True)), wanted, bool(joints), commands, every

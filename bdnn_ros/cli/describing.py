@@ -97,6 +97,24 @@ def without_led(robot: Robot, joints: Sequence[str], recordings: Sequence[Record
     return others
 
 
+def acting(named: Sequence[str], recordings: Sequence[Recording], robot: Robot | None) -> tuple[str, ...]:
+    """Of joints that are named for commands, those of the recordings and the robot: of the others only values are sent.
+
+    All where there is none of these.
+    """
+    known = {*named}.intersection(*(recording.joints for recording in recordings))
+    if robot is not None:
+        known &= {*with_mimics(robot)}
+    others = [joint for joint in named if joint not in known]
+    if not known or not others:
+        return tuple(named)
+    stand, them = ("stands", "it") if len(others) == 1 else ("stand", "them")
+    say(
+        f"{listed(others, 20)} only {stand} for what the commands hold: the joint states or the URDF lack {them}."
+    )
+    return tuple(joint for joint in named if joint in known)
+
+
 def with_joints(
     robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool, known: Held
 ) -> Robot:

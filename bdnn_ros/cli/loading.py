@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from bdnn_ros import bags
-from bdnn_ros.cli.describing import described_robot, unusable, with_joints, without_led
+from bdnn_ros.cli.describing import acting, described_robot, unusable, with_joints, without_led
 from bdnn_ros.cli.fitness import require_distinct, require_measured, require_motion
 from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
@@ -60,6 +60,8 @@ def load(
     robot = _robot(args, needs_robot, chosen=bool(required))
     held, every = _held(args, required), _every_joint(robot, model)
     recordings = [_read_with(bags.read, path, args, held, every) for path in args.bags]
+    if not model and args.effort == "command":
+        required = acting(required, recordings, robot)
     chosen = required or _common_joints(recordings, robot)
     whole = recordings if robot is None else _of_all_joints(args, recordings, robot)
     if robot is not None and not required:
