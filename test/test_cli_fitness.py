@@ -26,6 +26,7 @@ from bdnn_ros.cli.main import main
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.scores import Scores
 from bdnn_ros.signals import prepare
 
 VERBS = ("info", "identify", "replay", "evaluate", "diagnose")
@@ -209,3 +210,16 @@ def test_what_cannot_be_scored_is_told_by_identify_and_info(tmp_path, capfd):
         assert "arm2_joint1 does not move with an effort measured in the last part" in "".join(
             capfd.readouterr()
         )
+
+
+def test_joints_whose_error_exceeds_the_descriptions_by_a_fifth_are_named():
+    def scores(*errors: float) -> Scores:
+        error = np.array(errors)
+        return Scores(("a", "b", "c", "d"), error, error, error**2, 0.0)
+
+    model, described = scores(0.13, 0.11, np.nan, 0.2), scores(0.1, 0.1, 0.1, 0.1)
+    (sentence,) = fitness.worse(model, described, from_nothing=True)
+    assert sentence.startswith("a, d: ") and sentence.endswith(
+        "of them, or start from the description (--prior urdf)."
+    )
+    assert fitness.worse(described, model, from_nothing=True) == []

@@ -190,6 +190,26 @@ def test_a_description_without_mass_is_nothing_to_start_from(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_joint_that_the_description_says_more_of_is_named(tmp_path, capsys):
+    """Of a worn joint that moves throughout, and one as described that moves in what is held out alone."""
+    robot = Robot.bundled("arm2")
+    time = np.arange(0.0, 10.0, 1.0 / RATE)
+    late = 0.01 + np.clip((time - 7.9) / 0.5, 0.0, 1.0)
+    q = np.stack([np.sin(2.0 * time), late * np.sin(7.0 * time)], axis=1)
+    v = np.gradient(q, time, axis=0)
+    worn = robot.with_joint_parameters(np.array([0.5, 0.0]), np.array([5.0, 0.0]), np.array([8.0, 0.0]))
+    effort = worn.inverse_dynamics(q, v, np.gradient(v, time, axis=0))
+    noise = np.random.default_rng(3).normal(size=q.shape)
+    effort += np.array([0.01, 0.05]) * np.ptp(effort, axis=0) * noise
+    path = str(bags.write(Recording(time, robot.joints, q, v, effort, urdf=robot.urdf), tmp_path / "bag"))
+    assert main(["identify", path, "--out", str(tmp_path / "out")]) == 0
+    metrics, _ = contents(tmp_path / "out")
+    worse = np.array(metrics["held_out"]["nrmse"]) / metrics["simulation"]["nrmse"]
+    assert worse[0] < 1.0 and worse[1] > 1.2
+    told = "note: arm2_joint2: of what is kept out to be scored, the description says more than the model."
+    assert told + " Record more and wider motion of it.\n" in capsys.readouterr().err
+
+
 def test_a_bag_of_another_robot_among_several_is_named(bag, tmp_path, capsys):
     robot = Robot.bundled("arm6")
     other = recorded(1)

@@ -10,7 +10,7 @@ import numpy as np
 from bdnn_ros.cli.options import say
 from bdnn_ros.errors import RecordingError, UsageError, listed
 from bdnn_ros.recording import Recording, moving
-from bdnn_ros.scores import STILL
+from bdnn_ros.scores import STILL, Scores
 from bdnn_ros.signals import MINIMUM_SAMPLES, Signals, prepare, suitable_cutoff
 from bdnn_ros.signals.unmeasured import absent
 
@@ -18,6 +18,9 @@ LEAST_SECONDS = 1.0
 """Motion that a model is identified from, at least [s]."""
 LEAST_RATE = 4.0
 """Samples a second, at least [Hz]: a low-pass that suits a lower rate leaves nothing of the motion of an arm."""
+
+WORSE = 1.2
+"""An identified model's error of a joint is worth a word from this many times the description's on."""
 
 
 def require_motion(recording: Recording) -> None:
@@ -201,4 +204,23 @@ def unscored(
     return [
         f"{listed(names)} {do} not move with an effort measured in the last part, which is kept out to be scored: {their} "
         f"score says nothing. Let {them} move until the end, or give `bdnn identify` another --holdout."
+    ]
+
+
+def worse(model: Scores, described: Scores, from_nothing: bool) -> list[str]:
+    """What there is to say of joints that a description predicts better than the model does: a sentence, or none.
+
+    Args:
+        model, described: of the same samples, which the model was not learned from.
+        from_nothing: whether it was learned without the description.
+    """
+    behind = model.nrmse > WORSE * described.nrmse
+    names = [joint for joint, one in zip(model.joints, behind, strict=True) if one]
+    if not names:
+        return []
+    them = "it" if len(names) == 1 else "them"
+    instead = ", or start from the description (--prior urdf)" if from_nothing else ""
+    return [
+        f"{listed(names, 20)}: of what is kept out to be scored, the description says more than the model. Record more and "
+        f"wider motion of {them}{instead}."
     ]

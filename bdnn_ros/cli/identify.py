@@ -151,6 +151,9 @@ def run(args: argparse.Namespace) -> int:
         _tell(told, path.with_name(PARAMETERS))
     for sentence in fitness.unscored(recordings, lasts, tested):
         options.say(sentence)
+    if robot is not None:
+        for sentence in fitness.worse(metrics["held_out"], metrics["simulation"], args.prior == "none"):
+            options.say(sentence)
     _print(metrics, alike, path, robot)
     return 0
 
