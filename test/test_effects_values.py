@@ -280,13 +280,15 @@ def test_a_bristle_as_short_or_as_long_as_any_that_is_tried_is_none(breakaway, s
     "static, std, velocity, shown",
     [
         (2.0, 0.5, 0.1, True),
-        (2.0, 1.1, 0.1, False),
+        (2.0, 1.1, 0.1, True),
         (2.0, 0.5, 0.49, False),
         (2.0, 0.5, 0.02, False),
         (-1.0, 0.5, 0.1, True),
     ],
 )
-def test_friction_falls_where_its_height_is_known_and_its_velocity_is_at_no_end(static, std, velocity, shown):
+def test_friction_falls_at_a_velocity_that_is_at_no_end_however_high_it_is_at_rest(
+    static, std, velocity, shown
+):
     """Be it less than a model has."""
     values = {"coulomb": 1.0 if static > 0.0 else 0.0, "static": static, "velocity": velocity}
     assert get("stribeck_friction").shown(values, {"coulomb": 0.01, "static": std, "velocity": 0.02}) is shown

@@ -124,6 +124,7 @@ class StribeckFriction(DryFriction):
     contains = ("coulomb_friction",)
     settles_into = "coulomb_friction"
     excess = np.array((0.0, 1.0))
+    parts = ("static",)
     shape_bounds = MappingProxyType({"velocity": (5e-3, 0.5)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
@@ -155,8 +156,7 @@ class StribeckFriction(DryFriction):
         velocity, (low, high) = values["velocity"], self.shape_bounds["velocity"]
         inside = low + stds["velocity"] < velocity < high - stds["velocity"]
         # slow moments may be so few that any height fits: what was never measured would hold the joint for ever
-        known = abs(values["static"] - values["coulomb"]) > stds["static"] and values["static"] <= most
-        return inside and known
+        return inside and values["static"] <= most
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         coulomb, extra = (float(c) for c in coefficients)
