@@ -44,6 +44,15 @@ def test_links_that_are_off_each_by_itself_are_not(masses):
     assert found(masses) is None
 
 
+def test_hardly_any_noise_does_not_lose_the_factor_in_rounding():
+    errors = np.zeros(6 * PER_LINK)
+    errors[::PER_LINK] = 0.25
+    equations = equations_of((), "arm6", errors)
+    _, noise = white(equations, 1e-6)
+    alike = common(equations, Pool(equations, noise, [], 0.05))
+    assert alike is not None and alike.factor == pytest.approx(1.25, abs=0.06)
+
+
 def of_link(scale: float, std: float = 0.05) -> Finding:
     parameters = {"scale": Quantity(scale, std, "-")}
     rival = Rival("payload", None, "l", 0.02)

@@ -6,8 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.result import Finding, Rival
 from bdnn_ros.diagnosis.search import LINK_ERRORS
 from bdnn_ros.effects.actuation import EffortScale
@@ -45,20 +48,31 @@ def common(equations: Equations, fitted: Pool) -> Common | None:
     """One factor of all efforts that is likelier than as many links' errors, with or without those named; None without one."""
     pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
     rest = [c for c, term in enumerate(pool.terms) if term.effect.name != LinkInertia.name]
-    column = equations.reduced(equations.simulated, borne=False)[:, :, None, None]
-    believed = EffortScale.coefficient_spread**-2.0
     alone, best = -math.inf, (-math.inf, 0.0, 0.0)
     for each in map(pool.believing, LINK_ERRORS):
         fit = each.fit(rest)
-        inner, left = (float(values.squeeze()) for values in each.beside(fit, column))
-        known = inner + believed
-        beside = fit.evidence + 0.5 * (left**2 / known - math.log(known / believed))
-        alone, best = (
-            max(alone, fit.evidence, each.whole.evidence),
-            max(best, (beside, left / known, known**-0.5)),
-        )
+        alone, best = max(alone, fit.evidence, each.whole.evidence), max(best, _beside(each, fit))
     evidence, more, std = best
     return Common(1.0 + more, std) if evidence > alone + LIKELIER else None
+
+
+def _beside(pool: Pool, fit: Fit) -> tuple[float, float, float]:
+    """Evidence of one factor beside a fit, how much more than one it is, and its standard deviation.
+
+    Links that all are off by it are believed in their place, and what the simulation has beside them, its friction, comes on top:
+    as a column of its own, the links' are nearly the same, it would be lost in rounding.
+    """
+    equations, believed = pool.equations, EffortScale.coefficient_spread**-2.0
+    links = equations.masses.astype(float)
+    beside = equations.reduced(equations.simulated, borne=False) - equations.rigid @ links
+    white = equations.whiten(beside, pool.noise)
+    pull = fit.precision * np.pad(links, (0, len(fit.precision) - len(links)))
+    known = pool.white[:, :, pool.columns_of(fit.terms)]
+    across = np.einsum("rjp,rj->p", known, white) - pull
+    own = float(np.sum(white**2)) + float(pull[: len(links)] @ links) + believed
+    own = max(own - float(across @ fit.covariance @ across), believed)
+    left = float(np.sum(white * pool.white_residual(fit))) + float(pull @ fit.coefficients)
+    return fit.evidence + 0.5 * (left**2 / own - math.log(own / believed)), left / own, own**-0.5
 
 
 def tied(findings: Sequence[Finding], alike: Common | None) -> list[Finding]:
