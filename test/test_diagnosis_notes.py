@@ -197,7 +197,7 @@ def test_a_payload_whose_mass_may_be_nothing_is_told_as_a_centre_of_mass_first()
     (said,) = unknown([(found, "forearm", True)])
     first, other = said.split("a centre of mass of forearm that is elsewhere than in the model, or ")
     assert "payload" not in first and other.startswith(
-        "a payload at forearm, mass 1 ± 2 kg, which may be nothing"
+        "a payload at forearm, mass 1 ± 2 kg, which may be nothing, or a rotor's inertia"
     )
     (said,) = unknown([(found, "forearm", False)])
     assert (

@@ -68,7 +68,7 @@ UNKNOWN = (
 )
 OFF_CENTRE = (
     "a centre of mass of {place} that is elsewhere than in the model, or {title} at {place}, mass {mass:.2g} ± {std:.1g} kg, "
-    "which may be nothing"
+    "which may be nothing, or a rotor's inertia at the joint that moves it"
 )
 NOT_IN_MODEL = (
     "Not sure enough for a name, and not in the extended model, though the gain counts it: something that pushes at "
