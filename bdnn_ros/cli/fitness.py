@@ -207,13 +207,15 @@ def unscored(
     ]
 
 
-def worse(model: Scores, described: Scores, from_nothing: bool) -> list[str]:
+def worse(model: Scores, described: Scores | None, from_nothing: bool) -> list[str]:
     """What there is to say of joints that a description predicts better than the model does: a sentence, or none.
 
     Args:
         model, described: of the same samples, which the model was not learned from.
         from_nothing: whether it was learned without the description.
     """
+    if described is None:
+        return []
     behind = model.nrmse > WORSE * described.nrmse
     names = [joint for joint, one in zip(model.joints, behind, strict=True) if one]
     if not names:

@@ -108,8 +108,6 @@ def run(args: argparse.Namespace) -> int:
     recordings, robot = loading.load(args, needs_robot=args.prior == "urdf")
     if robot is None:
         loading.say_unusable(recordings)
-    elif args.prior == "urdf":
-        require_mass(robot, f"{GIVE_MASS[:-1]}, or pass --prior none.")
     fitness.require_length(recordings)
     loading.require_efforts(args, recordings)
     parts = fitness.parted(recordings, args.holdout, args.cutoff)
@@ -149,11 +147,9 @@ def run(args: argparse.Namespace) -> int:
         path.with_name(PARAMETERS).unlink()
     elif told is not None:
         _tell(told, path.with_name(PARAMETERS))
-    for sentence in fitness.unscored(recordings, lasts, tested):
+    worse = fitness.worse(metrics["held_out"], metrics.get("simulation"), args.prior == "none")
+    for sentence in [*fitness.unscored(recordings, lasts, tested), *worse]:
         options.say(sentence)
-    if robot is not None:
-        for sentence in fitness.worse(metrics["held_out"], metrics["simulation"], args.prior == "none"):
-            options.say(sentence)
     _print(metrics, alike, path, robot)
     return 0
 
@@ -181,6 +177,7 @@ def _from_prior(
 ) -> Model:
     from bdnn_ros.online.identifier import Identifier
 
+    require_mass(robot, f"{GIVE_MASS[:-1]}, or pass --prior none.")
     return Identifier(robot, cutoff, spread).fit(training, progress=_progress)
 
 
