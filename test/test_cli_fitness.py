@@ -215,9 +215,9 @@ def test_what_cannot_be_scored_is_told_by_identify_and_info(tmp_path, capfd):
 def test_joints_whose_error_exceeds_the_descriptions_by_a_fifth_are_named():
     def scores(*errors: float) -> Scores:
         error = np.array(errors)
-        return Scores(("a", "b", "c", "d"), error, error, error**2, 0.0)
+        return Scores(("a", "b", "c", "d", "e"), error, error, error**2, 0.0)
 
-    model, described = scores(0.13, 0.11, np.nan, 0.2), scores(0.1, 0.1, 0.1, 0.1)
+    model, described = scores(0.13, 0.11, np.nan, 0.2, 0.01), scores(0.1, 0.1, 0.1, 0.1, 0.001)
     (sentence,) = fitness.worse(model, described, from_nothing=True)
     assert sentence.startswith("a, d: ") and sentence.endswith(
         "of them, or start from the description (--prior urdf)."

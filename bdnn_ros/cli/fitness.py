@@ -20,7 +20,9 @@ LEAST_RATE = 4.0
 """Samples a second, at least [Hz]: a low-pass that suits a lower rate leaves nothing of the motion of an arm."""
 
 WORSE = 1.2
-"""An identified model's error of a joint is worth a word from this many times the description's on."""
+"""An identified model's error of a joint is worth a word from this many times the description's on,"""
+NEGLIGIBLE = 0.02
+"""and from this share of the effort's spread on: nobody records more to tell one good model from another."""
 
 
 def require_motion(recording: Recording) -> None:
@@ -216,7 +218,7 @@ def worse(model: Scores, described: Scores | None, from_nothing: bool) -> list[s
     """
     if described is None:
         return []
-    behind = model.nrmse > WORSE * described.nrmse
+    behind = model.nrmse > np.maximum(WORSE * described.nrmse, NEGLIGIBLE)
     names = [joint for joint, one in zip(model.joints, behind, strict=True) if one]
     if not names:
         return []
