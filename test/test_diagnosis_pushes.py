@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.contact import contact, point_of
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.gathering import gathered
 from bdnn_ros.diagnosis.identifiability import judge
 from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.posterior import estimates
@@ -22,6 +23,7 @@ from bdnn_ros.diagnosis.pushes import (
     best_push,
     between_rows,
     distance,
+    edges,
     leftover,
     nearest,
     refined_push,
@@ -212,7 +214,7 @@ def test_wrenches_on_neighbours_give_way_to_the_one_that_explains_all():
     ]
     pool = pool_of(true, [*told, f"external_wrench@arm6_link5:{times},force_x=1"])
     moves = Moves(pool.equations, Candidates.of(ARM))
-    pool, chosen = moves.gather(pool, [0, 1, 2, 3])
+    pool, chosen = gathered(pool, [0, 1, 2, 3], ARM, moves.score)
     assert [(pool.terms[c].effect.name, pool.terms[c].target) for c in chosen] == [
         ("coulomb_friction", 0),
         ("external_wrench", 4),
@@ -229,8 +231,34 @@ def test_two_pushes_at_different_times_stay_two():
     noise, model = white(equations, 0.02)
     equations.target = equations.target + noise
     pool = Pool(equations, model, [term(spec, ARM)[0] for spec in (first, second)], TRUSTING)
-    _, chosen = Moves(equations, Candidates.of(ARM)).gather(pool, [0, 1])
+    _, chosen = gathered(pool, [0, 1], ARM, Moves(equations, Candidates.of(ARM)).score)
     assert sorted(chosen) == [0, 1]
+
+
+def test_a_push_in_two_pieces_is_told_as_one():
+    """One that seems over too early, its point not quite found, and what is left of it, told of another link."""
+    true = "external_wrench@arm6_link5:start=3,end=8,force_x=12,force_z=-6,point_x=0.08,point_z=0.05"
+    first = "external_wrench@arm6_link5:start=3,end=5,force_x=12,force_z=-6,point_x=0.07,point_z=0.06"
+    pool = pool_of(true, [first, "external_wrench@arm6_link4:start=5.1,end=8,force_x=1"])
+    pool, chosen = gathered(pool, [0, 1], ARM, Moves(pool.equations, Candidates.of(ARM)).score)
+    (push,) = (pool.terms[c] for c in chosen)
+    assert push.link == "arm6_link5"
+    np.testing.assert_allclose(edges(push), [3.0, 8.0], atol=5e-3)
+    np.testing.assert_allclose(point_of(push), [0.08, 0.0, 0.05], atol=2e-3)
+
+
+def test_two_pushes_that_follow_each_other_stay_two():
+    specs = [
+        "external_wrench@arm6_link5:start=3,end=5,force_x=12,force_z=-6",
+        "external_wrench@arm6_link5:start=5,end=8,force_x=-3,force_y=9",
+    ]
+    equations = equations_of(specs, "arm6")
+    noise, model = white(equations, 0.02)
+    equations.target = equations.target + noise
+    pool = Pool(equations, model, [term(spec, ARM)[0] for spec in specs], TRUSTING)
+    pool, chosen = gathered(pool, [0, 1], ARM, Moves(equations, Candidates.of(ARM)).score)
+    times = sorted(edges(pool.terms[c]) for c in chosen)
+    np.testing.assert_allclose(times, [(3.0, 5.0), (5.0, 8.0)], atol=0.05)
 
 
 @pytest.mark.parametrize(

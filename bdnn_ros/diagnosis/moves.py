@@ -10,7 +10,7 @@ from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.odds import contains, having_each, log_odds, near, unbelievable
-from bdnn_ros.diagnosis.pushes import distance, leftover, nearest, reshaped, together, toss
+from bdnn_ros.diagnosis.pushes import leftover, toss
 from bdnn_ros.diagnosis.settling import refined
 
 ABSURD = 1e9
@@ -52,24 +52,6 @@ class Moves:
             chosen = self._drop(pool, chosen)
             if {pool.terms[c].place for c in chosen} == before:
                 break
-        return pool, chosen
-
-    def gather(self, pool: Pool, chosen: list[int]) -> tuple[Pool, list[int]]:
-        """Give the place of pushes at one time to a single one, on whatever link explains most beside all else."""
-        robot = self.candidates.robot
-        for one in [c for c in chosen if pool.terms[c].effect.timed]:
-            if one not in chosen:
-                continue
-            rest = [c for c in chosen if not together(pool.terms[c], pool.terms[one])]
-            other = reshaped(pool, rest, robot)
-            pushes = [c for c in range(len(other.terms)) if other.terms[c].effect.timed and c not in rest]
-            scores, without = {c: self.score(other, [*rest, c]) for c in pushes}, self.score(other, rest)
-            best = nearest(other, scores, without, robot)
-            better = scores[best] - self.score(pool, chosen)
-            if distance(other.terms[best], robot) < distance(pool.terms[one], robot):
-                better += toss(other.terms[best], scores[best] - without)
-            if better > BETTER:
-                pool, chosen = pool.replacing({best: other.terms[best]}), [*rest, best]
         return pool, chosen
 
     # -- moves --------------------------------------------------------------------------------------------------

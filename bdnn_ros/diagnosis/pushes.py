@@ -129,6 +129,21 @@ def piece_of(small: Term, large: Term) -> bool:
     return shorter and (touching or inside)
 
 
+def follows(one: Term, other: Term) -> bool:
+    """Whether one push ends where the other begins."""
+    if one is other or not (one.effect.timed and other.effect.timed):
+        return False
+    (start, end), (begins, ends) = edges(one), edges(other)
+    return abs(end - begins) < TOUCHING and start < begins and end < ends
+
+
+def lasting(pool: Pool, rest: Sequence[int], pair: tuple[int, int], one: int, robot: Robot) -> Pool:
+    """The pool with one of two pushes that follow each other as long as both, moved to where it explains most from there."""
+    (start, _), (_, end) = (edges(pool.terms[c]) for c in pair)
+    long = pool.terms[one].shaped({**dict(pool.terms[one].shape), "start": start, "end": end})
+    return pool.replacing({one: between_rows(pool, pool.fit(rest), long, robot)})
+
+
 def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     """Whether a term is a push that may be what another leaves of itself: of a push at its time, or of a gap being crossed.
 

@@ -16,6 +16,7 @@ from bdnn_ros.diagnosis.coloring import noise_of, white_noise_of
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
+from bdnn_ros.diagnosis.gathering import gathered
 from bdnn_ros.diagnosis.leads import DELAY, moved
 from bdnn_ros.diagnosis.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves
 from bdnn_ros.diagnosis.noise import Noise
@@ -273,7 +274,7 @@ class Search(Moves):
         pool = refined(self.candidates, self.equations, pool, range(count))
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
-        pool, begun = self.gather(pool, list(range(count)))
+        pool, begun = gathered(pool, list(range(count)), self.candidates.robot, self.score)
         found = [self.descend(pool.believing(error), begun, least) for error in self._beliefs(noise, start)]
         pool, chosen = max(found, key=lambda one: self._worth(*one))
         self.link_error = pool.link_error
