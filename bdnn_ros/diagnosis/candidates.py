@@ -146,8 +146,7 @@ class Candidates:
         links = equations.rigid.shape[2]
         # what sticks turns round late: part of the load, so that a delay puts it ahead like all else
         late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.sticking]
-        tall = motion.regressor.reshape(-1, motion.regressor.shape[2])  # of many small products one large one
-        errors = (tall @ (equations.relative @ fit.coefficients[:links])).reshape(motion.position.shape)
+        errors = motion.regressed(equations.relative @ fit.coefficients[:links])
         base = equations.simulated + equations.passed(errors) + equations.passed(late)
         drive = equations.drive + late
         for chosen in fit.terms:

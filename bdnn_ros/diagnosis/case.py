@@ -74,9 +74,8 @@ class Case:
 
     @property
     def share_left(self) -> float:
-        """That per squared error of the simulation."""
-        before = squares(self.simulation**2, self.held)
-        return max(squares(self.left, self.held) / max(before, 1e-30), 0.0)
+        """Part of the simulation's squared error that the extended model leaves above the noise."""
+        return max(self._share(self.left), 0.0)
 
     @cached_property
     def by_links(self) -> float:
@@ -96,11 +95,12 @@ class Case:
 
     @property
     def gained(self) -> float:
-        """Part of it that the extended model removes."""
-        before, after = (
-            float(np.sum(one[self.held] ** 2)) for one in (self.equations.target, self.attempt.extended)
-        )
-        return 1.0 - after / max(before, 1e-30)
+        """Part of the simulation's squared error that the extended model removes."""
+        return 1.0 - self._share(self.extended**2)
+
+    def _share(self, squared: np.ndarray) -> float:
+        """Mean squared errors of the joints (n,) as a part of the simulation's."""
+        return squares(squared, self.held) / max(squares(self.simulation**2, self.held), 1e-30)
 
     @property
     def far_off(self) -> bool:

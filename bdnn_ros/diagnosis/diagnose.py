@@ -19,7 +19,6 @@ from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.excerpts import ENOUGH, excerpts, refuse_short, too_short
 from bdnn_ros.diagnosis.fit import Fit
-from bdnn_ros.diagnosis.gains import by_links
 from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
 from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
 from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
@@ -128,9 +127,9 @@ def examine(
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
     since = None if known.model is None else known
-    diagnosis = told(Case(recordings, robot, equations, attempt, found, remainder, since), cutoff)
+    case = Case(recordings, robot, equations, attempt, found, remainder, since)
     return Examination(
-        diagnosis,
+        told(case, cutoff),
         tuple(recordings),
         robot,
         equations,
@@ -139,7 +138,7 @@ def examine(
         tuple(found),
         attempt.test,
         attempt.extended,
-        by_links(equations, attempt.fitted, equations.usable & attempt.test[:, None]),
+        case.by_links,
         remainder,
         model,
         measured.late,

@@ -182,6 +182,11 @@ class Motion:
         """Regressor of all inertial parameters, (N, n, n * PER_LINK)."""
         return self.robot.regressor(self.position, self.velocity, self.acceleration)
 
+    def regressed(self, parameters: np.ndarray) -> np.ndarray:
+        """Effort of inertial parameters (P,) along the motion, (N, n) [N·m]."""
+        tall = self.regressor.reshape(-1, self.regressor.shape[2])  # of many small products one large one
+        return np.asarray((tall @ parameters).reshape(self.position.shape))
+
     def soft_pulls(self, link: str) -> np.ndarray:
         """Effort per wrench at a link's origin, and what each metre of the point adds, low-passed as the effort was, (N, n, 15).
 
