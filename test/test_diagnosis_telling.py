@@ -154,9 +154,12 @@ def test_a_law_that_is_not_shown_is_told_as_what_it_settles_into(monkeypatch, sh
         assert [rival.effect.name for rival, _ in told.judgements[1].rivals] == ["viscous_friction"]
 
 
-@pytest.mark.parametrize("beyond, wanted", [(2.9, "coulomb_friction"), (3.1, "hysteresis")])
+@pytest.mark.parametrize(
+    "beyond, wanted",
+    [((2.9, 9.0), "coulomb_friction"), ((9.0, 1.9), "coulomb_friction"), ((3.1, 2.1), "hysteresis")],
+)
 def test_a_law_that_says_hardly_more_than_what_it_settles_into_is_told_as_that(monkeypatch, beyond, wanted):
-    """However well it is known itself."""
+    """However well it is known itself: by all rows, and by those where no joint dwells."""
     names = ["viscous_friction", "hysteresis"]
     truth, shape = "coulomb_friction@arm2_joint1:coulomb=0.3", {"breakaway": 0.001}
     told, refitted = told_plainly(monkeypatch, names, truth, shape, True, beyond)
@@ -193,7 +196,7 @@ def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_
     np.testing.assert_array_equal(equations.usable, counted & ~equations.dwelling)
 
 
-def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=np.inf):
+def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=(np.inf, np.inf)):
     """The attempt and the pool that are told of some laws of the first joint, the second of this shape."""
     equations = equations_of([truth])
     terms = [Term(get(name), 0) for name in names]
@@ -209,7 +212,8 @@ def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=np.inf):
         lambda pool, fit: [SimpleNamespace(term=t, shown=shown or t.effect.name != law) for t in pool.terms],
     )
     candidates = Candidates.of(equations.motion.robot)
-    told, refitted, found = plainly._plain(candidates, equations, attempt, pool, [beyond] * len(terms))
+    surely = plainly._surely(*([one] * len(terms) for one in beyond))
+    told, refitted, found = plainly._plain(candidates, equations, attempt, pool, surely)
     assert len(found) == len(refitted.terms)
     return told, refitted
 

@@ -23,7 +23,7 @@ def gathered(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple
         if one not in chosen:
             continue
         rest = [c for c in chosen if not together(pool.terms[c], pool.terms[one])]
-        other = reshaped(pool, rest, robot)
+        other = reshaped(pool, rest, robot, [c for c in chosen if c not in rest])
         pushes = [c for c in range(len(other.terms)) if other.terms[c].effect.timed and c not in rest]
         scores, without = {c: score(other, [*rest, c]) for c in pushes}, score(other, rest)
         best = nearest(other, scores, without, robot)

@@ -13,15 +13,26 @@ from bdnn_ros.diagnosis.odds import contains
 from bdnn_ros.diagnosis.posterior import CLEAR, Estimate, estimates, excesses
 from bdnn_ros.diagnosis.settling import refined
 from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.effects.base import SHOWN
 
 
 def plainly(
     candidates: Candidates, equations: Equations, attempt: Attempt
 ) -> tuple[Attempt, Pool, list[Estimate]]:
     """An attempt with laws that are not shown given up, its terms in all rows where no joint dwells, and their estimates."""
-    beyond = excesses(_in_rows_that_count(equations, attempt.fitted))
+    anywhere = excesses(_in_rows_that_count(equations, attempt.fitted))
     pool = _exact(candidates, equations, attempt.fitted)
-    return _plain(candidates, equations, attempt, pool, beyond)
+    return _plain(candidates, equations, attempt, pool, _surely(anywhere, excesses(pool)))
+
+
+def _surely(anywhere: Sequence[float], exact: Sequence[float]) -> list[bool]:
+    """Whether each law is surely more than what it settles into.
+
+    Args:
+        anywhere: how many standard deviations it lies from that by all rows.
+        exact: the same where no joint dwells: what is seen only where one does may be how friction turns round.
+    """
+    return [one > CLEAR and other > SHOWN for one, other in zip(anywhere, exact, strict=True)]
 
 
 def _in_rows_that_count(equations: Equations, fitted: Pool) -> Pool:
@@ -44,17 +55,17 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
 
 
 def _plain(
-    candidates: Candidates, equations: Equations, attempt: Attempt, pool: Pool, beyond: Sequence[float]
+    candidates: Candidates, equations: Equations, attempt: Attempt, pool: Pool, surely: Sequence[bool]
 ) -> tuple[Attempt, Pool, list[Estimate]]:
     """The attempt, its pool and the pool's estimates, with laws that are not shown given up for what they settle into.
 
     Where another law says that already they only go.
 
     Args:
-        beyond: how many standard deviations each law lies from what it settles into, by all rows.
+        surely: whether each law is surely more than what it settles into.
     """
     found = estimates(pool, pool.whole)
-    plainly = (k for k, one in enumerate(found) if not one.shown or beyond[k] <= CLEAR)
+    plainly = (k for k, one in enumerate(found) if not (one.shown and surely[k]))
     settled = ((k, candidates.settled(found[k].term, equations.motion)) for k in plainly)
     instead = {k: plain for k, plain in settled if plain is not None}
     if not instead:

@@ -70,15 +70,22 @@ def refined_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
     return max(ends, key=lambda end: pool.gain_of(fit, end)[0])
 
 
-def reshaped(pool: Pool, rest: Sequence[int], robot: Robot) -> Pool:
-    """The pool with all pushes but those among the rest where each explains most beside the rest."""
+def reshaped(pool: Pool, rest: Sequence[int], robot: Robot, found: Sequence[int] = ()) -> Pool:
+    """The pool with all pushes but those among the rest where each explains most beside the rest.
+
+    Args:
+        found: pushes that are sought from where they are, too.
+    """
     fit = _unbound(pool, pool.fit(rest))
     others = [c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest]
-    found = {c: best_push(pool, fit, pool.terms[c], robot) for c in others}
-    gains = {c: pool.gain_of(fit, term)[0] for c, term in found.items()}
-    near = [c for c in found if gains[c] > CONTENDS * max(gains.values())]
-    found |= {c: between_rows(pool, fit, found[c], robot) for c in near}
-    return pool.replacing(found) if found else pool
+    best = {c: best_push(pool, fit, pool.terms[c], robot) for c in others}
+    gains = {c: pool.gain_of(fit, term)[0] for c, term in best.items()}
+    near = [c for c in best if gains[c] > CONTENDS * max(gains.values())]
+    best |= {c: between_rows(pool, fit, best[c], robot) for c in near}
+    for c in found:
+        moved = (best[c], between_rows(pool, fit, pool.terms[c], robot))
+        best[c] = max(moved, key=lambda term: pool.gain_of(fit, term)[0])
+    return pool.replacing(best) if best else pool
 
 
 def toss(term: Term, worth: float) -> float:
