@@ -6,31 +6,48 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import lapack
 
 
 @dataclass(frozen=True)
 class Definite:
-    """A positive-definite matrix (P, P) whose rows differ in scale; it is factored once, when first asked."""
+    """A positive-definite matrix (P, P) whose rows differ in scale; it is factored once, when first asked.
+
+    Cholesky's rounding is the same whatever the rows are scaled by (Higham, Accuracy and Stability of Numerical
+    Algorithms, 2002, §10.1).
+
+    Raises:
+        LinAlgError: it is not definite.
+    """
 
     matrix: np.ndarray
 
     def solve(self, vector: np.ndarray) -> np.ndarray:
         """Solution of its system for a right-hand side (P,), or for several (P, k)."""
-        factor, size = self._scaled
-        scale = size if vector.ndim == 1 else size[:, None]
-        return np.asarray(scale * cho_solve(factor, scale * vector, check_finite=False))
+        return np.asarray(lapack.dpotrs(self._factor, vector[::-1], lower=1)[0][::-1])
 
     def inverse(self) -> np.ndarray:
         """(P, P)."""
-        factor, size = self._scaled
-        return np.asarray(cho_solve(factor, np.diag(size), check_finite=False) * size[:, None])
+        lower = lapack.dpotri(self._factor, lower=1)[0]
+        return np.asarray((lower + np.tril(lower, -1).T)[::-1, ::-1])
+
+    def left(self, count: int) -> np.ndarray:
+        """What is left of the first unknowns' system once the others are eliminated: B⁻¹ of `halved`, (count, count)."""
+        last = self._factor[-count:, -count:]
+        return np.asarray((last @ last.T)[::-1, ::-1])
+
+    def halved(self, columns: np.ndarray) -> np.ndarray:
+        """H (k, m) with Hᵀ H = Cᵀ B C, of columns C (k, m) and the first k rows and columns B of the inverse."""
+        last = self._factor[-len(columns) :, -len(columns) :]
+        return np.asarray(lapack.dtrtrs(last, columns[::-1], lower=1)[0])
 
     @cached_property
-    def _scaled(self) -> tuple[tuple[np.ndarray, bool], np.ndarray]:
-        """Cholesky factor of the matrix scaled to a unit diagonal, and the scaling."""
-        size = 1.0 / np.sqrt(np.diagonal(self.matrix))
-        return cho_factor(self.matrix * np.outer(size, size), lower=True, check_finite=False), size
+    def _factor(self) -> np.ndarray:
+        """Lower Cholesky factor of the matrix in reverse: its end is the factor of the inverse's beginning, inverted."""
+        factor, failed = lapack.dpotrf(self.matrix[::-1, ::-1].T, lower=1)
+        if failed:
+            raise np.linalg.LinAlgError(f"The matrix is not definite at row {len(factor) - failed}.")
+        return np.asarray(factor)
 
 
 def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -88,6 +88,7 @@ class Recursion:
     def __init__(self, belief: Prior) -> None:
         self.belief = belief
         self.prior_information = inverse(belief.covariance)
+        self._prior_vector = self.prior_information @ belief.mean
         self.blocks = Blocks(MOST_BLOCKS, least=2 * FEWEST_BLOCKS)
         self.clear()
         self.doubt()
@@ -185,30 +186,24 @@ class Recursion:
         (A - F) A⁻¹ (A - F), which stays definite where F is nearly all there is.
         """
         assert self.total is not None and self.sensors is not None
-        layout, count = posterior.layout, self.sensors.columns.shape[-1]
-        shared = min(layout.shared, count)
-        alone = np.array([rows[shared:count] for rows in layout.parameters])
-        taken = max(shared, 1 + int(alone.max(initial=0)))
-        columns = (
-            self.sensors.columns * (self.weights() * self.total.count / self.sensors.count)[:, None, None]
-        )
-        noise = np.zeros((layout.size, taken))
-        noise[:shared, :shared] = columns.sum(axis=0)[:shared, :shared]
-        for own, row in enumerate(alone.T, start=shared):
-            np.add.at(noise[:, :shared], row, columns[:, own, :shared])
-            np.add.at(noise[:shared].T, row, columns[:, :shared, own])
-            for other, column in enumerate(alone.T, start=shared):
-                np.add.at(noise, (row, column), columns[:, own, other])
+        layout, known = posterior.layout, posterior.known
+        noise = self.sensors.gathered(self.weights() * self.total.count / self.sensors.count)
         if not noise.any():
             return posterior
-        again = noise[:taken] @ posterior.known.solve(noise)[:taken]
-        information, vector = posterior.information.copy(), np.zeros(layout.size)
-        information[:taken, :taken] += (1.0 + LEAST_LEFT) * again - 2.0 * noise[:taken]
-        vector[:taken] = (noise[:taken] - again) @ posterior.mean[:taken]
-        given = solve(information, vector)
+        taken = slice(len(noise))
+        left, half = known.left(len(noise)), known.halved(noise)
+        again = half.T @ half
+        change = (1.0 + LEAST_LEFT) * again - 2.0 * noise
+        vector = (noise - again) @ posterior.mean[taken]
+        asked = np.zeros(layout.size)
+        asked[taken] = left @ solve(left + change, vector)
+        given = known.solve(asked)
         # how loud the noise is, is not known exactly
-        doubt = information @ (NOISE_DOUBT * given)
-        information -= np.outer(doubt, doubt / (1.0 + NOISE_DOUBT * given @ doubt))
+        doubt = NOISE_DOUBT * vector
+        information = posterior.information.copy()
+        information[taken, taken] += change - np.outer(
+            doubt, doubt / (1.0 + NOISE_DOUBT * given[taken] @ doubt)
+        )
         return replace(posterior, mean=posterior.mean + given, known=Definite(information))
 
     def _accumulated(
@@ -216,22 +211,11 @@ class Recursion:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Information matrix and vector of prior and data, a row of each joint with its weight."""
         assert total is not None
-        information = np.zeros((layout.size, layout.size))
-        information[: layout.base, : layout.base] = self.prior_information
+        information, vector = layout.gathered(total, weights)
+        information[: layout.base, : layout.base] += self.prior_information
+        vector[: layout.base] += self._prior_vector
         extra = np.arange(layout.base, layout.size)
-        information[extra, extra] = 1.0 / layout.deviation**2
-        vector = np.zeros(layout.size)
-        vector[: layout.base] = self.prior_information @ self.belief.mean
-        shared = layout.shared
-        information[:shared, :shared] += np.tensordot(weights, total.gram[:, :shared, :shared], 1)
-        vector[:shared] += weights @ total.moment[:, :shared]
-        for joint, weight in enumerate(weights):
-            gram, moment = layout.own_part(total, joint)
-            rows = layout.parameters[joint]
-            own = rows[shared:]
-            information[own[:, None], rows] += weight * gram
-            information[:shared, own] += weight * gram[:, :shared].T
-            vector[own] += weight * moment
+        information[extra, extra] += 1.0 / layout.deviation**2
         return information, vector
 
     def _noise(self, posterior: Posterior) -> np.ndarray:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from bdnn_ros.physical.couplings import PER_COUPLING, Coupling
 from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS, feature_spread, group_slices
+from bdnn_ros.physical.gathering import Gathering
 from bdnn_ros.physical.parameters import PER_JOINT, Prior
 from bdnn_ros.physical.presliding import BREAKAWAYS, COUPLING_SIGNS, USUAL
 from bdnn_ros.physical.statistics import Regression, Statistics
@@ -153,18 +155,22 @@ class Layout:
         """How many columns, from the first, are parameters of the same place on all joints: the bodies'."""
         return self.base // (PER_LINK + PER_JOINT) * PER_LINK
 
-    def own_part(self, statistics: Statistics, joint: int) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of `regression` beyond the shared columns: of its gram (k, all), of its moment (k,)."""
-        columns, straight = self.columns[joint], self.straight[joint]
-        own = columns[self.shared :]
-        gram, moment = statistics.gram[joint][own[:, None], columns], statistics.moment[joint, own]
-        if len(straight):
-            features, before = self._features_and_own(joint)
-            rows = slice(features.start - self.shared, features.stop - self.shared)
-            rows_before = slice(before.start - self.shared, before.stop - self.shared)
-            gram[:, features] -= gram[:, before] @ straight.T
-            gram[rows] -= straight @ gram[rows_before]
-            moment[rows] -= straight @ moment[rows_before]
+    @cached_property
+    def _gathering(self) -> Gathering:
+        count = Columns(len(self.columns)).count
+        return Gathering(self.columns, self.parameters, self.shared, count, self.size)
+
+    def gathered(self, statistics: Statistics, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What statistics say of all parameters, a row of each joint with its weight (n,): gram (P, P) and moment (P,)."""
+        gram = self._gathering.matrix(statistics.gram, weights)
+        moment = self._gathering.vector(statistics.moment, weights)
+        for joint, straight in enumerate(self.straight):
+            if len(straight):
+                features, own = (self.parameters[joint][rows] for rows in self._features_and_own(joint))
+                where = slice(features[0], features[-1] + 1)
+                gram[where] -= straight @ gram[own]
+                gram[:, where] -= gram[:, own] @ straight.T
+                moment[where] -= straight @ moment[own]
         return gram, moment
 
     def score(self, statistics: Statistics, joint: int, coefficients: np.ndarray) -> np.ndarray:
