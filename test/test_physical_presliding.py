@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bdnn_ros.physical.presliding import USUAL, directions
+from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions, slide
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import prepare
 
@@ -87,3 +87,20 @@ def test_a_stop_leaves_as_much_doubt_as_the_low_pass_has_of_it(slows):
     shows = stopped > 0.01
     assert (told[shows] > 0.98 * stopped[shows]).all()
     assert (told[signals.time[signals.interior] < 2.0 - 6.0 * signals.kernel_std] < 0.01).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 8, 1105])
+def test_the_state_is_that_of_going_step_by_step(count):
+    generator = np.random.default_rng(count)
+    path, start = (
+        np.cumsum(1e-4 * generator.normal(size=(count, 3)), axis=0),
+        generator.uniform(-1, 1, (3, 1)),
+    )
+    state = np.broadcast_to(start, (3, len(BREAKAWAYS) - 1))
+    found = slide(path, BREAKAWAYS[1:], start)
+    assert found.shape == (count, *state.shape)
+    np.testing.assert_array_equal(found[0], state)
+    for step, after in zip(np.diff(path, axis=0), found[1:], strict=True):
+        keep = np.exp(-np.abs(step)[:, None] / np.array(BREAKAWAYS[1:]))
+        state = np.sign(step)[:, None] * (1.0 - keep) + keep * state
+        np.testing.assert_allclose(after, state, atol=1e-13)

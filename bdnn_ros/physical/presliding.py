@@ -157,15 +157,24 @@ def slide(position: np.ndarray, breakaways: Sequence[float], start: np.ndarray) 
     Args:
         start: state at first, (m, 1 or len(breakaways)).
     """
-    travel = np.diff(position, axis=0)
-    keep = np.exp(-np.abs(travel)[:, :, None] / np.asarray(breakaways))
-    gain = np.sign(travel)[:, :, None] * (1.0 - keep)
-    states = np.empty((*position.shape, len(breakaways)))
-    states[0] = state = np.broadcast_to(start, states[0].shape)
-    for k in range(len(travel)):
-        state = gain[k] + keep[k] * state
-        states[k + 1] = state
-    return states
+    # stretches of steps side by side, each from nothing; then each goes on from where the one before it ended
+    steps, width = len(position) - 1, position.shape[1]
+    stretches = max(round(np.sqrt(steps)), 1)
+    length = -(-steps // stretches)
+    still = np.zeros((stretches * length - steps, width))
+    travel = np.concatenate([np.diff(position, axis=0), still]).reshape(stretches, length, width)
+    travel = np.ascontiguousarray(travel.swapaxes(0, 1))[..., None]
+    keep = np.exp(-np.abs(travel) / np.asarray(breakaways))
+    gain = np.sign(travel) * (1.0 - keep)
+    for k in range(1, length):
+        gain[k] += keep[k] * gain[k - 1]
+        keep[k] *= keep[k - 1]
+    states = np.empty((1 + stretches * length, width, len(breakaways)))
+    states[0] = start
+    for stretch in range(stretches):
+        end = stretch * length
+        states[end + 1 : end + 1 + length] = gain[:, stretch] + keep[:, stretch] * states[end]
+    return states[: len(position)]
 
 
 def _at_rest(velocity: np.ndarray, rate: float) -> np.ndarray:
