@@ -37,17 +37,23 @@ def structures(belief):
 
 
 @pytest.mark.parametrize("which", range(4), ids=["plain", "learned", "coupled", "set up"])
-def test_the_parts_of_a_regression_are_the_regression(belief, statistics, which):
+def test_what_is_gathered_is_the_sum_of_the_regressions(belief, statistics, which):
     chosen = structures(belief)[which]
     own = slice(2 * PER_LINK, None)
     straight = straightened(chosen, statistics.gram[:, own, own])
     made = layout(chosen, belief, straight)
     assert made.shared == 2 * PER_LINK
-    for joint in range(2):
-        whole = made.regression(statistics, joint)
-        gram, moment = made.own_part(statistics, joint)
-        np.testing.assert_allclose(gram, whole.gram[made.shared :], atol=1e-8)
-        np.testing.assert_allclose(moment, whole.moment[made.shared :], atol=1e-8)
+    assert_gathered(made, statistics, np.array([2.0, 0.5]))
+
+
+def assert_gathered(made, statistics, weights):
+    gram, moment = np.zeros((made.size, made.size)), np.zeros(made.size)
+    for joint, (rows, weight) in enumerate(zip(made.parameters, weights, strict=True)):
+        part = made.regression(statistics, joint)
+        gram[np.ix_(rows, rows)] += weight * part.gram
+        moment[rows] += weight * part.moment
+    for gathered, expected in zip(made.gathered(statistics, weights), (gram, moment), strict=True):
+        np.testing.assert_allclose(gathered, expected, atol=1e-8)
 
 
 def test_of_one_joint_alone_the_bodies_are_shared_and_no_more():
@@ -58,9 +64,7 @@ def test_of_one_joint_alone_the_bodies_are_shared_and_no_more():
     sums = Statistics.of(generator.normal(size=(2 * count, 1, count)), generator.normal(size=(2 * count, 1)))
     chosen = Structure.plain(belief).with_joint(0, 0, ("curve", "position"))
     made = layout(chosen, belief, straightened(chosen, sums.gram[:, PER_LINK:, PER_LINK:]))
-    gram, moment = made.own_part(sums, 0)
-    np.testing.assert_allclose(gram, made.regression(sums, 0).gram[PER_LINK:], atol=1e-8)
-    np.testing.assert_allclose(moment, made.regression(sums, 0).moment[PER_LINK:], atol=1e-8)
+    assert_gathered(made, sums, np.array([3.0]))
 
 
 def test_every_parameter_has_a_place_and_a_spread(belief):
@@ -141,3 +145,16 @@ class Told:
 def test_no_curve_hides_a_sharp_direction_behind_a_soft_one(without, chosen):
     softest = len(BREAKAWAYS) - 1
     assert _best(Told({(softest, False): without, (softest, True): 0.3}), ()) == chosen
+
+
+def test_sums_over_the_first_columns_reach_the_first_parameters(belief):
+    """The position's noise is known of bodies and armature alone."""
+    made, count = layout(structures(belief)[3], belief), 2 * PER_LINK + 1
+    sums = np.random.default_rng(0).normal(size=(2, count, count))
+    sums += sums.swapaxes(1, 2)
+    expected = np.zeros((count + 1, count + 1))
+    for joint, weight in enumerate((2.0, 0.5)):
+        rows = np.append(np.arange(count - 1), count - 1 + joint)
+        expected[np.ix_(rows, rows)] += weight * sums[joint]
+    gathered = made.gathering(count).matrix(sums, np.array([2.0, 0.5]))
+    np.testing.assert_allclose(gathered, expected, atol=1e-12)

@@ -16,11 +16,11 @@ from bdnn_ros.physical.dictionary import Scales
 from bdnn_ros.physical.handover import physical_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Prior, Spread, prior
-from bdnn_ros.physical.possible import Possible
+from bdnn_ros.physical.possible import Possible, typical_friction
 from bdnn_ros.physical.presliding import Directions
 from bdnn_ros.physical.recursive import Posterior
 from bdnn_ros.physical.selection import choose, set_up, sure
-from bdnn_ros.physical.structure import Layout, Structure, layout, straightened, typical_friction
+from bdnn_ros.physical.structure import Layout, Structure, layout, straightened
 from bdnn_ros.physical.sums import Motion, Sums
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -8,35 +8,29 @@ import numpy as np
 
 
 class Gathering:
-    """Where sums over the columns of n joints go in a system of P parameters; found once, used for every sum.
+    """Where sums over the first K columns of n joints go in a system of the P parameters they reach; found once for all sums.
 
     Args:
-        columns: of each joint, which of its K columns take part.
-        parameters: which of the P parameters those columns belong to; no joint has one twice.
+        columns: of each joint, which take part; of these, those among the first K do.
+        parameters: which parameters the columns of each joint belong to; no joint has one twice.
         shared: so many columns, from the first, are the first parameters on all joints, and none of the others is.
         count: K.
-        size: P.
     """
 
     def __init__(
-        self,
-        columns: Sequence[np.ndarray],
-        parameters: Sequence[np.ndarray],
-        shared: int,
-        count: int,
-        size: int,
+        self, columns: Sequence[np.ndarray], parameters: Sequence[np.ndarray], shared: int, count: int
     ) -> None:
-        self._shared, self._size = shared, size
-        joints = range(len(columns))
-        own = [((k * count + each[shared:, None]) * count + each).ravel() for k, each in enumerate(columns)]
-        self._source = np.concatenate(own)
-        self._target = np.concatenate(
-            [((each[shared:, None] - shared) * size + each).ravel() for each in parameters]
-        )
-        self._joint = np.repeat(joints, [len(each) for each in own])
-        self._vector_source = np.concatenate([k * count + columns[k][shared:] for k in joints])
-        self._vector_target = np.concatenate([each[shared:] for each in parameters])
-        self._vector_joint = np.repeat(joints, [len(each) - shared for each in columns])
+        places = [each[taken < count] for taken, each in zip(columns, parameters, strict=True)]
+        columns = [taken[taken < count] for taken in columns]
+        self._shared, self._size = shared, 1 + max(int(each.max()) for each in places)
+        own, joints = [each[shared:] for each in columns], np.arange(len(columns))
+        rows = [joint * count + each for joint, each in enumerate(own)]
+        self._vector_source = np.concatenate(rows)
+        self._vector_target = np.concatenate([each[shared:] for each in places])
+        self._vector_joint = np.repeat(joints, [len(each) for each in own])
+        self._source = _pairs([each * count for each in rows], columns)
+        self._target = _pairs([(each[shared:] - shared) * self._size for each in places], places)
+        self._joint = np.repeat(joints, [a.size * b.size for a, b in zip(own, columns, strict=True)])
 
     def matrix(self, sums: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Sum over joints of symmetric matrices (n, K, K), each with its weight, (P, P)."""
@@ -53,3 +47,8 @@ class Gathering:
         result = np.bincount(self._vector_target, values, self._size)
         result[: self._shared] = weights @ sums[:, : self._shared]
         return result
+
+
+def _pairs(rows: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> np.ndarray:
+    """Sums of each joint's every two, one after the other."""
+    return np.concatenate([(a[:, None] + b).ravel() for a, b in zip(rows, columns, strict=True)])

@@ -9,6 +9,8 @@ import numpy as np
 from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.recursive import Posterior, Recursion
 from bdnn_ros.physical.selection import NEGLIGIBLE
+from bdnn_ros.physical.statistics import Statistics
+from bdnn_ros.physical.structure import Layout
 from bdnn_ros.robot import PER_LINK
 
 CLEARLY = 2.0
@@ -51,3 +53,14 @@ class Possible:
     def unexplained(self) -> np.ndarray:
         """Joints of which something else has to explain most, (n,) bool."""
         return self.left > CLEARLY * self.least
+
+
+def typical_friction(posterior_mean: np.ndarray, plain: Layout, statistics: Statistics) -> tuple[float, ...]:
+    """Root mean square of each joint's viscous and Coulomb friction along the motion, n [N·m]."""
+    result = []
+    for joint, parameters in enumerate(plain.parameters):
+        own = len(plain.columns) * PER_LINK + np.array([1, 2])
+        sums = statistics.of_joint(joint, plain.columns[joint][own])
+        x = posterior_mean[parameters[own]]
+        result.append(float(np.sqrt(max(x @ sums.gram @ x, 0.0) / max(sums.count, 1.0))))
+    return tuple(result)

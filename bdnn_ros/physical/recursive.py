@@ -187,7 +187,9 @@ class Recursion:
         """
         assert self.total is not None and self.sensors is not None
         layout, known = posterior.layout, posterior.known
-        noise = self.sensors.gathered(self.weights() * self.total.count / self.sensors.count)
+        columns = self.sensors.columns
+        weights = self.weights() * self.total.count / self.sensors.count
+        noise = layout.gathering(columns.shape[-1]).matrix(columns, weights)
         if not noise.any():
             return posterior
         taken = slice(len(noise))

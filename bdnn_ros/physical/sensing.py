@@ -58,13 +58,6 @@ class SensorNoise:
             self.count + other.count,
         )
 
-    def gathered(self, weights: np.ndarray) -> np.ndarray:
-        """Sum over joints of `columns`, each with its weight (n,), by parameters: those of the bodies, then n armatures."""
-        bodies = self.columns.shape[-1] - 1
-        own = weights[:, None] * self.columns[:, bodies]
-        shared = np.einsum("j,jab->ab", weights, self.columns[:, :bodies, :bodies])
-        return np.block([[shared, own[:, :bodies].T], [own[:, :bodies], np.diag(own[:, bodies])]])
-
     def variance(self, joint: int, coefficients: np.ndarray) -> float:
         """Variance of a joint's residual by the sensors alone [N²·m²], under its coefficients of the bodies and
         armature, (k,)."""

@@ -156,14 +156,22 @@ class Layout:
         return self.base // (PER_LINK + PER_JOINT) * PER_LINK
 
     @cached_property
-    def _gathering(self) -> Gathering:
-        count = Columns(len(self.columns)).count
-        return Gathering(self.columns, self.parameters, self.shared, count, self.size)
+    def _gatherings(self) -> dict[int, Gathering]:
+        return {}
+
+    def gathering(self, count: int) -> Gathering:
+        """Where sums over the first so many of each joint's columns go among the first parameters, which they reach."""
+        if count not in self._gatherings:
+            self._gatherings[count] = Gathering(self.columns, self.parameters, self.shared, count)
+        return self._gatherings[count]
 
     def gathered(self, statistics: Statistics, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What statistics say of all parameters, a row of each joint with its weight (n,): gram (P, P) and moment (P,)."""
-        gram = self._gathering.matrix(statistics.gram, weights)
-        moment = self._gathering.vector(statistics.moment, weights)
+        gathering = self.gathering(statistics.gram.shape[-1])
+        gram, moment = (
+            gathering.matrix(statistics.gram, weights),
+            gathering.vector(statistics.moment, weights),
+        )
         for joint, straight in enumerate(self.straight):
             if len(straight):
                 features, own = (self.parameters[joint][rows] for rows in self._features_and_own(joint))
@@ -189,17 +197,6 @@ class Layout:
         """Where a joint has its features among its columns, and its friction and offset."""
         count, bodies = len(self.columns[joint]), len(self.columns) * PER_LINK
         return slice(count - len(self.straight[joint]), count), slice(bodies + 1, bodies + PER_JOINT)
-
-
-def typical_friction(posterior_mean: np.ndarray, plain: Layout, statistics: Statistics) -> tuple[float, ...]:
-    """Root mean square of each joint's viscous and Coulomb friction along the motion, n [N·m]."""
-    result = []
-    for joint, parameters in enumerate(plain.parameters):
-        own = len(plain.columns) * PER_LINK + np.array([1, 2])
-        sums = statistics.of_joint(joint, plain.columns[joint][own])
-        x = posterior_mean[parameters[own]]
-        result.append(float(np.sqrt(max(x @ sums.gram @ x, 0.0) / max(sums.count, 1.0))))
-    return tuple(result)
 
 
 def straightened(structure: Structure, gram: np.ndarray) -> tuple[np.ndarray, ...]:
