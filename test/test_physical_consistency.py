@@ -52,6 +52,17 @@ def test_it_is_the_nearest_in_the_beliefs_own_distance(belief):
     np.testing.assert_allclose(right[others], mean[others], atol=0.02)
 
 
+def test_what_no_motion_told_stays_as_described_where_another_parameter_comes_out_negative(belief):
+    """A joint that stood so far had a tenth of all the friction and rotor it might have, and erred as it moved at last."""
+    robot, mean, information = belief
+    wrong, rows = mean.copy(), positive(robot.width)
+    wrong[rows[0]] = -1e-3
+    right = consistent(wrong, information, robot.width, rows)
+    std = np.sqrt(np.diagonal(np.linalg.inv(information)))
+    assert (mean[rows] == 0.0).all() and (right[rows] >= 0.0).all()
+    np.testing.assert_array_less(right[rows], 2e-4 * std[rows])
+
+
 def test_a_belief_far_outside_does_not_end_at_the_edge_it_first_meets(belief):
     """However sure a belief is, the answer is near its nearest possible parameters."""
     robot, mean, information = belief

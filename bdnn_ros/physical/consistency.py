@@ -13,6 +13,9 @@ from bdnn_ros.robot.bodies import feasible_pseudo_inertia, inertial_parameters, 
 
 FIRST_BARRIER, LAST_BARRIER, SHRINKING = 1.0, 0.01, 0.1
 """Weights of the barrier, in nats, each that share of the one before."""
+LAST_OF_POSITIVE, SHARPER = 1e-8, 1e-2
+"""And on of the positive parameters' alone, until of one that no motion told the square root of that is left in standard
+deviations: behind the bodies' last, a joint that stood so far would have a tenth of all the friction it might have."""
 NEWTON_STEPS = 40
 SMALLEST_MARGIN = 1e-9
 """Smallest eigenvalue of a pseudo-inertia, relative to its largest, that counts as positive-definite."""
@@ -42,8 +45,8 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
     Minimises ½ (θ − mean)ᵀ information (θ − mean) under J(θ) ≻ 0 for the pseudo-inertia of every body, by the margin
     of `feasible`, and θ ≥ 0 for the `positive` ones, by Newton steps on a logarithmic barrier (Boyd and Vandenberghe,
     "Convex Optimization", chapter 11; the constraint is the linear matrix inequality of Wensing, Kim and Slotine,
-    IEEE RA-L 2018). So the result costs at most `LAST_BARRIER` times four a body and one a positive parameter more than
-    the best.
+    IEEE RA-L 2018). So the result costs at most `LAST_BARRIER` times four a body and `LAST_OF_POSITIVE` a positive
+    parameter more than the best.
 
     Args:
         mean, information: Gaussian belief, (P,) and (P, P); the first bodies · PER_LINK entries are
@@ -95,13 +98,18 @@ def _raised(pseudo: np.ndarray) -> np.ndarray:
     return np.asarray(vectors * values @ vectors.T)
 
 
-def _barriers(first: float) -> Iterator[float]:
-    """Weights of the barrier from a first one on: as strong as what pulls out, no step ends at the edge it first meets."""
+def _barriers(first: float) -> Iterator[tuple[float, float]]:
+    """Weights of the bodies' and the positive parameters' barrier from a first one on: as strong as what pulls out, no step
+    ends at the edge it first meets."""
     barrier = first
     while barrier > LAST_BARRIER / SHRINKING**0.5:
-        yield barrier
+        yield barrier, barrier
         barrier *= SHRINKING
-    yield LAST_BARRIER
+    barrier = LAST_BARRIER
+    while barrier > LAST_OF_POSITIVE / SHARPER**0.5:
+        yield LAST_BARRIER, barrier
+        barrier *= SHARPER
+    yield LAST_BARRIER, LAST_OF_POSITIVE
 
 
 def _descended(
@@ -110,7 +118,7 @@ def _descended(
     information: np.ndarray,
     bodies: int,
     positive: np.ndarray,
-    barriers: Iterator[float],
+    barriers: Iterator[tuple[float, float]],
 ) -> tuple[np.ndarray, bool]:
     """The end of Newton's steps behind one barrier after another, (P,), and whether that is behind the last one.
 
@@ -124,7 +132,7 @@ def _descended(
                 point = point + _largest(point, step, bodies, positive) * step
             except LinAlgError:
                 return reached, False
-            if decrement < 1e-3 * barrier:
+            if decrement < 1e-3 * min(barrier):
                 break
         reached = point
     return reached, True
@@ -136,13 +144,14 @@ def _newton(
     information: np.ndarray,
     bodies: int,
     positive: np.ndarray,
-    barrier: float,
+    barrier: tuple[float, float],
 ) -> tuple[np.ndarray, float]:
     """Newton step (P,) of the barrier problem and half its squared decrement.
 
     In coordinates in which the barrier's Hessian is the identity: however near the edge, no rounding of its curvature there
     drowns what is known of the rest.
     """
+    of_bodies, of_positive = barrier
     gradient, hessian = information @ (point - mean), information.copy()
     axes = []
     for body in range(bodies):
@@ -151,13 +160,13 @@ def _newton(
         own = _OUTSIDE @ tangent_basis(np.linalg.cholesky(pseudo_inertia(_INSIDE @ point[rows])))
         hessian[rows] = own.T @ hessian[rows]
         hessian[:, rows] = hessian[:, rows] @ own
-        gradient[rows] = own.T @ gradient[rows] - barrier * _TRACE
+        gradient[rows] = own.T @ gradient[rows] - of_bodies * _TRACE
         axes.append((rows, own))
     hessian[positive] *= point[positive, None]
     hessian[:, positive] *= point[positive]
-    gradient[positive] = gradient[positive] * point[positive] - barrier
+    gradient[positive] = gradient[positive] * point[positive] - of_positive
     held = np.zeros(len(point))
-    held[: bodies * PER_LINK] = held[positive] = barrier
+    held[: bodies * PER_LINK], held[positive] = of_bodies, of_positive
     np.einsum("ii->i", hessian)[:] += held
     size = 1.0 / np.sqrt(np.diagonal(hessian))
     factor = cho_factor(hessian * np.outer(size, size), lower=True, check_finite=False)
