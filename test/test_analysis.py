@@ -70,7 +70,7 @@ def test_times_of_a_diagnosis_are_the_publisher_s_stamps(monkeypatch):
     begun, said = 1_700_000_000_000_000_000, queue.Queue[Message]()
     ring = Ring.create(1000, 6)
     intake = Intake(ARM.joints, ring)
-    for row in range(500):
+    for row in range(900):
         stamp = begun + row * 10_000_000
         intake.take(list(ARM.joints), [0.1 * row, 0.0], [0.0, 0.0], [0.0, 0.0], stamp, stamp)
     times = {"start": {"value": 1.5}, "end": {"value": 3.0}, "force_x": {"value": 7.0}}
@@ -92,7 +92,7 @@ def test_times_of_a_diagnosis_are_the_publisher_s_stamps(monkeypatch):
         [values["start"], values["end"]], begun * 1e-9 + np.array([1.5, 3.0]), rtol=0, atol=0.011
     )
     assert values["force_x"] == 7.0
-    merged = analyst.with_changes([Noticed(6.0, told)])["findings"]
+    merged = analyst.with_changes([Noticed(10.0, told)])["findings"]
     assert merged == [told, told]  # on one clock
 
 
@@ -100,7 +100,7 @@ def test_the_latched_message_holds_all_that_changed_since_the_last_diagnosis(mon
     """Two joints that warm up together were two messages of one change each, and who came late saw the last."""
     said, ring = queue.Queue[Message](), Ring.create(1000, 6)
     intake = Intake(ARM.joints, ring)
-    for row in range(500):  # until 4.99 s
+    for row in range(900):  # until 8.99 s
         intake.take(list(ARM.joints), [0.1 * row, 0.0], [], [0.0, 0.0], row * 10_000_000 + 1, 0)
     old = {"sentence": "old", "share": 0.5, "parameters": {}}
     plain = {"verdict": "explained", "gain": {"value": 0.5}, "advice": [], "notes": []}
@@ -111,7 +111,7 @@ def test_the_latched_message_holds_all_that_changed_since_the_last_diagnosis(mon
         {**change("drift", name), "share": share} for name, share in zip("abc", (0.1, 0.7, 0.3), strict=True)
     )
     analyst.with_changes([Noticed(3.0, one), Noticed(3.0, two)])
-    assert analyst.with_changes([Noticed(6.0, three)])["findings"] == [two, three, one]
+    assert analyst.with_changes([Noticed(10.0, three)])["findings"] == [two, three, one]
     analyst.ask(0.0, 1)
     told = said.get(timeout=5.0).info["diagnosis"]
     assert told["findings"] == [old, three]  # it has seen the first two happen, the third it could not
@@ -132,6 +132,47 @@ def test_a_robot_that_grips_all_day_is_told_what_it_holds():
         others = [elsewhere, change("drift", "wrist")]
         assert [one for one in held if one not in (*others, drifts)] == [lets_go] * (k > 0) + [grips]
         assert freed["findings"] == [*others, lets_go, drifts] and "notes" not in freed
+
+
+def weighing(mass: float, *times: str) -> dict[str, Any]:
+    found = change("payload", "hand", "mass", *times)
+    return {**found, "parameters": {**found["parameters"], "mass": {"value": mass}}}
+
+
+@pytest.mark.parametrize(
+    ("grips", "let_go", "held"),
+    [
+        ((1.0, 2.0), 2.1, (1.0,)),
+        ((1.0, 2.0), 0.9, (2.0,)),
+        ((1.0, 2.0), 3.1, ()),
+        ((1.0, 1.0), 1.0, (1.0,)),
+        ((0.5, 1.0, 2.0), 3.0, (0.5,)),
+        ((2.0,), 0.4, (2.0,)),  # most of it is still there
+    ],
+)
+def test_a_release_takes_back_what_was_let_go(grips, let_go, held):
+    """After two grips and one release nothing was told of the first load."""
+    analyst = Analyst(lambda message: None)
+    for k, mass in enumerate(grips):
+        analyst.with_changes([Noticed(float(k), weighing(mass, "start"))])
+    released = weighing(let_go, "end")
+    told = analyst.with_changes([Noticed(5.0, released)])["findings"]
+    expected = [weighing(mass, "start") for mass in held]
+    assert told == [*expected, released]
+    drift = change("drift", "elbow", "start")
+    assert analyst.with_changes([Noticed(6.0, drift)])["findings"] == [*expected, released, drift]
+
+
+def test_a_window_too_short_for_a_diagnosis_starts_no_process(monkeypatch):
+    said, ring = queue.Queue[Message](), Ring.create(1000, 6)
+    intake = Intake(ARM.joints, ring)
+    for row in range(500):
+        intake.take(list(ARM.joints), [0.1 * row, 0.0], [], [0.0, 0.0], row * 10_000_000 + 1, 0)
+    monkeypatch.setattr(Analyst, "_answer", lambda self, asked: pytest.fail("a process was started"))
+    analyst = Analyst(said.put)
+    analyst.begin(ARM, Feed(ARM.joints, ring), BEGUN)
+    analyst.ask(2.0, 0)
+    assert "2.0 s of motion are too short for a diagnosis" in said.get(timeout=5.0).info["error"]
 
 
 def test_changes_that_nobody_looks_at_are_told_for_a_while_and_counted_then():

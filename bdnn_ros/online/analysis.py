@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bdnn_ros.diagnosis.excerpts import refuse_short
 from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.online.buffer import Ring
@@ -55,13 +56,40 @@ class Noticed:
     seen: float
     finding: dict[str, Any]
 
-    def takes_back(self, earlier: Noticed) -> bool:
-        """Whether it says what has become of an earlier one: a release at its link, more drift of its joint."""
-        one, other = self.finding, earlier.finding
-        if any(one[key] != other[key] for key in ("effect", "joint", "link")):
-            return False
-        released = one["effect"] == "payload" and "start" not in one["parameters"]
-        return released or one["effect"] == "drift"
+    def taken_back(self, earlier: Sequence[Noticed]) -> list[Noticed]:
+        """Those of earlier ones, oldest first, of which it says what has become: more drift of its joint; at its link
+        releases before and the grips whose masses are nearest to what was let go: one, the last few, or none."""
+        alike = [one for one in earlier if self._is_like(one)]
+        if self.finding["effect"] == "drift":
+            return alike
+        if not self._lets_go:
+            return []
+        grips = [one for one in alike if not one._lets_go]
+        single = [[one] for one in reversed(grips)]
+        several = [grips[k:] for k in reversed(range(len(grips) - 1))]
+        gone = min([*single, *several, []], key=lambda some: abs(sum(one._mass for one in some) - self._mass))
+        return [*(one for one in alike if one._lets_go), *gone]
+
+    def _is_like(self, other: Noticed) -> bool:
+        return all(self.finding[key] == other.finding[key] for key in ("effect", "joint", "link"))
+
+    @property
+    def _lets_go(self) -> bool:
+        return self.finding["effect"] == "payload" and "start" not in self.finding["parameters"]
+
+    @property
+    def _mass(self) -> float:
+        """Gripped, or let go [kg]."""
+        return float(self.finding["parameters"]["mass"]["value"])
+
+
+def still_told(told: Sequence[Noticed], changes: Sequence[Noticed]) -> list[Noticed]:
+    """What was told and these changes, oldest first, without those that a later one of these takes back."""
+    left = list(told)
+    for change in changes:
+        gone = {id(one) for one in change.taken_back(left)}
+        left = [*(one for one in left if id(one) not in gone), change]
+    return left
 
 
 class Analyst:
@@ -108,11 +136,8 @@ class Analyst:
         Those that a later one takes back are left out, and the oldest where they are many.
         """
         with self._merging:
-            every = [*self._changes, *changes]
-            valid = [
-                one for k, one in enumerate(every) if not any(new.takes_back(one) for new in every[k + 1 :])
-            ]
-            since = max(change.seen for change in every) - LONGEST
+            valid = still_told(self._changes, changes)
+            since = max(change.seen for change in valid) - LONGEST
             self._changes = [change for change in valid if change.seen >= since][-MOST_CHANGES:]
             self._untold += len(valid) - len(self._changes)
             return self._merged()
@@ -181,7 +206,9 @@ class Analyst:
             self._busy.set()
             until = job.feed.latest_time()
             try:
-                told = self._answer(question(job.feed.recording(job.window), job.robot, job.cutoff))
+                recording = job.feed.recording(job.window)
+                refuse_short([recording])  # a process takes a second to say no more than that
+                told = self._answer(question(recording, job.robot, job.cutoff))
                 if "diagnosis" in told:
                     told["diagnosis"] = diagnosis_with_stamps(told["diagnosis"], job.feed.states)
             except (BdnnError, OSError) as error:  # OSError: the machine has no room for another process
