@@ -17,7 +17,7 @@ LEVELS = [
     {"readings"},
     {"recording"},
     {"robot", "signals"},
-    {"efforts", "left_out", "rollout"},
+    {"efforts", "left_out", "reported", "rollout"},
     {"scores"},
     {"effects", "bdnn", "physical", "bags"},
     {"checks", "simulation"},

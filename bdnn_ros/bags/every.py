@@ -12,10 +12,10 @@ from bdnn_ros import stamps
 from bdnn_ros.bags.clock import told
 from bdnn_ros.bags.joint_states import Samples
 from bdnn_ros.bags.reading import Progress, samples_of
-from bdnn_ros.bags.reported import reported_velocity, with_derived
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.readings import credible, refuse_all_left_out
 from bdnn_ros.recording import Recording
+from bdnn_ros.reported import reported_velocity, with_derived
 
 
 @dataclass(frozen=True)

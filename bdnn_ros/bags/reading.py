@@ -14,10 +14,11 @@ from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.description import Descriptions, movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
 from bdnn_ros.bags.merging import together
-from bdnn_ros.bags.reported import reported_effort, reported_velocity, with_derived
+from bdnn_ros.bags.reported import reported_effort
 from bdnn_ros.bags.storage import JOINT_STATE, Storage, Topic
 from bdnn_ros.errors import BagError, UsageError, listed
 from bdnn_ros.recording import Recording, cleaned, renamed
+from bdnn_ros.reported import reported_velocity, with_derived
 
 REPORT_EVERY = 2048
 """Messages between two reports of progress."""

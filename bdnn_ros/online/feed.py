@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.bags.reported import reported_velocity, with_derived
 from bdnn_ros.efforts import COMMAND_AGE, EffortConvention
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.recording import Recording
+from bdnn_ros.reported import reported_velocity, with_derived
 
 AGE = int(COMMAND_AGE * 1e9)
 """[ns]."""
