@@ -60,7 +60,7 @@ class Noticed:
         """Those of earlier ones, oldest first, of which it says what has become: more drift of its joint; at its link
         releases before and the grips whose masses are nearest to what was let go: one, the last few, or none."""
         alike = [one for one in earlier if self._is_like(one)]
-        if self.finding["effect"] == "drift":
+        if not alike or self.finding["effect"] == "drift":
             return alike
         if not self._lets_go:
             return []
