@@ -66,7 +66,8 @@ def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive:
     for inside in (feasible_pseudo_inertia, _raised):
         point = _start(mean, information, bodies, positive, inside)
         first = max(FIRST_BARRIER, cost(point) / bodies)
-        found, whole = _descended(point, mean, information, bodies, positive, _barriers(first))
+        last = LAST_OF_POSITIVE if len(positive) else LAST_BARRIER
+        found, whole = _descended(point, mean, information, bodies, positive, _barriers(first, last))
         if feasible(found[: inertials.size].reshape(bodies, PER_LINK)):
             possible.append(found)
             if whole:
@@ -98,18 +99,18 @@ def _raised(pseudo: np.ndarray) -> np.ndarray:
     return np.asarray(vectors * values @ vectors.T)
 
 
-def _barriers(first: float) -> Iterator[tuple[float, float]]:
-    """Weights of the bodies' and the positive parameters' barrier from a first one on: as strong as what pulls out, no step
-    ends at the edge it first meets."""
+def _barriers(first: float, last: float) -> Iterator[tuple[float, float]]:
+    """Weights of the bodies' and the positive parameters' barrier from a first one on, to the last of these: as strong as what
+    pulls out, no step ends at the edge it first meets."""
     barrier = first
     while barrier > LAST_BARRIER / SHRINKING**0.5:
         yield barrier, barrier
         barrier *= SHRINKING
     barrier = LAST_BARRIER
-    while barrier > LAST_OF_POSITIVE / SHARPER**0.5:
+    while barrier > last / SHARPER**0.5:
         yield LAST_BARRIER, barrier
         barrier *= SHARPER
-    yield LAST_BARRIER, LAST_OF_POSITIVE
+    yield LAST_BARRIER, last
 
 
 def _descended(
