@@ -237,6 +237,16 @@ def test_what_lies_within_three_deviations_of_nothing_is_not_shown(force, shown,
     assert estimate.shown is shown
 
 
+@pytest.mark.parametrize(
+    "effect, distance", [("effort_offset@{}:offset=1", 3.0), ("quadratic_drag@{}:drag=1", 4.0)]
+)
+def test_what_is_not_common_lies_further_from_nothing_than_what_is(effect, distance):
+    """Half the square of its deviations pays for what it costs to be believed."""
+    one, _ = term(effect.format(J1), Robot.bundled("arm2"))
+    for coefficient, clear in ((1.01 * distance, True), (0.99 * distance, False)):
+        assert of(one, np.array([coefficient]), np.eye(1)).clear is clear
+
+
 @pytest.mark.parametrize("share, shown", [(1.1, True), (0.9, False)])
 def test_friction_that_holds_more_than_the_joint_ever_bore_is_not_shown(share, shown):
     """What was never measured at the joint is told of a few slow moments."""

@@ -12,9 +12,10 @@ from bdnn_ros.diagnosis.candidates import acting_per_measured
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.leads import parted
+from bdnn_ros.diagnosis.odds import COST
 from bdnn_ros.diagnosis.pushes import distance, edges, unseen
 from bdnn_ros.diagnosis.result import Quantity
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.term import COMMON, Term
 from bdnn_ros.diagnosis.widening import mirrored, widened
 from bdnn_ros.effects.base import SHOWN
 from bdnn_ros.effects.environment import EDGES, POINT
@@ -26,6 +27,8 @@ ABOUT = 0.1
 """Spread of where on its link a push acts, along what the motion does not show [m]."""
 CLEAR = 3.0
 """A name takes so many standard deviations from nothing: true causes lie at more, what passes for one often at less."""
+PAID = math.sqrt(2.0 * COST)
+"""The same of what is not common: half their square is at least what such a cause costs to be believed, also in those rows."""
 MORE = 0.01
 """What a law says beyond the one it settles into is at least this share of the whole, or it is that one."""
 DOUBTED = 2.0
@@ -91,8 +94,10 @@ class Estimate:
 
         Where the links' errors are believed larger `SHOWN` will do: a link as far off as `CLEAR` of those has no name else.
         """
+        effect = self.term.effect
         known = min(self._distance(self.covariance), self._distance(self.robust))
-        return known > CLEAR and self._distance(self.doubting) > SHOWN
+        enough = CLEAR if effect.on_body or effect.name in COMMON else PAID
+        return known > enough and self._distance(self.doubting) > SHOWN
 
     def _distance(self, covariance: np.ndarray) -> float:
         """How many standard deviations the coefficients lie from nothing, all together."""
