@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from bdnn_ros.diagnosis.noise import ORDER, predicting
+import numpy as np
+from scipy.signal import lfilter
+
+from bdnn_ros.diagnosis.noise import ORDER
 from bdnn_ros.effects.motion import Motion
 
 LEAST = 1e-3
@@ -14,15 +17,21 @@ LEAST = 1e-3
 class Echo:
     """How noise of the effort is heard in the second derivative of its slow part.
 
+    The noise wanders for about as long as the signals' low-pass lasts, as that of currents does: of white noise less is heard,
+    of what is slower no more.
+
     Args:
         rows: samples of the motion that a regression keeps, (R,) int.
+        runs: rows of each gap-free piece.
     """
 
-    def __init__(self, motion: Motion, rows: np.ndarray) -> None:
-        self._motion, self._rows = motion, rows
+    def __init__(self, motion: Motion, rows: np.ndarray, runs: Sequence[slice]) -> None:
+        self._motion, self._rows, self._runs = motion, rows, runs
+        stays = np.exp(-2.0 * np.pi * motion.signals.cutoff / motion.signals.rate)
         noise = np.random.default_rng(0).standard_normal((len(motion.time), 1))
+        noise = lfilter([1.0], [1.0, -stays], noise, axis=0)
         self._noise = motion.signals.smooth(motion.signals.soften(noise))
-        self._size = _innovation(self._noise[rows, 0])
+        self._size = self._innovation(self._noise)
         self._bent: dict[float, np.ndarray] = {}
         self._heard: dict[tuple[float, float], float] = {}
 
@@ -40,7 +49,7 @@ class Echo:
         key = (cutoff, taken)
         if key not in self._heard:
             left = self._noise + taken * self._curvature(cutoff)
-            self._heard[key] = float(np.log(self._size / _innovation(left[self._rows, 0]))) / taken
+            self._heard[key] = float(np.log(self._size / self._innovation(left))) / taken
         return self._heard[key]
 
     def _curvature(self, cutoff: float) -> np.ndarray:
@@ -49,9 +58,15 @@ class Echo:
             self._bent[cutoff] = self._motion.derivative(self._motion.derivative(slow))
         return self._bent[cutoff]
 
+    def _innovation(self, values: np.ndarray) -> float:
+        """What those rows before them do not tell of values (N, 1)."""
+        each = [values[self._rows[run], 0] for run in self._runs]
+        past = np.concatenate([_past(one) for one in each])
+        now = np.concatenate([one[ORDER:] for one in each])
+        return float(np.std(now - past @ np.linalg.lstsq(past, now, rcond=None)[0]))
 
-def _innovation(values: np.ndarray) -> float:
-    """What those before them do not tell of values (R,)."""
-    weights = predicting(values)
-    past = sum(a * values[ORDER - lag : len(values) - lag] for lag, a in enumerate(weights, start=1))
-    return float(np.std(values[ORDER:] - past))
+
+def _past(values: np.ndarray) -> np.ndarray:
+    """The values just before each of some that have as many, (R - ORDER, ORDER) of (R,)."""
+    count = max(len(values) - ORDER, 0)
+    return np.stack([values[ORDER - lag :][:count] for lag in range(1, ORDER + 1)], axis=1)

@@ -278,13 +278,13 @@ class Equations:
         heard = term.effect.echo(self.motion, term.target, dict(term.shape))
         if heard is not None:
             inertia, compliance, cutoff = heard
-            weight = inertia * self._echo.heard(cutoff, inertia * compliance) * self.full()[:, term.target]
+            weight = inertia * self._echo.heard(cutoff, inertia * compliance) * self.usable[:, term.target]
             result[:, 0] = np.bincount(self.block, weight, self.blocks)
         return result
 
     @cached_property
     def _echo(self) -> Echo:
-        return Echo(self.motion, self.rows)
+        return Echo(self.motion, self.rows, self.runs)
 
     def whiten(
         self, values: np.ndarray, noise: Noise, joints: np.ndarray | slice = ALL, rows: slice = ALL

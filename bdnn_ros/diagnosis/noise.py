@@ -113,12 +113,6 @@ def past(
     return np.where(usable, length, -1), doubtful
 
 
-def predicting(values: np.ndarray) -> np.ndarray:
-    """Autoregressive coefficients (ORDER,) of gap-free values (R,), by least squares."""
-    past = np.stack([values[ORDER - lag : len(values) - lag] for lag in range(1, ORDER + 1)], axis=1)
-    return np.asarray(np.linalg.lstsq(past, values[ORDER:], rcond=None)[0])
-
-
 def stable(a: np.ndarray) -> np.ndarray:
     """Autoregressive coefficients with every pole drawn inside radius 0.98."""
     poles = np.roots(np.concatenate([[1.0], -a]))

@@ -143,15 +143,19 @@ class Search(Moves):
     def _without(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms but one that the others need only as they were found beside it; None where they need each.
 
-        What a soft gear bends with is the load that all have, and a shape that a joint's other terms led astray keeps them.
+        What a soft gear bends with is the load that all have, and a shape that a joint's other terms led astray keeps them. The
+        gear itself may be told by the noise that it takes away alone, which is smaller then: at its own it has to pay.
         """
         pool, chosen, likely = selection.pool, selection.chosen, []
         for one in chosen:
             rest = [c for c in chosen if c != one]
             other = self._shaped_anew(pool, rest, pool.terms[one].target)
             behind = self.score(pool, chosen) - self.score(other, rest)
-            if any(_bends(pool.terms[c]) for c in rest) or (other is not pool and behind < UNSURE):
-                likely.append((behind, [other.terms[c] for c in rest]))
+            terms = [other.terms[c] for c in rest]
+            if _bends(pool.terms[one]):
+                likely.append((-np.inf, terms))
+            elif any(map(_bends, terms)) or (other is not pool and behind < UNSURE):
+                likely.append((behind, terms))
         return self._likeliest(now, pool.noise, likely)
 
     def _shaped_anew(self, pool: Pool, chosen: Sequence[int], joint: int) -> Pool:
