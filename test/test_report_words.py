@@ -210,6 +210,9 @@ def test_a_filtered_velocity_is_no_cause_of_the_efforts_error() -> None:
     assert told(viscous, filtered) == told(viscous)
     headline, claim = told(filtered)
     assert headline.startswith("One root cause: ") and claim.startswith("The simulation predicts")
+    assert told(filtered, filtered)[0] == (
+        "The reported velocity is low-passed at 2 joints, and no effort needs a cause"
+    )
     assert told(filtered, verdict="cannot_tell")[0] == "The simulation is off, and no cause stands out"
 
 

@@ -88,6 +88,9 @@ def headline(diagnosis: Diagnosis, since: bool = False) -> str:
         return "No change can be shown"
     if not findings or diagnosis.verdict == "cannot_tell":
         return f"{'Something has changed' if since else 'The simulation is off'}, and no cause stands out"
+    if len(findings) > 1 and not _causes(diagnosis):
+        other = "is filtered otherwise" if since else "is low-passed"
+        return f"The reported velocity {other} at {len(findings)} joints, and no effort needs a cause"
     if len(findings) == 1:
         return f"One {'change' if since else 'root cause'}: {decapitalised(named(findings[0]))}"
     return f"{len(findings)} {'changes' if since else 'root causes'} found"
