@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from bdnn_ros.physical.dictionary import Scales, curve, features
@@ -17,19 +15,19 @@ TURNED = 1e-4
 """Angle by which the base is turned both ways to see what tilting it adds [rad]."""
 
 
-def tilting(robot: Robot) -> tuple[Robot, Robot]:
-    """The robot under what gravity gains per angle by which its base rolls, and pitches, further [m/s²/rad]."""
+def tilting(robot: Robot) -> np.ndarray:
+    """What gravity gains per angle by which the robot's base rolls, and pitches, further, (3, 2) [m/s²/rad]."""
     now = np.array(tilt_of(robot.gravity_vector))
-    gained = (gravity_of(*(now + step)) - gravity_of(*(now - step)) for step in TURNED * np.eye(2))
-    roll, pitch = (replace(robot, gravity_vector=each / (2.0 * TURNED)) for each in gained)
-    return roll, pitch
+    gained = [gravity_of(*(now + step)) - gravity_of(*(now - step)) for step in TURNED * np.eye(2)]
+    return np.stack(gained, axis=-1) / (2.0 * TURNED)
 
 
-def smooth_columns(robot: Robot, signals: Signals, tilts: tuple[Robot, Robot]) -> np.ndarray:
+def smooth_columns(robot: Robot, signals: Signals, tilts: np.ndarray) -> np.ndarray:
     """Columns that are linear in the motion's derivatives, (N, n, `Columns.coulomb`): low-passed with it.
 
     Args:
-        tilts: of `tilting`, the bodies as far as they are known.
+        robot: the bodies as far as they are known.
+        tilts: of `tilting`.
     """
     # noise of a joint that stands says nothing; one that turns round accelerates
     moves = ~signals.standing
@@ -38,10 +36,10 @@ def smooth_columns(robot: Robot, signals: Signals, tilts: tuple[Robot, Robot]) -
     motors = np.stack([coupled(a), coupled(v)], axis=-1)
     assert signals.effort is not None
     rate = signals.derivative(signals.effort)[:, :, None]  # what a sensor that is a second ahead would add
-    tilt = np.stack([each.gravity(q) for each in tilts], axis=-1)
+    by_position, by_gravity = robot.setup_derivatives(q, v, a)
     # a joint that reports too much stands that much further back
-    zeros = -robot.effort_derivatives(q, v, a)[0]
-    return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors), rate, tilt, zeros], axis=-1)
+    setup = [by_gravity @ tilts, -by_position]
+    return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors), rate, *setup], axis=-1)
 
 
 def sharp_columns(signals: Signals, direction: Directions, load: np.ndarray, scales: Scales) -> np.ndarray:

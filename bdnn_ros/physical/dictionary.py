@@ -60,16 +60,14 @@ def features(
     """
     speed = velocity / scales.velocity
     burden = np.abs(load) / scales.effort
-    directed = [
-        direction * wave
-        for k in range(1, DIRECTED_HARMONICS + 1)
-        for wave in (np.sin(k * position), np.cos(k * position))
-    ]
-    phase = position[..., None] * np.arange(1, HARMONICS + 1)
-    waves = np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
+    waves = _waves(position, HARMONICS)
+    directed = [direction * part for k in range(DIRECTED_HARMONICS) for part in (waves[k].imag, waves[k].real)]
     neighbours = [_shifted(values, step) for values in (speed, direction) for step in (-1, 1)]
+    result = np.empty((*position.shape, FEATURES))
     own = [*curve(speed, direction), burden * direction, burden * speed, *directed]
-    return np.concatenate([np.stack(own, axis=-1), waves, np.stack(neighbours, axis=-1)], axis=-1)
+    for k, values in enumerate([*own, *waves.imag, *waves.real, *neighbours]):
+        result[..., k] = values
+    return result
 
 
 def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
@@ -99,6 +97,18 @@ def largest_waves() -> np.ndarray:
     Long waves look like gravity, which is known better.
     """
     return SPREAD["position"] * np.minimum((np.arange(1, HARMONICS + 1) / LONG_WAVE) ** 2, 1.0)
+
+
+def _waves(position: np.ndarray, count: int) -> np.ndarray:
+    """exp(i k q) of positions (N, n) for k = 1 to so many, (count, N, n): powers of the first, as far as known doubled at once."""
+    waves = np.empty((count, *position.shape), complex)
+    waves[0].real, waves[0].imag = np.cos(position), np.sin(position)
+    known = 1
+    while known < count:
+        more = min(known, count - known)
+        np.multiply(waves[:more], waves[known - 1], out=waves[known : known + more])
+        known += more
+    return waves
 
 
 def _shifted(values: np.ndarray, step: int) -> np.ndarray:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_opening
 from scipy.special import erf
 
 from bdnn_ros.signals import Signals
+from bdnn_ros.signals.lasting import lasting
 
 BREAKAWAYS = (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 """Travel in which dry friction turns round [rad]; zero turns with the velocity."""
@@ -180,7 +180,7 @@ def slide(position: np.ndarray, breakaways: Sequence[float], start: np.ndarray) 
 def _at_rest(velocity: np.ndarray, rate: float) -> np.ndarray:
     """Where paths with these velocities (N, m) rest, (N, m) bool."""
     least = int(np.ceil(RESTING_SECONDS * rate))
-    return np.asarray(binary_opening(np.abs(velocity) < SLOW, np.ones((least, 1), bool)))
+    return lasting(np.abs(velocity) < SLOW, least)
 
 
 def _between(position: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray:

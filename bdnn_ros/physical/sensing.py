@@ -46,8 +46,9 @@ class SensorNoise:
         chosen = rows[:: max(len(rows) // POSES, 1)]
         change = _by_acceleration(robot, signals.position[chosen])
         weights = acceleration * ~signals.standing[chosen]
-        scaled = change * np.sqrt(weights)[:, None, :, None]
-        columns = np.einsum("tjka,tjkb->jab", scaled, scaled, optimize=True) * (len(rows) / len(chosen))
+        scaled = (change * np.sqrt(weights)[:, None, :, None]).swapaxes(0, 1)
+        scaled = scaled.reshape(len(scaled), -1, change.shape[-1])
+        columns = scaled.swapaxes(1, 2) @ scaled * (len(rows) / len(chosen))
         return cls(effort, repeated * effort, columns, float(len(rows)))
 
     def __add__(self, other: SensorNoise) -> SensorNoise:
@@ -83,13 +84,14 @@ class SensorNoise:
 
 
 def _by_acceleration(robot: Robot, position: np.ndarray) -> np.ndarray:
-    """Change of each joint's columns of bodies and armature by each joint's acceleration, (N, n, n, k)."""
+    """Change of each joint's columns of bodies and armature by each joint's acceleration, (N, n, n, k): joint, moved joint."""
     count, width = position.shape
-    still = np.zeros((count, width))
-    without = robot.regressor(position, still, still)
-    result = np.zeros((count, width, width, without.shape[-1] + 1))
-    for moved in range(width):
-        unit = still + np.eye(width)[moved]
-        result[:, :, moved, :-1] = robot.regressor(position, still, unit) - without
-        result[:, moved, moved, -1] = 1.0
+    moved = np.concatenate([np.zeros((1, width)), np.eye(width)])
+    still = np.zeros((count * len(moved), width))
+    asked = np.repeat(position, len(moved), axis=0), still, np.tile(moved, (count, 1))
+    found = robot.regressor(*asked).reshape(count, len(moved), width, -1)
+    result = np.zeros((count, width, width, found.shape[-1] + 1))
+    result[..., :-1] = (found[:, 1:] - found[:, :1]).swapaxes(1, 2)
+    joints = np.arange(width)
+    result[:, joints, joints, -1] = 1.0
     return result

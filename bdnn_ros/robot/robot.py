@@ -15,7 +15,7 @@ import pinocchio as pin
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
 from bdnn_ros.robot.mounting import STANDARD_GRAVITY, gravity_of, turned_back, zeros_of
-from bdnn_ros.robot.rows import rnea
+from bdnn_ros.robot.rows import regressors, rnea, rnea_derivatives
 from bdnn_ros.robot.urdf import (
     NONE_HELD,
     Held,
@@ -174,8 +174,7 @@ class Robot(ReadOnlyArrays):
 
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         """M(q) with armature on its diagonal, (..., n, n) [kg·m²]."""
-        model, data = self._model, self._data
-        (q,), shape = self._rows(position)
+        ((q,), shape), model, data = self._rows(position), self._model, self._data
         upper = np.array([pin.crba(model, data, row) for row in q]).reshape(-1, self.width, self.width)
         full = np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
         full = self._in_order(full, 1, 2) + np.diag(self.armature)
@@ -197,25 +196,27 @@ class Robot(ReadOnlyArrays):
 
     def regressor(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Y with rigid_effort = Y · inertials.ravel(), (N, n, n * PER_LINK), for (N, n) arrays."""
-        (rows, _), model, data = self._rows(position, velocity, acceleration), self._model, self._data
-        result = np.empty((len(rows[0]), self.width, self.width * PER_LINK))
-        for k, row in enumerate(zip(*rows, strict=True)):
-            result[k] = pin.computeJointTorqueRegressor(model, data, *row)
-        blocks = result.reshape(*result.shape[:2], self.width, PER_LINK)
-        return self._in_order(blocks, 1, 2).reshape(result.shape)
+        rows, _ = self._rows(position, velocity, acceleration)
+        blocks = self._in_order(regressors(self._model, self._data, rows), 1, 2)
+        return blocks.reshape(*blocks.shape[:2], -1)
 
     def effort_derivatives(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of `rigid_effort` by position, velocity and acceleration, (N, n, n) each, for (N, n) arrays."""
-        (rows, _), model, data = self._rows(position, velocity, acceleration), self._model, self._data
-        dq, dv, da = np.empty((3, len(rows[0]), self.width, self.width))
-        found = data.dtau_dq, data.dtau_dv, data.M  # views of what each row is written to
-        for k, row in enumerate(zip(*rows, strict=True)):
-            pin.computeRNEADerivatives(model, data, *row)
-            dq[k], dv[k], da[k] = found
+        rows, _ = self._rows(position, velocity, acceleration)
+        dq, dv, da = rnea_derivatives(self._model, self._data, rows, "dtau_dq", "dtau_dv", "M")
         da = np.triu(da) + np.swapaxes(np.triu(da, 1), 1, 2)
         return self._in_order(dq, 1, 2), self._in_order(dv, 1, 2), self._in_order(da, 1, 2)
+
+    def setup_derivatives(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of `rigid_effort` by position (N, n, n) and by `gravity_vector` (N, n, 3), for (N, n) arrays."""
+        rows, _ = self._rows(position, velocity, acceleration)
+        dq, force = rnea_derivatives(self._model, self._data, rows, "dtau_dq", "dFda")
+        # as if the base accelerated against gravity, and M is symmetric
+        return self._in_order(dq, 1, 2), -self._in_order(force[:, :3].swapaxes(1, 2), 1)
 
     @cached_property
     def slides(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Inverse dynamics of many rows at once, in Pinocchio's own loop."""
+"""Dynamics of many rows, in Pinocchio's order: in its own loop where it has one."""
 
 from __future__ import annotations
 
@@ -25,3 +25,25 @@ def rnea(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> np.nda
     with ThreadPoolExecutor(1) as aside:
         done = aside.submit(pin.rneaInParallel, 1, pin.ModelPool(model, 1), *(row.T for row in rows))
     return np.asarray(done.result().reshape(model.nv, -1).T)
+
+
+def regressors(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Efforts by the ten inertial parameters of each body, (N, nv, nv, 10), of the same rows."""
+    result = np.empty((len(rows[0]), model.nv, 10 * model.nv))
+    for k, row in enumerate(zip(*rows, strict=True)):
+        result[k] = pin.computeJointTorqueRegressor(model, data, *row)
+    return result.reshape(*result.shape[:2], model.nv, 10)
+
+
+def rnea_derivatives(
+    model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray], *names: str
+) -> tuple[np.ndarray, ...]:
+    """Of what Pinocchio finds on its way to the derivatives of the efforts, by its own names, for each of the same rows."""
+    found = [getattr(data, name) for name in names]  # views of what each row is written to
+    result = tuple(np.empty((len(rows[0]), *values.shape)) for values in found)
+    pairs = list(zip(result, found, strict=True))
+    for k, row in enumerate(zip(*rows, strict=True)):
+        pin.computeRNEADerivatives(model, data, *row)
+        for kept, values in pairs:
+            kept[k] = values
+    return result

@@ -36,6 +36,8 @@ def without_copies(recording: Recording) -> Recording:
 def _first(values: np.ndarray) -> np.ndarray:
     """Messages, of values (N, n), that are no copies, (N,) bool."""
     fresh = np.append(True, (np.diff(values, axis=0) != 0.0).any(axis=1))
+    if fresh.all():
+        return fresh
     starts = np.flatnonzero(fresh)
     lasts = np.diff(np.append(starts, len(fresh)))
     times = _times_published(values[starts], lasts)

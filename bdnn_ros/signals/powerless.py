@@ -35,6 +35,8 @@ def powerless(recording: Recording) -> np.ndarray:
         [within(recording.position, size, axis=0) for within in (minimum_filter1d, maximum_filter1d)]
     )
     stands = ~further(covered, position_noise(recording)).any(axis=1)
+    if not stands.any():
+        return stands
     # noise by successive differences: an effort that falls from what held the arm to nothing is no noise
     steps = np.diff(effort, axis=0, prepend=effort[:1])
     noise = np.sqrt(uniform_filter1d(steps**2, size, axis=0).clip(0.0) / 2.0)

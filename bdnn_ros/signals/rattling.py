@@ -48,24 +48,31 @@ def _rattling(time: np.ndarray, position: np.ndarray, effort: np.ndarray) -> np.
         return result
     slow = convolved(effort, kernel)
     fast = effort - slow
-    speed = np.abs(np.gradient(convolved(position, kernel), axis=0))
-    still = speed < MOVES * np.quantile(speed, FASTEST, axis=0)
-    usual = np.nanquantile(np.where(still, np.nan, np.abs(fast)), 1.0 - MOST, axis=0)
-    least = np.maximum(STRONG * slow.std(axis=0), UNUSUAL * usual)
-    for joint, column in enumerate(effort.T):
-        steps = np.abs(np.diff(column))
+    strong = STRONG * slow.std(axis=0)
+    # what turns round seldom beyond the least bound does not oftener beyond a higher one, which takes longer to find
+    often = [joint for joint in range(len(strong)) if len(_turns(fast[:, joint], strong[joint])) >= OFTEN]
+    for joint in often:
+        speed = np.abs(np.gradient(convolved(position[:, joint], kernel)))
+        moves = speed >= MOVES * np.quantile(speed, FASTEST)
+        usual = np.quantile(np.abs(fast[moves, joint]), 1.0 - MOST)
+        steps = np.abs(np.diff(effort[:, joint]))
         finest = STEPS * float(steps[steps > 0.0].min(initial=np.inf))
         if np.isfinite(finest):
-            for rows in _swings(time, fast[:, joint], max(float(least[joint]), finest)):
+            for rows in _swings(time, fast[:, joint], max(float(strong[joint]), UNUSUAL * usual, finest)):
                 result[rows, joint] = True
     return result
 
 
-def _swings(time: np.ndarray, fast: np.ndarray, least: float) -> Iterator[slice]:
-    """Rows from where a fast effort (N,) begins to go to and fro beyond some size to where it ends."""
+def _turns(fast: np.ndarray, least: float) -> np.ndarray:
+    """Where a fast effort (N,) has gone to the other side beyond some size, (T,)."""
     beyond = np.flatnonzero(np.abs(fast) > least)
     sign = fast[beyond] > 0.0
-    turns = beyond[1:][sign[1:] != sign[:-1]]
+    return beyond[1:][sign[1:] != sign[:-1]]
+
+
+def _swings(time: np.ndarray, fast: np.ndarray, least: float) -> Iterator[slice]:
+    """Rows from where a fast effort (N,) begins to go to and fro beyond some size to where it ends."""
+    turns = _turns(fast, least)
     for run in np.split(turns, np.flatnonzero(np.diff(time[turns]) > PAUSE) + 1):
         if len(run) >= OFTEN and len(run) - 1 > 2.0 * FASTER * (time[run[-1]] - time[run[0]]):
             yield slice(int(run[0]), int(run[-1]) + 1)

@@ -12,17 +12,19 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import binary_opening, convolve1d
+from scipy.ndimage import convolve1d
 from scipy.sparse import csr_array
 
 from bdnn_ros.signals.kernels import (
     convolved,
+    convolved_at,
     convolving_at,
     gaussian_kernel,
     gaussian_std,
     lagging,
     passed_noise,
 )
+from bdnn_ros.signals.lasting import lasting
 from bdnn_ros.signals.lowpasses import Lowpass, Response, Restored, kernel_of
 
 UNSEEN = 0.02
@@ -114,9 +116,7 @@ class Signals:
 
     def smooth_at(self, values: np.ndarray, samples: np.ndarray) -> np.ndarray:
         """What `smooth` gives at some samples, in order, (R, ...): no more is computed."""
-        return np.asarray(self.smoothing_at(samples) @ values.reshape(len(values), -1)).reshape(
-            -1, *values.shape[1:]
-        )
+        return convolved_at(values, gaussian_kernel(self.kernel_std, self.rate)[0], samples, self.segments)
 
     def smoothing_at(self, samples: np.ndarray) -> csr_array:
         """The same as a sparse matrix (R, N), for samples that are asked for again and again."""
@@ -220,7 +220,7 @@ class Signals:
     def standing(self) -> np.ndarray:
         """Where a joint is at rest for longer than it takes to turn round, (N, n) bool."""
         least = max(int(np.ceil(STANDING_SECONDS * self.rate)), 1)
-        return np.asarray(binary_opening(self.at_rest, np.ones((least, 1), bool)))
+        return lasting(self.at_rest, least)
 
     @cached_property
     def hardly_moves(self) -> np.ndarray:
@@ -234,9 +234,7 @@ class Signals:
     def resting(self) -> np.ndarray:
         """Where no joint moves to speak of, for longer than it takes to turn round, (N,) bool."""
         least = max(int(np.ceil(RESTING_SECONDS * self.rate)), 1)
-        return np.asarray(
-            binary_opening((self.at_rest | self.hardly_moves).all(axis=1), np.ones(least, bool))
-        )
+        return lasting((self.at_rest | self.hardly_moves).all(axis=1), least)
 
     @cached_property
     def seen(self) -> np.ndarray:

@@ -32,7 +32,9 @@ def absent(effort: np.ndarray) -> np.ndarray:
 def cut_off(effort: np.ndarray) -> np.ndarray:
     """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort on its way beyond, (N, n) bool."""
     result = np.zeros(effort.shape, bool)
-    for k, column in enumerate(effort.T):
+    repeats = (np.diff(effort, axis=0) == 0.0).sum(axis=0)
+    for k in np.flatnonzero(repeats >= PLATEAU - 1):
+        column = effort[:, k]
         values, counts = np.unique(column[np.isfinite(column)], return_counts=True)
         if len(values) < 2 or (len(values) < FEW and counts.min() >= PLATEAU):
             continue
@@ -47,6 +49,8 @@ def cut_off(effort: np.ndarray) -> np.ndarray:
 def held(effort: np.ndarray) -> np.ndarray:
     """Samples that repeat the efforts of all joints for much longer than is usual here, (N,) bool."""
     first, lasts = _runs(effort)
+    if lasts.max() <= PLATEAU:
+        return np.zeros(len(effort), bool)
     usual = np.percentile(lasts[:-1], 90.0) if len(first) > 1 else len(effort)
     result = np.repeat(lasts > max(PLATEAU, HELD * usual), lasts)
     result[first] = False
