@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from bdnn_ros.physical.dictionary import Scales, curve, features
@@ -9,7 +11,7 @@ from bdnn_ros.physical.presliding import COUPLING_SIGNS, USUAL, Directions, coup
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import gravity_of, tilt_of
 from bdnn_ros.signals import Signals
-from bdnn_ros.signals.kernels import convolving_at, gaussian_kernel
+from bdnn_ros.signals.kernels import convolved_at, gaussian_kernel
 
 TURNED = 1e-4
 """Angle by which the base is turned both ways to see what tilting it adds [rad]."""
@@ -32,14 +34,13 @@ def smooth_columns(robot: Robot, signals: Signals, tilts: np.ndarray) -> np.ndar
     # noise of a joint that stands says nothing; one that turns round accelerates
     moves = ~signals.standing
     q, v, a = signals.position, signals.velocity * moves, signals.acceleration * moves
-    own = np.stack([a, v, np.ones_like(q)], axis=-1)
-    motors = np.stack([coupled(a), coupled(v)], axis=-1)
     assert signals.effort is not None
-    rate = signals.derivative(signals.effort)[:, :, None]  # what a sensor that is a second ahead would add
+    rate = signals.derivative(signals.effort)  # what a sensor that is a second ahead would add
     by_position, by_gravity = robot.setup_derivatives(q, v, a)
     # a joint that reports too much stands that much further back
     setup = [by_gravity @ tilts, -by_position]
-    return np.concatenate([robot.regressor(q, v, a), own, _of_pairs(motors), rate, *setup], axis=-1)
+    motors = _of_pairs([coupled(a), coupled(v)])
+    return _side_by_side(robot.regressor(q, v, a), a, v, np.ones_like(q), *motors, rate, *setup)
 
 
 def sharp_columns(signals: Signals, direction: Directions, load: np.ndarray, scales: Scales) -> np.ndarray:
@@ -51,8 +52,8 @@ def sharp_columns(signals: Signals, direction: Directions, load: np.ndarray, sca
     learned = features(signals.position, signals.velocity, direction.joints[:, :, USUAL], load, scales)
     limit = scales.velocity[1:, None] + scales.velocity[:-1, None]
     speed = coupled(signals.velocity) / limit
-    motors = np.stack([direction.pairs, *curve(speed, direction.pairs)], axis=-1)
-    return np.concatenate([direction.joints, learned, _of_pairs(motors)], axis=-1)
+    motors = _of_pairs([direction.pairs, *curve(speed, direction.pairs)])
+    return _side_by_side(direction.joints, learned, *motors)
 
 
 def low_passed(signals: Signals, smooth: np.ndarray, sharp: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -62,20 +63,32 @@ def low_passed(signals: Signals, smooth: np.ndarray, sharp: np.ndarray, rows: np
     Sharp columns pass the low-pass twice, as the effort has.
     """
     weights = gaussian_kernel(signals.kernel_std, signals.rate)[0]
-    twice = convolving_at(np.convolve(weights, weights), rows, signals.segments)
-    soft = (twice @ sharp.reshape(len(signals), -1)).reshape(len(rows), *sharp.shape[1:])
-    return np.concatenate([signals.smooth_at(smooth, rows), soft], axis=-1)
+    passed = (smooth, weights), (sharp, np.convolve(weights, weights))
+    soft = [
+        convolved_at(values.swapaxes(1, 2), kernel, rows, signals.segments).swapaxes(1, 2)
+        for values, kernel in passed
+    ]
+    return _side_by_side(*soft)
 
 
-def _of_pairs(values: np.ndarray) -> np.ndarray:
-    """Columns of coupled motors as each joint sees them, from values (N, n - 1, signs, k), (N, n, 2 · signs
-    · k).
+def _side_by_side(*parts: np.ndarray) -> np.ndarray:
+    """Columns (N, n, k), or single ones (N, n), one after the other, (N, n, K).
+
+    In memory the joints come last: motions have them so, and no step of a long motion goes through memory in leaps.
+    """
+    columns = [part[:, None] if part.ndim == 2 else part.swapaxes(1, 2) for part in parts]
+    return np.concatenate(columns, axis=1).swapaxes(1, 2)
+
+
+def _of_pairs(terms: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Columns of coupled motors as each joint sees them, from terms (N, n - 1, signs): 2 · signs · len(terms) of them, (N, n).
 
     First the motor shared with the joint before, then with the joint after, which counts with its sign.
     """
-    count, pairs, signs, terms = values.shape
-    before = np.zeros((count, pairs + 1, signs, terms))
-    after = np.zeros_like(before)
-    before[:, 1:] = values
-    after[:, :-1] = values * np.array(COUPLING_SIGNS)[:, None]
-    return np.concatenate([before, after], axis=2).reshape(count, pairs + 1, -1)
+    count, pairs, signs = terms[0].shape
+    columns = np.zeros((2, signs, len(terms), count, pairs + 1))
+    for sign, factor in enumerate(COUPLING_SIGNS):
+        for term, values in enumerate(terms):
+            columns[0, sign, term, :, 1:] = values[:, :, sign]
+            columns[1, sign, term, :, :-1] = factor * values[:, :, sign]
+    return list(columns.reshape(-1, count, pairs + 1))

@@ -60,14 +60,13 @@ def features(
     """
     speed = velocity / scales.velocity
     burden = np.abs(load) / scales.effort
-    waves = _waves(position, HARMONICS)
-    directed = [direction * part for k in range(DIRECTED_HARMONICS) for part in (waves[k].imag, waves[k].real)]
+    sines, cosines = _waves(position)
+    directed = [direction * wave[:, k] for k in range(DIRECTED_HARMONICS) for wave in (sines, cosines)]
     neighbours = [_shifted(values, step) for values in (speed, direction) for step in (-1, 1)]
-    result = np.empty((*position.shape, FEATURES))
     own = [*curve(speed, direction), burden * direction, burden * speed, *directed]
-    for k, values in enumerate([*own, *waves.imag, *waves.real, *neighbours]):
-        result[..., k] = values
-    return result
+    # in memory the joints come last, as they do in what the features are made of
+    parts = [np.stack(own, axis=1), sines, cosines, np.stack(neighbours, axis=1)]
+    return np.swapaxes(np.concatenate(parts, axis=1), 1, 2)
 
 
 def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
@@ -99,16 +98,17 @@ def largest_waves() -> np.ndarray:
     return SPREAD["position"] * np.minimum((np.arange(1, HARMONICS + 1) / LONG_WAVE) ** 2, 1.0)
 
 
-def _waves(position: np.ndarray, count: int) -> np.ndarray:
-    """exp(i k q) of positions (N, n) for k = 1 to so many, (count, N, n): powers of the first, as far as known doubled at once."""
-    waves = np.empty((count, *position.shape), complex)
-    waves[0].real, waves[0].imag = np.cos(position), np.sin(position)
+def _waves(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """sin(k q) and cos(k q) of positions (N, n) for all `HARMONICS` k, (N, HARMONICS, n) each, by their sum formulas."""
+    sines, cosines = (np.stack([wave(position)], axis=1) for wave in (np.sin, np.cos))
     known = 1
-    while known < count:
-        more = min(known, count - known)
-        np.multiply(waves[:more], waves[known - 1], out=waves[known : known + more])
+    while known < HARMONICS:
+        more = min(known, HARMONICS - known)
+        s, c, last_s, last_c = sines[:, :more], cosines[:, :more], sines[:, -1:], cosines[:, -1:]
+        sines = np.concatenate([sines, s * last_c + c * last_s], axis=1)
+        cosines = np.concatenate([cosines, c * last_c - s * last_s], axis=1)
         known += more
-    return waves
+    return sines, cosines
 
 
 def _shifted(values: np.ndarray, step: int) -> np.ndarray:

@@ -29,10 +29,10 @@ def rnea(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> np.nda
 
 def regressors(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> np.ndarray:
     """Efforts by the ten inertial parameters of each body, (N, nv, nv, 10), of the same rows."""
-    result = np.empty((len(rows[0]), model.nv, 10 * model.nv))
+    result = np.empty((len(rows[0]), 10 * model.nv, model.nv))  # as Pinocchio has it: efforts last
     for k, row in enumerate(zip(*rows, strict=True)):
-        result[k] = pin.computeJointTorqueRegressor(model, data, *row)
-    return result.reshape(*result.shape[:2], model.nv, 10)
+        result[k] = pin.computeJointTorqueRegressor(model, data, *row).T
+    return result.reshape(-1, model.nv, 10, model.nv).transpose(0, 3, 1, 2)
 
 
 def rnea_derivatives(
