@@ -64,11 +64,9 @@ def low_passed(signals: Signals, smooth: np.ndarray, sharp: np.ndarray, rows: np
     """
     weights = gaussian_kernel(signals.kernel_std, signals.rate)[0]
     passed = (smooth, weights), (sharp, np.convolve(weights, weights))
-    soft = [
-        convolved_at(values.swapaxes(1, 2), kernel, rows, signals.segments).swapaxes(1, 2)
-        for values, kernel in passed
-    ]
-    return _side_by_side(*soft)
+    soft = [convolved_at(v.swapaxes(1, 2), kernel, rows, signals.segments) for v, kernel in passed]
+    # joint by joint in memory, as sums take them
+    return np.ascontiguousarray(np.concatenate(soft, axis=1).transpose(2, 0, 1)).swapaxes(0, 1)
 
 
 def _side_by_side(*parts: np.ndarray) -> np.ndarray:

@@ -66,7 +66,8 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
     noise = signals.position_noise / np.sqrt(max(signals.kernel_std * signals.raw_rate, 1.0))
     turned = np.maximum(TURNED, NOISE_WIDTHS * noise)
     both = np.repeat(turned[1:] + turned[:-1], len(COUPLING_SIGNS)) / 2.0
-    joints, doubt = np.empty((count, width, len(BREAKAWAYS))), np.empty((count, width))
+    joints = np.empty((count, len(BREAKAWAYS), width)).swapaxes(1, 2)  # in memory as `slide` leaves it
+    doubt = np.empty((count, width))
     pairs = np.empty((count, (width - 1) * len(COUPLING_SIGNS)))
     for rows in signals.segments:
         fine = _between(signals.position[rows], signals.velocity[rows], 1.0 / signals.rate)
@@ -80,9 +81,10 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
         pairs[rows] = _mean_around(turning(motors, both, None if start is None else start.pairs.ravel()))
         state = joints[rows.start, :, :1] if start is None else start.joints[:, 1:]
         joints[rows, :, 1:] = _mean_around(slide(fine, BREAKAWAYS[1:], state))
-        resting = slide(motors, BREAKAWAYS[RESTING : RESTING + 1], pairs[rows.start, :, None])
         rest = _at_rest(coupled(velocity).reshape(len(velocity), -1), signals.rate)
-        pairs[rows] = np.where(rest, 0.5 * _mean_around(resting)[:, :, 0], pairs[rows])
+        if (few := rest.any(axis=0)).any():
+            resting = slide(motors[:, few], BREAKAWAYS[RESTING : RESTING + 1], pairs[rows.start, few, None])
+            pairs[rows, few] = np.where(rest[:, few], 0.5 * _mean_around(resting)[:, :, 0], pairs[rows, few])
         rest = _at_rest(velocity, signals.rate)
         joints[rows, :, 0] = np.where(rest, 0.5 * joints[rows, :, RESTING], joints[rows, :, 0])
         # a joint that has not moved yet may hold any friction
@@ -163,18 +165,18 @@ def slide(position: np.ndarray, breakaways: Sequence[float], start: np.ndarray) 
     length = -(-steps // stretches)
     still = np.zeros((stretches * length - steps, width))
     travel = np.concatenate([np.diff(position, axis=0), still]).reshape(stretches, length, width)
-    travel = np.ascontiguousarray(travel.swapaxes(0, 1))[..., None]
-    keep = np.exp(-np.abs(travel) / np.asarray(breakaways))
+    travel = np.ascontiguousarray(travel.swapaxes(0, 1))[:, None]
+    keep = np.exp(-np.abs(travel) / np.reshape(breakaways, (-1, 1, 1)))
     gain = np.sign(travel) * (1.0 - keep)
     for k in range(1, length):
         gain[k] += keep[k] * gain[k - 1]
         keep[k] *= keep[k - 1]
-    states = np.empty((1 + stretches * length, width, len(breakaways)))
-    states[0] = start
+    states = np.empty((1 + stretches * length, len(breakaways), width))
+    states[0] = start.T
     for stretch in range(stretches):
         end = stretch * length
-        states[end + 1 : end + 1 + length] = gain[:, stretch] + keep[:, stretch] * states[end]
-    return states[: len(position)]
+        states[end + 1 : end + 1 + length] = gain[:, :, stretch] + keep[:, :, stretch] * states[end]
+    return states[: len(position)].swapaxes(1, 2)
 
 
 def _at_rest(velocity: np.ndarray, rate: float) -> np.ndarray:

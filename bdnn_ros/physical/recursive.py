@@ -120,8 +120,11 @@ class Recursion:
         if sensors is not None:
             self.sensors = sensors if self.sensors is None else self.sensors + sensors
         statistics = Statistics.of(columns, effort, weights)
-        self.total = statistics if self.total is None else self.total + statistics
         self.blocks.add(statistics)
+        if self.total is None:
+            self.total = statistics
+        else:
+            self.total.take_in(statistics)
 
     def solve(self, layout: Layout, iterations: int = 1) -> Posterior:
         """The parameters after all data so far.

@@ -31,27 +31,28 @@ class Statistics:
     def of(cls, columns: np.ndarray, effort: np.ndarray, weights: np.ndarray | None = None) -> Statistics:
         """Statistics of columns (N, n, K) against effort (N, n), each row weighted (N, n)."""
         root = np.ones_like(effort) if weights is None else np.sqrt(weights)
-        phi = np.ascontiguousarray((columns * root[:, :, None]).transpose(1, 0, 2))
+        phi = np.empty((effort.shape[1], len(effort), columns.shape[-1]))  # joint by joint, as products want it
+        np.multiply(columns.swapaxes(0, 1), root.T[:, :, None], out=phi)
         y = np.ascontiguousarray((effort * root).T)
         gram = phi.transpose(0, 2, 1) @ phi
         moment = (y[:, None, :] @ phi)[:, 0]
         return cls(gram, moment, (y**2).sum(axis=1), (root**2).sum(axis=0))
 
+    def take_in(self, other: Statistics) -> None:
+        """Add others to these, in place: they are large."""
+        for own, further in zip(self.parts, other.parts, strict=True):
+            own += further
+
+    @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """Its four sums."""
+        return self.gram, self.moment, self.energy, self.count
+
     def __add__(self, other: Statistics) -> Statistics:
-        return Statistics(
-            self.gram + other.gram,
-            self.moment + other.moment,
-            self.energy + other.energy,
-            self.count + other.count,
-        )
+        return Statistics(*(a + b for a, b in zip(self.parts, other.parts, strict=True)))
 
     def __sub__(self, other: Statistics) -> Statistics:
-        return Statistics(
-            self.gram - other.gram,
-            self.moment - other.moment,
-            self.energy - other.energy,
-            self.count - other.count,
-        )
+        return Statistics(*(a - b for a, b in zip(self.parts, other.parts, strict=True)))
 
     def of_joint(self, joint: int, columns: np.ndarray) -> Regression:
         """The regression of one joint on some of its columns."""
@@ -100,16 +101,17 @@ class Blocks:
 
     def add(self, statistics: Statistics) -> None:
         """Take in what the next stretch says."""
-        parts = (statistics.gram, statistics.moment, statistics.energy, statistics.count)
+        parts = statistics.parts
         if not self._memory:
             self._most = min(self._most, max(MOST_BYTES // statistics.gram.nbytes, self._least))
             self._memory = tuple(np.zeros((self._most + 1, *part.shape)) for part in parts)
-        if self._parts == 0:
-            self._count += 1
-            for kept in self._memory:
-                kept[self._count - 1] = 0.0
+        begins = self._parts == 0
+        self._count += begins
         for kept, part in zip(self._memory, parts, strict=True):
-            kept[self._count - 1] += part
+            if begins:
+                kept[self._count - 1] = part
+            else:
+                kept[self._count - 1] += part
         self._parts += 1
         if self._parts >= self._per_block:
             self._parts = 0

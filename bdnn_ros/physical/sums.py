@@ -75,8 +75,8 @@ class Sums:
         sharp = sharp_columns(signals, state, load, self.scales)
         columns = low_passed(signals, smooth, sharp, rows)
         fast = np.abs(signals.velocity[rows]) > FAST * self.scales.velocity
-        swift = (columns[:, :, bodies:] * fast[:, :, None]).transpose(1, 2, 0)
-        self.fast = self.fast + swift @ swift.transpose(0, 2, 1)
+        swift = (columns[:, :, bodies:] * fast[:, :, None]).swapaxes(0, 1)
+        self.fast = self.fast + swift.transpose(0, 2, 1) @ swift
         effort = signals.smooth(signals.effort)[rows]
         noise = SensorNoise.of(carrier, signals, rows)
         residual = np.maximum(np.sqrt(noise.effort / noise.count), self.usual)
