@@ -31,7 +31,7 @@ def regressors(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> 
     """Efforts by the ten inertial parameters of each body, (N, nv, nv, 10), of the same rows."""
     result = np.empty((len(rows[0]), 10 * model.nv, model.nv))  # as Pinocchio has it: efforts last
     for k, row in enumerate(zip(*rows, strict=True)):
-        result[k] = pin.computeJointTorqueRegressor(model, data, *row).T
+        result[k] = pin.computeJointTorqueRegressor(model, data, *row).reshape(model.nv, -1).T  # of one joint a vector
     return result.reshape(-1, model.nv, 10, model.nv).transpose(0, 3, 1, 2)
 
 
@@ -46,4 +46,4 @@ def rnea_derivatives(
         pin.computeRNEADerivatives(model, data, *row)
         for kept, values in pairs:
             kept[k] = values
-    return result
+    return tuple(values.reshape(len(values), -1, model.nv) for values in result)  # of one joint they are vectors
