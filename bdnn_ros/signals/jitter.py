@@ -33,6 +33,8 @@ SMOOTHER = 0.9
 """Even times are taken where positions depart from a smooth course by less than this share of what they do by the stamps."""
 FELT = 1e-3
 """Stamps that scatter by less than this share of a period are not worth a word."""
+EVEN = 1e-6
+"""Stamps that are so near to even times throughout [share of a period] are those: they are rounded, no more."""
 TINY = 1e-30
 
 
@@ -70,6 +72,8 @@ def taken_at(stamps: np.ndarray, position: np.ndarray, rate: float, segments: Se
     for rows in segments:
         even[rows] = _evened(stamps[rows])
     for moved in (np.abs(stamps - even) > UNEVEN / rate, even != stamps):
+        if not moved.any():
+            continue
         tried = _in_order(stamps, np.where(moved, even, stamps), segments)
         if (np.diff(tried) > 0.0).all() and _smoother(position, segments, time, tried):
             time = tried
@@ -101,6 +105,9 @@ def _spread_out(recording: Recording) -> Recording:
 def _evened(stamps: np.ndarray) -> np.ndarray:
     """Times of a clock that ticks evenly but for a slow drift, (N,) [s]; the stamps where they are of no such clock."""
     if len(stamps) < FEWEST:
+        return stamps
+    straight = np.linspace(stamps[0], stamps[-1], len(stamps))
+    if np.abs(stamps - straight).max() < EVEN * (straight[1] - straight[0]):
         return stamps
     period = _period(stamps)
     around = min(round(AROUND / period), len(stamps) - 1) // 2 * 2 + 1

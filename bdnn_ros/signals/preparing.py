@@ -168,21 +168,20 @@ def _segment(
     # against the grid itself, not step by step: small differences add up
     uniform = len(grid) <= len(stamps) and np.abs(stamps[: len(grid)] - grid).max() < 1e-3 * step
 
-    def even(values: np.ndarray) -> np.ndarray:
-        return values[rows][: len(grid)] if uniform else CubicSpline(stamps, values[rows])(grid)
+    given = {"position": recording.position, "effort": recording.effort, "reported": recording.velocity}
+    fields = {name: values[rows] for name, values in given.items() if values is not None}
+    if uniform:
+        even = {name: values[: len(grid)] for name, values in fields.items()}
+    else:
+        course = CubicSpline(stamps, np.concatenate(list(fields.values()), axis=1))(grid)
+        even = dict(zip(fields, np.split(course, len(fields), axis=1), strict=True))
 
     def filtered(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
         return convolve1d(values, weights, axis=0, mode="nearest")[inner]
 
-    position = even(recording.position)
-    piece = {
+    return {
         "time": grid[inner],
-        "position": filtered(position, kernel),
-        "velocity": filtered(position, first),
-        "acceleration": filtered(position, second),
+        "velocity": filtered(even["position"], first),
+        "acceleration": filtered(even["position"], second),
+        **{name: filtered(values, kernel) for name, values in even.items()},
     }
-    if recording.effort is not None:
-        piece["effort"] = filtered(even(recording.effort), kernel)
-    if recording.velocity is not None:
-        piece["reported"] = filtered(even(recording.velocity), kernel)
-    return piece
