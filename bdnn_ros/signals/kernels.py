@@ -108,14 +108,16 @@ def convolving_at(weights: np.ndarray, samples: np.ndarray, segments: Sequence[s
 def convolved_at(
     values: np.ndarray, weights: np.ndarray, samples: np.ndarray, segments: Sequence[slice]
 ) -> np.ndarray:
-    """The same of values (N, ...), once, (R, ...): as small dense products of samples that are near each other, which is faster."""
+    """What `convolving_at` makes of values (N, ...), once, (R, ...): near samples in one dense product, which is faster."""
     flat, reach = values.reshape(len(values), -1), np.arange(len(weights)) - len(weights) // 2
     parts = [np.empty((0, flat.shape[1]))]
     for rows in segments:
         inside = samples[(samples >= rows.start) & (samples < rows.stop)]
         for near in np.split(inside, np.flatnonzero(np.diff(inside // len(weights))) + 1):
+            if not len(near):
+                continue
             taken = np.clip(near[:, None] + reach, rows.start, rows.stop - 1)
-            first, width = int(taken.min(initial=len(values))), int(np.ptp(taken)) + 1 if len(near) else 0
+            first, width = int(taken[0, 0]), int(taken[-1, -1] - taken[0, 0]) + 1
             places = taken - first + width * np.arange(len(near))[:, None]
             matrix = np.bincount(places.ravel(), np.tile(weights, len(near)), width * len(near))
             parts.append(matrix.reshape(len(near), width) @ flat[first : first + width])

@@ -34,7 +34,7 @@ def powerless(recording: Recording) -> np.ndarray:
     covered = np.stack(
         [within(recording.position, size, axis=0) for within in (minimum_filter1d, maximum_filter1d)]
     )
-    stands = ~further(covered, position_noise(recording)).any(axis=1)
+    stands = np.asarray(~further(covered, position_noise(recording)).any(axis=1))
     if not stands.any():
         return stands
     # noise by successive differences: an effort that falls from what held the arm to nothing is no noise
