@@ -596,3 +596,14 @@ def test_the_effort_of_many_rows_is_that_of_each_and_leaves_torch_its_threads(na
     alone = Robot.bundled(name, robot.joints[:1])
     assert alone.rigid_effort(q[:, :1], v[:, :1], a[:, :1]).shape == (MANY + 10, 1)
     assert robot.rigid_effort(*np.zeros((3, 0, robot.width))).shape == (0, robot.width)
+
+
+@pytest.mark.parametrize("joints", [(), ("arm2_joint2",)])
+def test_derivatives_by_the_setup_are_those_of_positions_and_of_gravity(joints: tuple[str, ...]) -> None:
+    robot = Robot.bundled("arm2", joints).tilted(0.3, -0.2)
+    motion = np.random.default_rng(0).normal(size=(3, 4, robot.width))
+    by_position, by_gravity = robot.setup_derivatives(*motion)
+    np.testing.assert_allclose(by_position, robot.effort_derivatives(*motion)[0])
+    for axis, unit in enumerate(np.eye(3)):
+        gained = replace(robot, gravity_vector=unit).gravity(motion[0])
+        np.testing.assert_allclose(by_gravity[:, :, axis], gained, atol=1e-12)

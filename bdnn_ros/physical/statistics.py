@@ -31,9 +31,8 @@ class Statistics:
     def of(cls, columns: np.ndarray, effort: np.ndarray, weights: np.ndarray | None = None) -> Statistics:
         """Statistics of columns (N, n, K) against effort (N, n), each row weighted (N, n)."""
         root = np.ones_like(effort) if weights is None else np.sqrt(weights)
-        phi = np.empty(
-            (effort.shape[1], len(effort), columns.shape[-1])
-        )  # joint by joint, as products want it
+        # joint by joint, as products want it
+        phi = np.empty((effort.shape[1], len(effort), columns.shape[-1]))
         np.multiply(columns.swapaxes(0, 1), root.T[:, :, None], out=phi)
         y = np.ascontiguousarray((effort * root).T)
         gram = phi.transpose(0, 2, 1) @ phi

@@ -215,8 +215,7 @@ class Robot(ReadOnlyArrays):
         """Derivatives of `rigid_effort` by position (N, n, n) and by `gravity_vector` (N, n, 3), for (N, n) arrays."""
         rows, _ = self._rows(position, velocity, acceleration)
         dq, force = rnea_derivatives(self._model, self._data, rows, "dtau_dq", "dFda")
-        # as if the base accelerated against gravity, and M is symmetric
-        return self._in_order(dq, 1, 2), -self._in_order(force[:, :3].swapaxes(1, 2), 1)
+        return self._in_order(dq, 1, 2), -self._in_order(force[:, :3].swapaxes(1, 2), 1)  # M is symmetric
 
     @cached_property
     def slides(self) -> np.ndarray:

@@ -31,9 +31,8 @@ def regressors(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> 
     """Efforts by the ten inertial parameters of each body, (N, nv, nv, 10), of the same rows."""
     result = np.empty((len(rows[0]), 10 * model.nv, model.nv))  # as Pinocchio has it: efforts last
     for k, row in enumerate(zip(*rows, strict=True)):
-        result[k] = (
-            pin.computeJointTorqueRegressor(model, data, *row).reshape(model.nv, -1).T
-        )  # of one joint a vector
+        found = pin.computeJointTorqueRegressor(model, data, *row)
+        result[k] = found.reshape(model.nv, -1).T  # of one joint it is a vector
     return result.reshape(-1, model.nv, 10, model.nv).transpose(0, 3, 1, 2)
 
 
@@ -48,6 +47,5 @@ def rnea_derivatives(
         pin.computeRNEADerivatives(model, data, *row)
         for kept, values in pairs:
             kept[k] = values
-    return tuple(
-        values.reshape(len(values), -1, model.nv) for values in result
-    )  # of one joint they are vectors
+    # of one joint they are vectors
+    return tuple(values.reshape(len(values), -1, model.nv) for values in result)
