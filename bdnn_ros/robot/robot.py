@@ -198,7 +198,7 @@ class Robot(ReadOnlyArrays):
         """Y with rigid_effort = Y · inertials.ravel(), (N, n, n * PER_LINK), for (N, n) arrays."""
         rows, _ = self._rows(position, velocity, acceleration)
         blocks = self._in_order(regressors(self._model, self._data, rows), 1, 2)
-        return blocks.reshape(*blocks.shape[:2], -1)
+        return blocks.reshape(*blocks.shape[:2], self.width * PER_LINK)
 
     def effort_derivatives(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray

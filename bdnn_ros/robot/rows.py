@@ -33,19 +33,19 @@ def regressors(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> 
     for k, row in enumerate(zip(*rows, strict=True)):
         found = pin.computeJointTorqueRegressor(model, data, *row)
         result[k] = found.reshape(model.nv, -1).T  # of one joint it is a vector
-    return result.reshape(-1, model.nv, 10, model.nv).transpose(0, 3, 1, 2)
+    return result.reshape(len(result), model.nv, 10, model.nv).transpose(0, 3, 1, 2)
 
 
 def rnea_derivatives(
     model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray], *names: str
 ) -> tuple[np.ndarray, ...]:
     """Of what Pinocchio finds on its way to the derivatives of the efforts, by its own names, for each of the same rows."""
-    found = [getattr(data, name) for name in names]  # views of what each row is written to
+    # views of what each row is written to; of one joint they are vectors
+    found = [getattr(data, name).reshape(-1, model.nv) for name in names]
     result = tuple(np.empty((len(rows[0]), *values.shape)) for values in found)
     pairs = list(zip(result, found, strict=True))
     for k, row in enumerate(zip(*rows, strict=True)):
         pin.computeRNEADerivatives(model, data, *row)
         for kept, values in pairs:
             kept[k] = values
-    # of one joint they are vectors
-    return tuple(values.reshape(len(values), -1, model.nv) for values in result)
+    return result
