@@ -262,9 +262,9 @@ class Equations:
 
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
-        seen = np.where(self.ever_usable[..., None], columns, 0.0)
+        squares = np.einsum("rn,rnk,rnk->nk", self.ever_usable.astype(float), columns, columns)
         usual = self.effort_size if term.effect.constant else self.effort_scale
-        strongest = term.effect.strength(np.sqrt(np.mean(seen**2, axis=0)), usual)
+        strongest = term.effect.strength(np.sqrt(squares / len(columns)), usual)
         typical = TYPICAL_SHARE / np.maximum(strongest, max(HARDLY_SEEN * strongest.max(), 1e-9))
         return np.maximum(term.effect.spread(typical, self.motion, term.target), term.gone)
 

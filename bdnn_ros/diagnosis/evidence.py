@@ -244,15 +244,15 @@ class Pool:
         tall = white.reshape(-1, each[0] * each[1])
         left = tall.T @ beyond.ravel()
         cross = known.reshape(-1, len(fit.coefficients)).T @ tall
-        told = (fit.covariance @ cross).reshape(-1, *each).transpose(1, 0, 2)
-        across, own = (values.reshape(-1, *each).transpose(1, 2, 0) for values in (cross, tall))
-        return own @ own.transpose(0, 2, 1) - across @ told, left.reshape(each)
+        seen = solve_triangular(fit.factor, cross, lower=True)
+        told, own = (values.reshape(-1, *each).transpose(1, 2, 0) for values in (seen, tall))
+        return own @ own.transpose(0, 2, 1) - told @ told.transpose(0, 2, 1), left.reshape(each)
 
     def known(self, fit: Fit, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whitened columns of a fit on some joints, (R, joints, P), and what it leaves; kept for the next term beside it."""
         key = (fit.terms, fit.coefficients.tobytes(), tuple(joints.tolist()))
         if self._tall is None or self._tall[0] != key:
-            white = self.white[:, joints][:, :, self.columns_of(fit.terms)]
+            white = self.white[:, joints[:, None], self.columns_of(fit.terms)]
             of_fit = white.reshape(-1, white.shape[2]) @ fit.coefficients
             self._tall = key, (white, self.white_target[:, joints] - of_fit.reshape(white.shape[:2]))
         return self._tall[1]
