@@ -11,8 +11,9 @@ import pytest
 from diagnosis_cases import equations_of, signals_of, term, white
 
 from bdnn_ros.diagnosis import pushes
+from bdnn_ros.diagnosis.between import between_rows
 from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.contact import contact, point_of
+from bdnn_ros.diagnosis.contact import contact, distance, point_of
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.gathering import gathered
@@ -21,8 +22,6 @@ from bdnn_ros.diagnosis.moves import Moves
 from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.diagnosis.pushes import (
     best_push,
-    between_rows,
-    distance,
     edges,
     leftover,
     nearest,
@@ -61,7 +60,7 @@ def test_a_force_is_found_at_its_point_of_contact(link, point):
     spec += f"point_x={x},point_y={y},point_z={z}"
     pool = pool_of(spec)
     fit = pool.fit(())
-    found = best_push(pool, fit, term(spec, ARM)[0], ARM)
+    _, found = best_push(pool, fit, term(spec, ARM)[0], ARM)
     force, torque = np.split(pool.gain_of(fit, found)[1], 2)
     np.testing.assert_allclose(point_of(found), point, atol=0.01)
     np.testing.assert_allclose(force, [12.0, 4.0, -6.0], atol=0.3)
@@ -82,7 +81,7 @@ def test_a_point_is_found_from_one_at_which_no_force_does_anything():
 def test_a_torque_stays_where_it_is_told_from():
     spec = "external_wrench@arm6_link5:start=3,end=8,force_x=8,torque_x=1.5,torque_y=-2,torque_z=1"
     pool = pool_of(spec)
-    found = best_push(pool, pool.fit(()), term(spec, ARM)[0], ARM)
+    _, found = best_push(pool, pool.fit(()), term(spec, ARM)[0], ARM)
     np.testing.assert_array_equal(point_of(found), 0.0)
 
 
@@ -90,8 +89,9 @@ def test_times_are_found_between_rows():
     spec = "external_wrench@arm6_joint2:start=3.317,end=6.571,torque=8"
     pool = pool_of(spec)
     fit, true = pool.fit(()), dict(term(spec, ARM)[0].shape)
-    rough = best_push(pool, fit, term(spec, ARM)[0], ARM)
-    fine = between_rows(pool, fit, rough, ARM)
+    _, rough = best_push(pool, fit, term(spec, ARM)[0], ARM)
+    gain, fine = between_rows(pool, fit, rough, ARM)
+    assert gain == pytest.approx(pool.gain_of(fit, fine)[0])
     error = [max(abs(dict(one.shape)[edge] - true[edge]) for edge in true) for one in (rough, fine)]
     assert error[1] < 0.002 < 0.01 < error[0]
     assert pool.gain_of(fit, fine)[0] > pool.gain_of(fit, rough)[0]
@@ -135,8 +135,8 @@ def test_times_and_a_point_of_its_own_are_found_together():
     spec = "external_wrench@arm6_link6:start=3.317,end=6.571,force_x=12,force_z=-6,point_x=0.03,point_y=-0.02,point_z=0.05"
     pool = pool_of(spec, std=1e-4)
     fit, true = pool.fit(()), dict(term(spec, ARM)[0].shape)
-    rough = best_push(pool, fit, term(spec, ARM)[0], ARM)
-    fine = between_rows(pool, fit, rough, ARM)
+    _, rough = best_push(pool, fit, term(spec, ARM)[0], ARM)
+    _, fine = between_rows(pool, fit, rough, ARM)
     for one, within in ((rough, False), (fine, True)):
         assert (max(abs(dict(one.shape)[name] - value) for name, value in true.items()) < 5e-4) is within
 

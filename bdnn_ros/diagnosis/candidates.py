@@ -103,7 +103,7 @@ class Candidates:
             if term.place in present:
                 continue
             if term.effect.timed:
-                result.append(best_push(pool, fit, term, self.robot))
+                result.append(best_push(pool, fit, term, self.robot)[1])
                 continue
             shapes = term.shapes(equations.motion)
             if len(shapes) == 1:
@@ -155,7 +155,7 @@ class Candidates:
                 continue
             coefficients = acting_per_measured(pool, fit, chosen) * pool.coefficients(fit, chosen)
             part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
-            base = base + equations.passed(part)
+            base += equations.passed(part)
             if term.effect.in_drive:
                 drive += part
         return np.asarray(base), drive, effort_scales(pool, fit)

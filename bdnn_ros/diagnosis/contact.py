@@ -17,6 +17,7 @@ from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import POINT, ExternalWrench, window
+from bdnn_ros.robot import Robot
 
 FARTHEST = 1.0
 """No hand reaches further from its link's origin [m]."""
@@ -32,6 +33,14 @@ def point_of(push: Term) -> np.ndarray:
     """Where on its link a wrench acts, (3,) [m]."""
     shape = dict(push.shape)
     return np.array([shape[axis] for axis in POINT])
+
+
+def distance(push: Term, robot: Robot) -> float:
+    """How far a push acts from the points of its link that are tried first [m]; nothing for a torque about a joint."""
+    if push.link is None:
+        return 0.0
+    usual = push.effect.points(robot, push.link)
+    return min(float(np.linalg.norm(point_of(push) - [point[axis] for axis in POINT])) for point in usual)
 
 
 def contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
@@ -76,9 +85,11 @@ class _Pull:
         equations, shape = pool.equations, dict(term.shape)
         origin = effect.mixing(dict.fromkeys(POINT, 0.0))[:, :3]
         mixing = np.hstack([origin, *(effect.displaced(force) for force in np.eye(3))])
-        columns = equations.pushed(term, window(equations.motion, shape), mixing)
+        acting = window(equations.motion, shape)
+        columns = equations.pushed(term, acting, mixing)
         (schur,), (left,) = pool.beside(fit, columns[:, :, None])
-        return cls(schur, left, 1.0 / equations.spread(term, equations.made(term))[:3] ** 2)
+        own = equations.pushed(term, acting, effect.mixing(shape))
+        return cls(schur, left, 1.0 / equations.spread(term, own)[:3] ** 2)
 
     def gains(self, points: np.ndarray) -> np.ndarray:
         """Log evidence that a force at each of some points (P, 3) [m] adds, (P,)."""

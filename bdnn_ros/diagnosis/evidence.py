@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -151,19 +152,14 @@ class Pool:
         return self._fit(kept, index, fit.precision[rows], low, high)
 
     def _fit(
-        self,
-        chosen: tuple[int, ...],
-        index: np.ndarray,
-        precision: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
+        self, chosen: tuple[int, ...], index: np.ndarray, precision: np.ndarray, *ends: np.ndarray
     ) -> Fit:
         gram, moment, power = self.total
         a = gram[np.ix_(index, index)] + np.diag(precision)
         factor = factored(a)
         best = cho_solve((factor, True), moment[index])
-        if outside(best, low, high):
-            best = held(factor, moment[index], low, high)
+        if outside(best, *ends):
+            best = held(factor, moment[index], *ends)
         loss = 0.5 * (power - 2.0 * best @ moment[index] + best @ a @ best)
         volume = 0.5 * np.sum(np.log(precision)) - np.sum(np.log(np.diag(factor)))
         return Fit(chosen, best, precision, factor, float(volume - loss - self._scale), float(loss))
@@ -291,16 +287,13 @@ class Pool:
             blur: count the nuisances that only weigh down noise, which no model could predict.
         """
         equations = self.equations
-        links = equations.rigid.shape[2]
-        total = equations.rigid @ fit.coefficients[:links]
         nuisances = self.nuisances(fit).copy()
         nuisances[BLURS] *= blur
-        total = total + equations.nuisances @ nuisances
-        at = self.base
-        for chosen in fit.terms:
-            columns = equations.columns(self.terms[chosen])
-            total = total + columns @ fit.coefficients[at : at + columns.shape[2]]
-            at += columns.shape[2]
+        total = (
+            equations.rigid @ fit.coefficients[: equations.rigid.shape[2]] + equations.nuisances @ nuisances
+        )
+        for chosen, coefficients in zip(fit.terms, self.each(fit), strict=True):
+            total += equations.columns(self.terms[chosen]) @ coefficients
         return np.asarray(total)
 
     def part(self, fit: Fit, chosen: int) -> tuple[np.ndarray, np.ndarray]:
@@ -311,6 +304,11 @@ class Pool:
     def coefficients(self, fit: Fit, chosen: int) -> np.ndarray:
         """Coefficients (k,) of one term of a fit."""
         return fit.coefficients[self.rows(fit, chosen)]
+
+    def each(self, fit: Fit) -> list[np.ndarray]:
+        """Coefficients (k,) of every term of a fit."""
+        ends = np.cumsum([self.base, *(len(self.slots[c]) for c in fit.terms)]).tolist()
+        return [fit.coefficients[a:b] for a, b in pairwise(ends)]
 
     def rows(self, fit: Fit, chosen: int) -> slice:
         """Which of a fit's coefficients are one term's, of those in it; KeyError of another."""

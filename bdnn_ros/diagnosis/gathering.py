@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from bdnn_ros.diagnosis.contact import distance
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import BETTER
-from bdnn_ros.diagnosis.pushes import distance, follows, lasting, nearest, reshaped, together, toss
+from bdnn_ros.diagnosis.pushes import follows, lasting, nearest, reshaped, together, toss
 from bdnn_ros.robot import Robot
 
 Score = Callable[[Pool, Sequence[int]], float]

@@ -247,25 +247,26 @@ def _weighed(
     """
     term, rest = pool.terms[one], [c for c in chosen if c != one]
     both = [*rest, one]
-    own, fit_both, costs_both = search.score(pool, both), pool.fit(both), search.costs(pool, both)
+    own, fit_both = search.score(pool, both), pool.fit(both)
     scores: dict[int, float] = {}
     for base in _bases(pool, term, rest):
         fit = pool.fit(base)
-        costs = search.costs(pool, base)
         start = search.score(pool, base)
         rivals = [c for c in search.open_to(pool, base, near(term)) if c != one]
-        beside = pool.gains(fit_both, rivals) - costs_both[rivals]
-        for c, gain, more in zip(rivals, pool.gains(fit, rivals), beside, strict=True):
-            score = start + float(gain) - costs[c]
+        instead = pool.gains(fit, rivals) - search.costs(pool, base, rivals)
+        beside = pool.gains(fit_both, rivals) - search.costs(pool, both, rivals)
+        for c, gain, more in zip(rivals, instead, beside, strict=True):
+            score = start + float(gain)
             if score > own - CLOSE:  # gains let the other terms leave their bounds
                 score = search.score_beside(pool, base, c)
             more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
             scores[c] = max(scores.get(c, -np.inf), score - more)
     for c in [c for c in scores if _hang(term, pool.terms[c])]:
         # how well a motion shows that a load's centre is on an axis speaks against neither link that turns about it
-        behind, costs = pool.fit([*rest, c]).loss - fit_both.loss, search.costs(pool, rest)
+        behind = pool.fit([*rest, c]).loss - fit_both.loss
         if behind < ALIKE:
-            scores[c] = own + costs[one] - costs[c] - behind
+            cost, other = search.costs(pool, rest, [one, c])
+            scores[c] = own + float(cost - other) - behind
     for c in [c for c in scores if _turn_alike(search.candidates, term, pool.terms[c])]:
         scores[c] = max(scores[c], own)
     cost = doubt(pool)

@@ -71,7 +71,7 @@ class Moves:
             open_ = [c for c in self.open_to(pool, chosen) if c not in refused]
             if not open_ or pool.most([*chosen, *open_]) < wanted:
                 return pool, chosen
-            gains = pool.gains(fit, open_) - self.costs(pool, chosen)[open_]
+            gains = pool.gains(fit, open_) - self.costs(pool, chosen, open_)
             best = int(np.argmax(gains))
             largest = max(largest, float(gains[best]))
             if gains[best] <= least * largest:
@@ -103,7 +103,7 @@ class Moves:
         open_ = [c for c in self.open_to(pool, grown) if pool.terms[c].target == joint]
         if joint < 0 or not open_ or not self.predicts_better(pool, grown, chosen):
             return None
-        gains = pool.gains(pool.fit(grown), open_) - self.costs(pool, grown)[open_]
+        gains = pool.gains(pool.fit(grown), open_) - self.costs(pool, grown, open_)
         for k in np.argsort(-gains)[:PARTNERS_TRIED]:
             trial, both = self._grown(pool, chosen, candidate, open_[k])
             pay = all(self.pays(trial, both, one) for one in (candidate, open_[k]))
@@ -180,20 +180,16 @@ class Moves:
         found = [c for c in self.open_to(pool, rest, where) if c not in group]
         if not found:
             return []
-        scores = pool.gains(fit, found) - self.costs(pool, rest)[found]
+        scores = pool.gains(fit, found) - self.costs(pool, rest, found)
         return [(found[k], kept - float(scores[k])) for k in np.argsort(-scores)]
 
     # -- judgements ---------------------------------------------------------------------------------------------
 
     def score(self, pool: Pool, chosen: Sequence[int]) -> float:
         """Log evidence of a set less the log prior odds against it."""
-        having, fit = having_each(pool, chosen), pool.fit(chosen)
+        fit = pool.fit(chosen)
         against = ABSURD * unbelievable(pool, fit)
-        return (
-            fit.evidence
-            - against
-            - sum(log_odds(pool.terms[one], having, self.candidates.robot.carried) for one in chosen)
-        )
+        return fit.evidence - against - float(self.costs(pool, chosen, chosen).sum())
 
     def score_beside(self, pool: Pool, rest: Sequence[int], one: int) -> float:
         """Score of some terms and one more that stands where others did.
@@ -206,10 +202,10 @@ class Moves:
             pool = pool.replacing({one: term}, equations.made(term, load))
         return self.score(pool, [*rest, one])
 
-    def costs(self, pool: Pool, company: Sequence[int]) -> np.ndarray:
-        """Log prior odds against each pool term beside some company."""
-        having = having_each(pool, company)
-        return np.array([log_odds(term, having, self.candidates.robot.carried) for term in pool.terms])
+    def costs(self, pool: Pool, company: Sequence[int], of: Sequence[int]) -> np.ndarray:
+        """Log prior odds against each of some terms beside some company, (len(of),)."""
+        having, carried = having_each(pool, company), self.candidates.robot.carried
+        return np.array([log_odds(pool.terms[one], having, carried) for one in of])
 
     def open_to(self, pool: Pool, chosen: Sequence[int], where: int = -1) -> list[int]:
         """Candidates that may join the chosen: not at the same place, nor contained in one of them, nor kept apart from one.

@@ -98,8 +98,8 @@ def doubt(pool: Pool) -> float:
 def unbelievable(pool: Pool, fit: Fit) -> int:
     """How many terms have coefficients that no such effect can have together, nor any within their uncertainty."""
     count = 0
-    for c in fit.terms:
-        effect, at = pool.terms[c].effect, pool.coefficients(fit, c)
+    for c, at in zip(fit.terms, pool.each(fit), strict=True):
+        effect = pool.terms[c].effect
         if not effect.believable(at):
             count += not effect.believable(at, np.sqrt(np.diag(pool.part(fit, c)[1])))
     return count

@@ -9,11 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from bdnn_ros.diagnosis.candidates import acting_per_measured
+from bdnn_ros.diagnosis.contact import distance
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.leads import parted
 from bdnn_ros.diagnosis.odds import COST
-from bdnn_ros.diagnosis.pushes import distance, edges, unseen
+from bdnn_ros.diagnosis.pushes import edges, unseen
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.term import COMMON, Term
 from bdnn_ros.diagnosis.widening import mirrored, widened
@@ -223,6 +224,8 @@ def excesses(pool: Pool) -> list[float]:
     By the noise model or by the scatter of blocks, whichever is less, shapes taken as they are: they mean nothing there.
     """
     fit = pool.whole
+    if all(term.effect.excess is None for term in pool.terms):
+        return [math.inf] * len(pool.terms)
     index = pool.columns_of(fit.terms)
     white = pool.white[:, :, index]
     tall = white.reshape(-1, white.shape[2])

@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cho_solve
 
-from bdnn_ros.diagnosis.contact import contact, point_of
+from bdnn_ros.diagnosis.between import NEAR, between_rows, unbound
+from bdnn_ros.diagnosis.contact import contact, distance
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.joining import stretches
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.diagnosis.windows import LONGEST_SHARE, best_window
-from bdnn_ros.effects.environment import EDGES, POINT, ExternalWrench, Push, window
-from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.robot import Robot
 
-STEPS = 5
-"""Gauss-Newton steps, towards a point of contact or the times of a push."""
-AT_POINT = 2e-4
-"""A step towards a point that is small enough [m]."""
-NEAR = 0.1
-"""Times found between rows are nearer than this to where the search for them starts [s]."""
-EXACT = 1e-3
-"""A step of the times that is small enough [s]."""
 LONG = 3.0
 """Rows that count are so many times as far apart as usual where some between do not."""
 TOUCHING = 0.3
@@ -47,27 +37,27 @@ ENDS = 0.6
 """So near its ends a recording that was filtered both ways before it was published shows what was never there [s]."""
 
 
-def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
-    """A push with the times, and a wrench with the point of its link, that add most evidence to a fit.
+def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> tuple[float, Term]:
+    """A push with the times, and a wrench with the point of its link, that add most evidence to a fit, and how much that is.
 
     A wrench that explains nothing at the points that are tried first is not looked for at others. What the fit has at its
     bounds for want of the push is free to leave them.
     """
-    fit = _unbound(pool, fit)
+    fit = unbound(pool, fit)
     tried = [best_window(pool, fit, term.shaped(point)) for point in term.effect.points(robot, term.link)]
-    gain, best = max(((pool.gain_of(fit, one)[0], one) for one in tried), key=lambda pair: pair[0])
+    gain, best = max(((pool.gain_of(fit, one)[0], one) for one in tried), key=_gain)
     touched = contact(pool, fit, best) if gain > 0.0 else None
     if touched is None:
-        return best
+        return gain, best
     touched = best_window(pool, fit, touched)
-    return touched if pool.gain_of(fit, touched)[0] > gain + max(WORTH, toss(best, gain)) else best
+    more = pool.gain_of(fit, touched)[0]
+    return (more, touched) if more > gain + max(WORTH, toss(best, gain)) else (gain, best)
 
 
 def refined_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
     """A push where it adds most evidence to a fit: sought everywhere, or moved from where it is."""
-    fit = _unbound(pool, fit)
-    ends = [between_rows(pool, fit, start, robot) for start in (best_push(pool, fit, term, robot), term)]
-    return max(ends, key=lambda end: pool.gain_of(fit, end)[0])
+    starts = (best_push(pool, fit, term, robot)[1], term)
+    return max((between_rows(pool, fit, start, robot) for start in starts), key=_gain)[1]
 
 
 def reshaped(pool: Pool, rest: Sequence[int], robot: Robot, found: Sequence[int] = ()) -> Pool:
@@ -76,16 +66,20 @@ def reshaped(pool: Pool, rest: Sequence[int], robot: Robot, found: Sequence[int]
     Args:
         found: pushes that are sought from where they are, too.
     """
-    fit = _unbound(pool, pool.fit(rest))
+    fit = pool.fit(rest)
     others = [c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest]
     best = {c: best_push(pool, fit, pool.terms[c], robot) for c in others}
-    gains = {c: pool.gain_of(fit, term)[0] for c, term in best.items()}
-    near = [c for c in best if gains[c] > CONTENDS * max(gains.values())]
-    best |= {c: between_rows(pool, fit, best[c], robot) for c in near}
+    most = max(map(_gain, best.values()), default=0.0)
+    for c, (gain, term) in best.items():
+        if gain > CONTENDS * most:
+            best[c] = between_rows(pool, fit, term, robot)
     for c in found:
-        moved = (best[c], between_rows(pool, fit, pool.terms[c], robot))
-        best[c] = max(moved, key=lambda term: pool.gain_of(fit, term)[0])
-    return pool.replacing(best) if best else pool
+        best[c] = max(best[c], between_rows(pool, fit, pool.terms[c], robot), key=_gain)
+    return pool.replacing({c: term for c, (_, term) in best.items()}) if best else pool
+
+
+def _gain(found: tuple[float, Term]) -> float:
+    return found[0]
 
 
 def toss(term: Term, worth: float) -> float:
@@ -106,14 +100,6 @@ def nearest(pool: Pool, scores: dict[int, float], without: float, robot: Robot) 
     close = scores[best] - toss(pool.terms[best], scores[best] - without)
     same = [c for c in scores if pool.terms[c].effect is pool.terms[best].effect and scores[c] >= close]
     return min(same, key=lambda c: (distance(pool.terms[c], robot), -scores[c]))
-
-
-def distance(push: Term, robot: Robot) -> float:
-    """How far a push acts from the points of its link that are tried first [m]; nothing for a torque about a joint."""
-    if push.link is None:
-        return 0.0
-    usual = push.effect.points(robot, push.link)
-    return min(float(np.linalg.norm(point_of(push) - [point[axis] for axis in POINT])) for point in usual)
 
 
 def together(one: Term, other: Term) -> bool:
@@ -148,7 +134,7 @@ def lasting(pool: Pool, rest: Sequence[int], pair: tuple[int, int], one: int, ro
     """The pool with one of two pushes that follow each other as long as both, moved to where it explains most from there."""
     (start, _), (_, end) = (edges(pool.terms[c]) for c in pair)
     long = pool.terms[one].shaped({**dict(pool.terms[one].shape), "start": start, "end": end})
-    return pool.replacing({one: between_rows(pool, pool.fit(rest), long, robot)})
+    return pool.replacing({one: between_rows(pool, pool.fit(rest), long, robot)[1]})
 
 
 def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
@@ -241,57 +227,6 @@ def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:
     return bool(acting(part)[(time >= start) & (time <= end)].any())
 
 
-def between_rows(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
-    """A push with its times between rows, and a point of its own, where they add most evidence to a fit, by Gauss-Newton.
-
-    What the fit has at its bounds is free to leave them.
-    """
-    effect, fit = term.effect, _unbound(pool, fit)
-    if not isinstance(effect, Push):
-        return term
-    gain, coefficients = pool.gain_of(fit, term)
-    for _ in range(STEPS):
-        later, further = _steps(pool, fit, term, effect, coefficients, robot)
-        shape = dict(term.shape)
-        for name, by in (*zip(EDGES, later, strict=True), *zip(POINT, further, strict=False)):
-            shape[name] += float(by)
-        moved = term.shaped(shape)
-        if not effect.shape_allowed(shape):
-            break
-        better, found = pool.gain_of(fit, moved)
-        if better <= gain:
-            break
-        term, gain, coefficients = moved, better, found
-        if np.abs(later).max() < EXACT and np.abs(further).max(initial=0.0) < AT_POINT:
-            break
-    return term
-
-
-def _steps(
-    pool: Pool, fit: Fit, term: Term, effect: Push, coefficients: np.ndarray, robot: Robot
-) -> tuple[np.ndarray, np.ndarray]:
-    """A Gauss-Newton step of a push's times (2,) [s], and of its point (3,) [m] or of none where it is a usual one (0,)."""
-    equations, shape = pool.equations, dict(term.shape)
-    whole, own = effect.mixing(shape) @ coefficients[:, None], equations.made(term)
-    columns = [equations.pushed(term, rate, whole) for rate in _edge_rates(equations.motion, shape).T]
-    points = 0
-    if isinstance(effect, ExternalWrench) and distance(term, robot) > 0.0:
-        arms = equations.pushed(term, window(equations.motion, shape), effect.displaced(coefficients[:3]))
-        columns, own, points = [*columns, arms], own[..., :3], 3
-    found = pool.gain_of(fit, term, np.concatenate([*columns, own], axis=2))[1]
-    return np.clip(found[:2], -NEAR, NEAR), found[2 : 2 + points]
-
-
-def _edge_rates(motion: Motion, shape: dict[str, float]) -> np.ndarray:
-    """Change of a push's window per second that its start, and its end, come later, (N, 2) [1/s]."""
-    step = 1.0 / motion.signals.rate
-    later, earlier = (
-        np.stack([window(motion, {**shape, edge: shape[edge] + by}) for edge in EDGES], axis=1)
-        for by in (step, -step)
-    )
-    return (later - earlier) / (2.0 * step)
-
-
 def unseen(pool: Pool, term: Term) -> dict[str, float]:
     """For how long about each of a push's times no row counts, as while a joint rests, so that any time will do [s]."""
     equations = pool.equations
@@ -306,9 +241,3 @@ def unseen(pool: Pool, term: Term) -> dict[str, float]:
         about = (ends[:, 0] - NEAR <= at) & (at <= ends[:, 1] + NEAR)
         result[edge] = float(gaps[long][about].sum())
     return result
-
-
-def _unbound(pool: Pool, fit: Fit) -> Fit:
-    """A fit whose coefficients may leave their bounds: without a push among the terms they are held at what it does."""
-    moment = pool.total[1][pool.columns_of(fit.terms)]
-    return replace(fit, coefficients=cho_solve((fit.factor, True), moment))

@@ -179,7 +179,7 @@ class Search(Moves):
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         open_ = self.open_to(pool, chosen)
         shown = pool.gains(pool.fit(chosen), open_)
-        order = np.argsort(self.costs(pool, chosen)[open_] - shown)
+        order = np.argsort(self.costs(pool, chosen, open_) - shown)
         likely = [pool.terms[open_[k]] for k in order if shown[k] > FAINT][:HIDDEN_TRIED]
         sets = ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
         return self._first_better(now, (self._pool(noise, terms) for terms in sets))

@@ -88,7 +88,7 @@ def _single(search: Search, selection: Selection, crowd: Sequence[int]) -> tuple
     That it changes costs as much as another push.
     """
     pool, rest = selection.pool, _without(selection, crowd)
-    fit, costs = pool.fit(rest), 2.0 * search.costs(pool, rest)
+    fit, costs = pool.fit(rest), 2.0 * search.costs(pool, rest, range(len(pool.terms)))
     whole = _joined([pool.terms[c] for c in crowd])
     if len(crowd) == 1:
         (one,) = crowd

@@ -200,7 +200,7 @@ class Effect(ABC):
         Args:
             std: of the coefficients, where they need not be taken at their word, (k,).
         """
-        pairs = zip(coefficients, self.coefficient_bounds, strict=True)
+        pairs = zip(np.asarray(coefficients).tolist(), self.coefficient_bounds, strict=True)
         ends = ((value, end) for value, both in pairs for end in both[self.may_be_gone :])
         return not any(end and math.isclose(value, end, rel_tol=1e-3) for value, end in ends)
 

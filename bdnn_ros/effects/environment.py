@@ -193,11 +193,22 @@ def window(motion: Motion, shape: Values) -> np.ndarray:
 
     The arm hardly moves while an edge passes the low-pass, so that a column may be weighed with it.
     """
-    begun, over = (
-        np.clip((motion.time - shape[edge]) * motion.signals.rate + 0.5, 0.0, 1.0)
-        for edge in ("start", "end")
-    )
+    begun, over = (_past(motion, shape[edge]) for edge in EDGES)
     return motion.signals.soften(begun - over)
+
+
+def edge_rates(motion: Motion, shape: Values) -> np.ndarray:
+    """Change of a push's window per second that its start, and its end, come later, (N, 2) [1/s]."""
+    step = 1.0 / motion.signals.rate
+    earlier, later = (
+        np.stack([_past(motion, shape[edge] + by) for edge in EDGES], axis=1) for by in (-step, step)
+    )
+    return motion.signals.soften((later - earlier) * (1.0, -1.0) / (2.0 * step))
+
+
+def _past(motion: Motion, moment: float) -> np.ndarray:
+    """How much of each sample's period lies after a moment [s], (N,) in 0 to 1."""
+    return np.clip((motion.time - moment) * motion.signals.rate + 0.5, 0.0, 1.0)
 
 
 def windows(motion: Motion) -> list[dict[str, float]]:
