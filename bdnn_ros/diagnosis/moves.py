@@ -41,13 +41,14 @@ class Moves:
     def descend(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
         """Add, replace and drop terms until nothing changes; once only where weak terms have to wait.
 
-        A wrong term gives way first: what is added to mend it would keep it.
+        A wrong term gives way first: what is added to mend it would keep it. What no rival was better for is not asked again.
         """
-        chosen = self._replace(pool, chosen)
+        given, chosen = chosen, self._replace(pool, chosen)
         for _ in range(1 if least else MOST_ROUNDS):
             before = {pool.terms[c].place for c in chosen}
-            pool, chosen = self._add(pool, chosen, least)
-            chosen = self._replace(pool, chosen)
+            stays = chosen if chosen is given else None
+            pool, given = self._add(pool, chosen, least)
+            chosen = given if given is stays else self._replace(pool, given)
             pool, chosen = self._regrow(pool, chosen, least)
             chosen = self._drop(pool, chosen)
             if {pool.terms[c].place for c in chosen} == before:
@@ -131,7 +132,7 @@ class Moves:
             rest = [c for c in chosen if c not in group]
             now = self.score(pool, chosen)
             better = BETTER + toss(pool.terms[group[0]], now - self.score(pool, rest))
-            for rival, behind in self.rivals(pool, rest, *group)[:RIVALS_TRIED]:
+            for rival, behind in self.rivals(pool, chosen, *group)[:RIVALS_TRIED]:
                 if behind >= UNSURE:
                     break
                 grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
@@ -172,10 +173,11 @@ class Moves:
         """The chosen where other rows than those of a search have a say: replaced or dropped, nothing is added."""
         return self._drop(pool, self._replace(pool, chosen, late=True))
 
-    def rivals(self, pool: Pool, rest: Sequence[int], *group: int) -> list[tuple[int, float]]:
-        """What could stand where some terms do beside the rest, the best first, and by how much it seems to score less."""
+    def rivals(self, pool: Pool, chosen: Sequence[int], *group: int) -> list[tuple[int, float]]:
+        """What could stand where some of the chosen do, the best first, and by how much it seems to score less."""
+        rest = [c for c in chosen if c not in group]
         fit = pool.fit(rest)
-        kept = self.score(pool, [*rest, *group]) - self.score(pool, rest)
+        kept = self.score(pool, chosen) - self.score(pool, rest)
         where = near(pool.terms[group[0]])
         found = [c for c in self.open_to(pool, rest, where) if c not in group]
         if not found:

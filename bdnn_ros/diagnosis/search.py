@@ -195,7 +195,7 @@ class Search(Moves):
         own = self.score(pool, selection.chosen)
         for one in selection.chosen:
             rest = [c for c in selection.chosen if c != one]
-            for rival, behind in self.rivals(pool, rest, one):
+            for rival, behind in self.rivals(pool, selection.chosen, one):
                 if behind >= UNSURE or related(pool.terms[rival], pool.terms[one]):
                     continue
                 # where another is at a bound a rival seems ahead of all that would have it leave that bound
