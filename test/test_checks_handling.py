@@ -63,6 +63,10 @@ def test_no_load_one_that_stays_and_one_or_two_pushes_are_none(recording, period
     assert handling(prepare(carrying(recording, 2.0, period, share)), ARM) is None
 
 
+def test_what_lifts_twice_is_no_load_before_between_and_after(recording):
+    assert handling(prepare(carrying(recording, -2.0, 15.0, 0.3)), ARM) is None
+
+
 @pytest.mark.parametrize("off, told", [(0.5, True), (0.7, False)])
 def test_what_hangs_further_off_than_a_metre_in_all_is_no_load(off, told):
     """Though it does not along any axis."""

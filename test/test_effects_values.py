@@ -307,6 +307,13 @@ def test_friction_that_is_more_than_was_ever_measured_is_not_shown(name, values)
     assert law.shown(values, stds, most=3.1) and not law.shown(values, stds, most=2.9)
 
 
+@pytest.mark.parametrize("periods, shown", [(3.0, False), (3.02, False), (3.2, True)])
+def test_a_ripple_of_as_few_periods_as_any_that_are_tried_is_not_shown(periods, shown):
+    """A cable that pulled at one end of a joint's range was a spring and a cogging with three periods."""
+    values = {"amplitude": 1.0, "periods_per_rev": periods, "phase": 0.0}
+    assert get("cogging").shown(values, dict.fromkeys(values, 0.05)) is shown
+
+
 @pytest.mark.parametrize("crossing, shown", [(5e-4, True), (0.4, True), (0.499, False)])
 def test_a_gap_that_is_never_crossed_is_not_shown(crossing, shown):
     """A short way across is that of a small gap."""

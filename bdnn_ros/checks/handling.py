@@ -29,7 +29,7 @@ SWITCH = 4.0
 """What a change costs, in blocks' usual misfits."""
 ROUNDS = 10
 OFTEN = 3
-"""So many times it is picked up, or it is one load, or a push."""
+"""So many times it is there, and as many it is not, or it is one load or a push: what lifts seems a load before and after."""
 EXPLAINED = 0.4
 """Share of the squared error that it has to explain: friction of any kind explained up to a quarter of it."""
 LEAST_FREE = 10.0
@@ -169,7 +169,8 @@ def _handled(motion: _Motion, robot: Robot, link: int) -> Handling | None:
     times = _times(motion, there)
     explained = 1.0 - misfit / max(plain, 1e-30)
     carried = np.linalg.norm(load[1:]) < REACH * load[0]
-    if len(times) < OFTEN or explained < EXPLAINED or not carried:
+    often = min(len(times), len(_times(motion, ~there))) >= OFTEN
+    if not often or explained < EXPLAINED or not carried:
         return None
     return Handling(robot.moving_link(robot.joints[link]), float(load[0]), explained, times)
 

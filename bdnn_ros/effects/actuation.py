@@ -205,6 +205,11 @@ class Cogging(Effect):
         angle = shape["periods_per_rev"] * motion.position[:, target]
         return motion.sharp_column(target, np.sin(angle), np.cos(angle))
 
+    def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
+        # of as few periods as any that are tried it would rather have fewer: gravity, a spring, or what one end does
+        fewest, _ = self.shape_bounds["periods_per_rev"]
+        return values["periods_per_rev"] - stds["periods_per_rev"] > fewest
+
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         turning = (*range(3, 25), *range(26, 61, 2))
         periods = _along(motion, target) if motion.robot.slides[target] else turning
