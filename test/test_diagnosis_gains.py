@@ -197,6 +197,20 @@ def test_that_something_pushed_is_told_only_where_it_is_known_when(monkeypatch, 
     assert (findings == [push]) is told
 
 
+@pytest.mark.parametrize(
+    "name, changing, told",
+    [("external_wrench", False, False), ("external_wrench", True, True), ("coulomb_friction", False, True)],
+)
+def test_no_constant_push_is_named_where_much_is_left(monkeypatch, name, changing, told):
+    """A tool that rubs pushed one link with 220 N, said a diagnosis that left four fifths of the error."""
+    term = Term(get(name, "link") if name == "external_wrench" else get(name), 0)
+    estimate = SimpleNamespace(term=term, shown=True)
+    removal = Removal(np.array([0.5]), True, True, term.effect.timed)
+    judgement = Judgement(1.0, 0.0, (), changing=changing)
+    findings, _ = findings_of(monkeypatch, estimate, removal, judgement, poor=True)
+    assert (findings == [estimate]) is told
+
+
 def findings_of(
     monkeypatch,
     estimate,
@@ -204,6 +218,7 @@ def findings_of(
     judgement,
     tell=lambda robot, estimate, judgement, share: estimate,
     usable=EVERY,
+    poor=False,
 ):
     """What is told of one term by what it removes where it was held out; a little of all rows besides."""
     ever = Removal(np.array([0.1]), True, True, held_out.brief)
@@ -218,6 +233,6 @@ def findings_of(
         test=test, judgements=[judgement], fitted=SimpleNamespace(link_error=0.05), extended=None
     )
     arm, fit = Robot.bundled("arm2"), np.zeros(1, bool)
-    told = naming.named(arm, equations, attempt, [estimate], fit, set())
+    told = naming.named(arm, equations, attempt, [estimate], fit, np.array([poor]), set())
     assert told.silent == ([] if told.findings or told.unknown else [0])
     return told.findings, told.doubtful or bool(told.unknown)

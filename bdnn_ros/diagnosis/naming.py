@@ -64,12 +64,14 @@ def named(
     attempt: Attempt,
     found: Sequence[Estimate],
     unfit: np.ndarray,
+    poor: np.ndarray,
     unnamed: Container[int],
 ) -> Named:
     """Which terms have a name.
 
     Args:
         unfit: joints of which nothing is named, (n,) bool.
+        poor: those where much is left, of which no push is named that is constant, (n,) bool.
         unnamed: terms that have no name, whatever they explain.
     """
     held = equations.usable & attempt.test[:, None]
@@ -93,7 +95,9 @@ def named(
         weighty.append(one)
         sure = judgement.nothing <= DOUBTFUL <= judgement.at_least(estimate.term)
         # what is named for a link or the base is told by joints that bear most of it
-        sure &= not unfit[np.argmax(ever.less / scale**2)]
+        most = np.argmax(ever.less / scale**2)
+        constant = estimate.term.effect.timed and not judgement.changing
+        sure &= not (unfit[most] or (constant and poor[most]))
         if sure and (estimate.shown or _alone(estimate, found)):
             # causes that work against each other may each remove more than there is
             share = min(max(squares(less, held) / before, 0.0), 1.0)

@@ -40,7 +40,8 @@ from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 
 MUCH_LEFT = 0.5
-"""Of joints that move now and then, what leaves this share of a joint's error may stand for what changes with time there."""
+"""What leaves this share of a joint's error says little of it: of a joint that moves now and then its causes may stand for
+what changes with time there, and a push that is constant would leave no more than noise."""
 TOLD = 2.0
 """What is so many times the noise floor is said to be left there, though too small a share of the effort to matter."""
 GROWS = 1.02
@@ -56,7 +57,8 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     robot, equations, attempt, since = case.robot, case.equations, case.attempt, case.since
     near = case.near(case.extended)
     unfit = _unfit(equations, case.simulation, case.extended, near)
-    names = named(robot, equations, attempt, case.found, unfit, case.at_ends | case.always)
+    poor = _poor(case.simulation, case.extended, near)
+    names = named(robot, equations, attempt, case.found, unfit, poor, case.at_ends | case.always)
     alike = _alike(case, names.findings)
     before = None if since is None else since.velocity_cutoff
     # a filtered velocity is no cause of an effort's error, and says nothing of what else is one
@@ -187,7 +189,12 @@ def _unfit(
     seldom = equations.moving < least_motion(equations.motion.signals)
     # what acted outside the held-out rows alone leaves them as they were, at the noise
     worse = any(after > before for before, after in (scaled, plain)) and not near.all()
-    return np.asarray((seldom & ~near & (extended > MUCH_LEFT * simulation)) | worse)
+    return np.asarray((seldom & _poor(simulation, extended, near)) | worse)
+
+
+def _poor(simulation: np.ndarray, extended: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Joints where much of the error is left above the noise, (n,) bool; see `_unfit`."""
+    return np.asarray(~near & (extended > MUCH_LEFT * simulation))
 
 
 def _unclear(case: Case, names: Named) -> bool:
