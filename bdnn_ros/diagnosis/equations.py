@@ -278,7 +278,7 @@ class Equations:
         heard = term.effect.echo(self.motion, term.target, dict(term.shape))
         if heard is not None:
             inertia, compliance, cutoff = heard
-            weight = inertia * self._echo.heard(cutoff, inertia * compliance) * self.usable[:, term.target]
+            weight = inertia * self._echo.heard(cutoff, inertia * compliance) * self.full()[:, term.target]
             result[:, 0] = np.bincount(self.block, weight, self.blocks)
         return result
 
