@@ -211,6 +211,18 @@ def test_no_constant_push_is_named_where_much_is_left(monkeypatch, name, changin
     assert (findings == [estimate]) is told
 
 
+@pytest.mark.parametrize(
+    "name, told, named_so",
+    [("cogging", 0.2, True), ("cogging", 0.3, False), ("coulomb_friction", 0.3, True)],
+)
+def test_a_law_beside_which_inputs_tell_much_is_not_the_one(monkeypatch, name, told, named_so):
+    """A bump at a place was cogging, an offset and a push at once; what every joint has may be there besides."""
+    estimate = SimpleNamespace(term=Term(get(name), 0), shown=True)
+    removal = Removal(np.array([0.5]), True, True, False)
+    findings, _ = findings_of(monkeypatch, estimate, removal, Judgement(1.0, 0.0, ()), told=told)
+    assert (findings == [estimate]) is named_so
+
+
 def findings_of(
     monkeypatch,
     estimate,
@@ -219,6 +231,7 @@ def findings_of(
     tell=lambda robot, estimate, judgement, share: estimate,
     usable=EVERY,
     poor=False,
+    told=0.0,
 ):
     """What is told of one term by what it removes where it was held out; a little of all rows besides."""
     ever = Removal(np.array([0.1]), True, True, held_out.brief)
@@ -233,6 +246,7 @@ def findings_of(
         test=test, judgements=[judgement], fitted=SimpleNamespace(link_error=0.05), extended=None
     )
     arm, fit = Robot.bundled("arm2"), np.zeros(1, bool)
-    told = naming.named(arm, equations, attempt, [estimate], fit, np.array([poor]), set())
-    assert told.silent == ([] if told.findings or told.unknown else [0])
-    return told.findings, told.doubtful or bool(told.unknown)
+    poor, told = np.array([poor]), np.array([told])
+    names = naming.named(arm, equations, attempt, [estimate], fit, poor, told, set())
+    assert names.silent == ([] if names.findings or names.unknown else [0])
+    return names.findings, names.doubtful or bool(names.unknown)

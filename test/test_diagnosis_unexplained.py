@@ -64,6 +64,39 @@ def test_what_it_depends_on_is_named_first(equations, key, of):
     assert not remainder.predicted[:, 1].any()
 
 
+@pytest.mark.parametrize(
+    "keys, of",
+    [
+        (("position", "velocity"), lambda q, v: np.sin(2.0 * q[:, 0]) * np.sign(v[:, 0])),
+        (("velocity", "velocity"), lambda q, v: v[:, 0] * v[:, 1]),
+        (("velocity", "position"), lambda q, v: v[:, 0] * np.sin(2.0 * q[:, 1])),
+        (("position",), lambda q, v: np.exp(-(((q[:, 0] - np.median(q[:, 0])) / 0.1) ** 2))),
+    ],
+)
+def test_what_two_inputs_do_together_is_no_noise(equations, keys, of):
+    """Nor is what happens at a place: neither is a sum of functions of single inputs that are smooth."""
+    noise, _ = white(equations, STD, 5)
+    signal = rows(equations, of(equations.motion.position, equations.motion.velocity))
+    signal = 8.0 * STD * (signal - signal.mean()) / signal.std()
+    residual = noise.copy()
+    residual[:, 0] += signal
+    scale = np.full(2, 20.0 * STD)
+    remainder = describe(replace(equations, effort_scale=scale), residual)
+    other = J1 if keys == ("position", "velocity") else J2
+    of_joints = {f"{joint}.{key}" for joint, key in zip((J1, other), keys, strict=False)}
+    assert set(remainder.depends_on()) == of_joints
+    assert remainder.floor[0] ** 2 - STD**2 < 0.15 * np.mean(signal**2)
+    assert remainder.floor[1] == pytest.approx(STD, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_no_pair_predicts_noise_by_chance(equations, seed):
+    """However much of the effort it is."""
+    quiet = replace(equations, effort_scale=np.full(2, STD))
+    assert describe(quiet, white(equations, STD, seed)[0]).inputs == {}
+    assert describe(quiet, coloured(equations, np.array([0.8]), STD, seed)).inputs == {}
+
+
 def test_what_it_depends_on_is_told_of_the_joints_that_it_is_asked_of(equations):
     """By what it predicts there: of a weak joint a large share of its effort was told before much of a strong one's."""
     noise, _ = white(equations, STD, 5)

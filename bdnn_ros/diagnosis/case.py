@@ -73,6 +73,12 @@ class Case:
         return np.asarray(self.extended**2 - self.floor**2)
 
     @property
+    def told(self) -> np.ndarray:
+        """What is left above the noise of joints where inputs predict it, squared, (n,) [(N·m)²]."""
+        joints = self.equations.motion.signals.joints
+        return self.left * np.array([joint in self.remainder.inputs for joint in joints])
+
+    @property
     def share_left(self) -> float:
         """Part of the simulation's squared error that the extended model leaves above the noise."""
         return max(self._share(self.left), 0.0)

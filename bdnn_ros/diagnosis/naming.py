@@ -30,6 +30,10 @@ DOUBTFUL = 0.1
 likely as this beside what could stand in its place."""
 UNLIKELY = 0.5
 """What has no name is told as a doubt only where nothing at all is no likelier than this."""
+WEAR = ("armature", "viscous_friction", "coulomb_friction")
+"""What every joint has, whatever else happens there."""
+OF_THIS_FORM = 2.0
+"""Any other law removes so many times what is left that inputs predict: else they do something there that has not its form."""
 CHANGES = " Its force changes meanwhile, or where it acts: this is the constant push that comes nearest."
 """What is said of a push that no constant one explains."""
 
@@ -65,6 +69,7 @@ def named(
     found: Sequence[Estimate],
     unfit: np.ndarray,
     poor: np.ndarray,
+    told: np.ndarray,
     unnamed: Container[int],
 ) -> Named:
     """Which terms have a name.
@@ -72,6 +77,7 @@ def named(
     Args:
         unfit: joints of which nothing is named, (n,) bool.
         poor: those where much is left, of which no push is named that is constant, (n,) bool.
+        told: what is left there that inputs predict, (n,) [(N·m)²].
         unnamed: terms that have no name, whatever they explain.
     """
     held = equations.usable & attempt.test[:, None]
@@ -97,6 +103,8 @@ def named(
         # what is named for a link or the base is told by joints that bear most of it
         most = np.argmax(ever.less / scale**2)
         constant = estimate.term.effect.timed and not judgement.changing
+        formed = max(held_out.less[most], ever.less[most]) >= OF_THIS_FORM * told[most]
+        sure &= formed or estimate.term.effect.name in WEAR
         sure &= not (unfit[most] or (constant and poor[most]))
         if sure and (estimate.shown or _alone(estimate, found)):
             # causes that work against each other may each remove more than there is

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Generic, TypeVar
 
 import numpy as np
+
+K = TypeVar("K", bound=Hashable)
 
 FOLDS = 5
 RIDGE = 1e-2
@@ -16,7 +19,7 @@ ADDS = 0.05
 """A group is chosen beside others where it predicts this share more."""
 
 
-class Predictor:
+class Predictor(Generic[K]):
     """Ridge prediction of a value from groups of inputs, each of five folds of blocks from the others.
 
     Args:
@@ -27,7 +30,7 @@ class Predictor:
     """
 
     def __init__(
-        self, groups: Mapping[str, np.ndarray], value: np.ndarray, rows: np.ndarray, block: np.ndarray
+        self, groups: Mapping[K, np.ndarray], value: np.ndarray, rows: np.ndarray, block: np.ndarray
     ) -> None:
         inputs = np.concatenate([np.ones((len(value), 1)), *groups.values()], axis=1)
         among = inputs[rows] if rows.any() else np.zeros((1, inputs.shape[1]))
@@ -46,7 +49,7 @@ class Predictor:
         self._energy = np.array([float(value[part] @ value[part]) for part in parts])
         self._known: dict[tuple[bytes, bytes], np.ndarray] = {}
 
-    def predicted(self) -> tuple[np.ndarray, dict[str, float]]:
+    def predicted(self) -> tuple[np.ndarray, dict[K, float]]:
         """What groups that are chosen by the other folds alone predict, (R,), and by what share of the value each helps.
 
         The choice is part of the prediction: of many groups one may suit the folds that it is chosen by, but not the one
@@ -68,9 +71,9 @@ class Predictor:
         named = named or {key for key, share in mean.items() if share == best > 0.0}
         return result, {key: mean[key] for key in named}
 
-    def _chosen(self, folds: Sequence[int]) -> dict[str, float]:
+    def _chosen(self, folds: Sequence[int]) -> dict[K, float]:
         """Groups that help one after another, with the share of the value that each predicts beside those before it."""
-        columns, found = np.zeros(1, int), dict[str, float]()
+        columns, found = np.zeros(1, int), dict[K, float]()
         left, whole = self._left(columns, folds), float(self._energy[list(folds)].sum())
         while len(found) < len(self._columns):
             tried = {

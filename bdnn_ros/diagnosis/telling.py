@@ -58,7 +58,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     near = case.near(case.extended)
     unfit = _unfit(equations, case.simulation, case.extended, near)
     poor = _poor(case.simulation, case.extended, near)
-    names = named(robot, equations, attempt, case.found, unfit, poor, case.at_ends | case.always)
+    names = named(robot, equations, attempt, case.found, unfit, poor, case.told, case.at_ends | case.always)
     alike = _alike(case, names.findings)
     before = None if since is None else since.velocity_cutoff
     # a filtered velocity is no cause of an effort's error, and says nothing of what else is one

@@ -6,18 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 from scipy.ndimage import binary_opening
 
 from bdnn_ros.diagnosis.equations import Equations
+from bdnn_ros.diagnosis.inputs import Key, ageing, names, pairs, single
 from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.predicting import Predictor, by_chance
 
-ACCELERATION = ".acceleration"
-TIME = "time"
-HARMONICS = 9
 WORTH = 0.1
 """Inputs are named when they predict at least this share of what is left, on blocks that had no say in them."""
+MATTERS = 0.02
+"""What single inputs leave of a joint's error matters beyond this share of its effort's spread."""
 GAUSSIAN = 1.4826
 """Standard deviation of normal noise per median of its size."""
 LARGE_ERROR = 0.4
@@ -62,27 +61,19 @@ def describe(
     stepping: np.ndarray | float = 0.0,
     dry: np.ndarray | float = 0.0,
 ) -> Remainder:
-    """Regress a residual, rows (R, n) [N·m], on every joint's position, velocity, acceleration and load, and on time.
+    """Regress a residual, rows (R, n) [N·m], on every joint's position, velocity, acceleration and load, on time, and on pairs.
 
     Args:
         stepping: what the steps in which the position is read may make of each joint, (n,) [N·m].
         dry: what dry friction that is known may hold of each joint while it rests, (n,) [N·m].
     """
-    names = equations.motion.signals.joints
-    groups = _inputs(equations)
+    joints, groups = equations.motion.signals.joints, single(equations)
     predicted = np.zeros_like(residual)
     inputs: dict[str, dict[str, float]] = {}
-    for j, rows in enumerate(equations.usable.T):
-        own = groups | {TIME: _ageing(equations, j)}
-        guess, shares = Predictor(own, residual[:, j], rows, equations.block).predicted()
-        left = residual[:, j] - guess
-        before, after = float(np.sum(residual[rows, j] ** 2)), float(np.sum(left[rows] ** 2))
-        if before - after <= WORTH * before + by_chance(left, rows, len(own)) * after:
-            continue
-        predicted[:, j] = guess
-        inputs[names[j]] = {
-            key: share * before / float(rows.sum()) for key, share in shares.items() if share > 0.0
-        }
+    for j in range(equations.width):
+        found = _told(equations, groups, residual[:, j], j)
+        if found is not None:
+            predicted[:, j], inputs[joints[j]] = found
     rest = [(residual - predicted)[equations.usable[:, j], j] for j in range(equations.width)]
     floor, calm = np.array([rms(left) for left in rest]), np.array([_between_bursts(left) for left in rest])
     uneven = floor > np.maximum(UNEVEN * calm, stepping)
@@ -90,9 +81,48 @@ def describe(
         np.where(uneven, calm, floor),
         inputs,
         predicted,
-        tuple(name for name, one in zip(names, uneven, strict=True) if one),
-        tuple(name for name, one in zip(names, _borne_at_rest(equations, residual, dry), strict=True) if one),
+        tuple(name for name, one in zip(joints, uneven, strict=True) if one),
+        tuple(
+            name for name, one in zip(joints, _borne_at_rest(equations, residual, dry), strict=True) if one
+        ),
     )
+
+
+def _told(
+    equations: Equations, groups: Mapping[Key, np.ndarray], residual: np.ndarray, joint: int
+) -> tuple[np.ndarray, dict[str, float]] | None:
+    """What inputs predict of a joint's residual (R,), and how much each does [(N·m)²]; None where that is not certain.
+
+    Pairs of inputs are asked only where single ones leave what matters, and believed where they predict much of that.
+    """
+    rows = equations.usable[:, joint]
+    own = {**groups, **ageing(equations, joint)}
+    guess, shares = _guess(equations, own, residual, rows)
+    before = float(np.sum(residual[rows] ** 2))
+    if rms((residual - guess)[rows]) > MATTERS * equations.effort_scale[joint]:
+        more, of_more = _guess(equations, {**own, **pairs(equations, joint)}, residual, rows)
+        if shares and rms((residual - more)[rows]) ** 2 > (1.0 - WORTH) * rms((residual - guess)[rows]) ** 2:
+            more, of_more = guess, shares
+        guess, shares = more, of_more
+    if not shares:
+        return None
+    much: dict[str, float] = {}
+    for key, share in shares.items():
+        for name in names(key):
+            much[name] = much.get(name, 0.0) + share * before / float(rows.sum())
+    return guess, much
+
+
+def _guess(
+    equations: Equations, groups: Mapping[Key, np.ndarray], residual: np.ndarray, rows: np.ndarray
+) -> tuple[np.ndarray, dict[Key, float]]:
+    """What groups predict of a residual (R,), and the shares that help; nothing where chance would do as much."""
+    guess, shares = Predictor(groups, residual, rows, equations.block).predicted()
+    left = residual - guess
+    before, after = float(np.sum(residual[rows] ** 2)), float(np.sum(left[rows] ** 2))
+    if before - after <= WORTH * before + by_chance(left, rows, len(groups)) * after:
+        return np.zeros_like(residual), {}
+    return guess, {key: share for key, share in shares.items() if share > 0.0}
 
 
 def _borne_at_rest(equations: Equations, residual: np.ndarray, dry: np.ndarray | float) -> np.ndarray:
@@ -108,36 +138,6 @@ def _borne_at_rest(equations: Equations, residual: np.ndarray, dry: np.ndarray |
     step = float(np.median(np.diff(signals.time[equations.rows])))
     period = int(np.ceil(1.0 / (signals.cutoff * step)))
     return np.asarray(binary_opening(large, np.ones((period, 1), bool)).any(axis=0))
-
-
-def _inputs(equations: Equations) -> dict[str, np.ndarray]:
-    """Features of every input, rows (R, k) each, made like the columns of effects: at the working rate, then reduced."""
-    motion = equations.motion
-    groups: dict[str, np.ndarray] = {}
-    for j, name in enumerate(motion.signals.joints):
-        q, v, load = motion.position[:, j], motion.velocity[:, j], motion.load[:, j]
-        groups[name + ACCELERATION] = motion.acceleration[:, j : j + 1]
-        waves = [f(k * q) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
-        fast = np.abs(v) / max(float(np.std(v)), 1e-6)
-        groups[f"{name}.position"] = np.stack(waves, axis=1)
-        steps = [motion.signals.sign[:, j] * np.exp(-fast * k) for k in (0.0, 1.0, 4.0, 16.0)]
-        groups[f"{name}.velocity"] = np.stack([v, v * np.abs(v), *steps], axis=1)
-        groups[f"{name}.load"] = np.stack(
-            [load, np.abs(load) * motion.signals.sign[:, j], load * np.abs(load)], axis=1
-        )
-    return {key: motion.signals.smooth(values)[equations.rows] for key, values in groups.items()}
-
-
-def _ageing(equations: Equations, joint: int) -> np.ndarray:
-    """Features (R, k) of time: what changes slowly of a joint's effort, at rest or with its velocity, as friction does."""
-    motion = equations.motion
-    span = max(float(np.ptp(motion.time)), 1e-9)
-    slow = legvander(2.0 * (motion.time - motion.time[0]) / span - 1.0, 3)
-    of = np.stack(
-        [np.ones_like(motion.time), motion.velocity[:, joint], motion.signals.sign[:, joint]], axis=1
-    )
-    values = (slow[:, :, None] * of[:, None, :]).reshape(len(slow), -1)[:, 1:]
-    return motion.signals.smooth(values)[equations.rows]
 
 
 def _between_bursts(values: np.ndarray) -> float:
