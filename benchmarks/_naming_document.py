@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from _naming_outside import section as outside
 from _naming_readings import section as readings
 from _naming_recordings import RECORDED, in_words, tables
 from _naming_records import latest
@@ -99,6 +100,7 @@ def write(results: Path, sources: str) -> None:
         markdown(by_effect(records)),
         "\n## By condition\n",
         markdown(by_condition(records)),
+        *outside(sources),
         *readings(sources),
         *section(sources),
         *_real_recordings(),
