@@ -43,7 +43,7 @@ def advice(
         sentences += [
             _to_tell(term, some, robot, places, k not in unnamed) for some in (passed, lasting) if some
         ]
-    return sentences
+    return list(dict.fromkeys(sentences))
 
 
 def _to_tell(

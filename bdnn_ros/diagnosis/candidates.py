@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from scipy.optimize import minimize
@@ -96,14 +97,18 @@ class Candidates:
         return [term for term in self.terms if term.effect.name in COMMON]
 
     def shaped(self, equations: Equations, pool: Pool, fit: Fit) -> list[Term]:
-        """Each candidate that is not in the pool, with the shape that fits best beside the pool's terms."""
+        """Each candidate that is not in the pool, with the shape that fits best beside the pool's terms.
+
+        Where something of the pool pushes it may do so once more.
+        """
         present = {term.place for term in pool.terms}
         result = []
         for term in self.terms:
-            if term.place in present:
-                continue
             if term.effect.timed:
-                result.append(best_push(pool, fit, term, self.robot)[1])
+                free = next(one for one in _recurring(term) if one.place not in present)
+                result.append(best_push(pool, fit, free, self.robot)[1])
+                continue
+            if term.place in present:
                 continue
             shapes = term.shapes(equations.motion)
             if len(shapes) == 1:
@@ -175,6 +180,11 @@ class Candidates:
                 values = term.effect.values(coefficients, dict(term.shape))
                 term.effect.install(plant, term.target, values, term.link)
         return plant.robot, plant.position_offset
+
+
+def _recurring(term: Term) -> Iterator[Term]:
+    """A term that acts for a time, and the same once more, and once more."""
+    return (replace(term, again=again) for again in count())
 
 
 def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:

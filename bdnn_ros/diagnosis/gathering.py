@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from bdnn_ros.diagnosis.contact import distance
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.moves import BETTER
-from bdnn_ros.diagnosis.pushes import follows, lasting, nearest, reshaped, together, toss
+from bdnn_ros.diagnosis.parting import parted
+from bdnn_ros.diagnosis.pushes import follows, lasting, nearest, pushes_but, reshaped, together, toss
 from bdnn_ros.robot import Robot
 
 Score = Callable[[Pool, Sequence[int]], float]
@@ -19,13 +20,14 @@ def gathered(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple
     Args:
         score: of a set of a pool's terms, see `Moves.score`.
     """
+    pool, chosen = parted(pool, chosen, robot, score)
     pool, chosen = _joined(pool, chosen, robot, score)
     for one in [c for c in chosen if pool.terms[c].effect.timed]:
         if one not in chosen:
             continue
         rest = [c for c in chosen if not together(pool.terms[c], pool.terms[one])]
         other = reshaped(pool, rest, robot, [c for c in chosen if c not in rest])
-        pushes = [c for c in range(len(other.terms)) if other.terms[c].effect.timed and c not in rest]
+        pushes = pushes_but(other, rest, one)
         scores, without = {c: score(other, [*rest, c]) for c in pushes}, score(other, rest)
         best = nearest(other, scores, without, robot)
         better = scores[best] - score(pool, chosen)

@@ -179,7 +179,8 @@ class Moves:
         fit = pool.fit(rest)
         kept = self.score(pool, chosen) - self.score(pool, rest)
         where = near(pool.terms[group[0]])
-        found = [c for c in self.open_to(pool, rest, where) if c not in group]
+        spots = {pool.terms[c].spot for c in group}  # the same once more is no rival
+        found = [c for c in self.open_to(pool, rest, where) if pool.terms[c].spot not in spots]
         if not found:
             return []
         scores = pool.gains(fit, found) - self.costs(pool, rest, found)

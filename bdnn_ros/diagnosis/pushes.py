@@ -78,6 +78,13 @@ def reshaped(pool: Pool, rest: Sequence[int], robot: Robot, found: Sequence[int]
     return pool.replacing({c: term for c, (_, term) in best.items()}) if best else pool
 
 
+def pushes_but(pool: Pool, rest: Sequence[int], one: int) -> list[int]:
+    """Which terms push and are not among the rest: at the place of one of them that one alone."""
+    spot = pool.terms[one].spot
+    pushes = (c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest)
+    return [c for c in pushes if c == one or pool.terms[c].spot != spot]
+
+
 def _gain(found: tuple[float, Term]) -> float:
     return found[0]
 
@@ -120,6 +127,14 @@ def piece_of(small: Term, large: Term) -> bool:
     touching = min(abs(one["end"] - other["start"]), abs(one["start"] - other["end"])) < TOUCHING
     inside = one["start"] > other["start"] - TOUCHING and one["end"] < other["end"] + TOUCHING
     return shorter and (touching or inside)
+
+
+def within(small: Term, large: Term) -> bool:
+    """Whether one push begins well after another has begun, and ends well before that does."""
+    if not (small.effect.timed and large.effect.timed):
+        return False
+    (start, end), (begun, over) = edges(small), edges(large)
+    return begun + TOUCHING < start and end < over - TOUCHING
 
 
 def follows(one: Term, other: Term) -> bool:

@@ -67,7 +67,7 @@ class Selection:
         return [self.pool.terms[c] for c in self.chosen]
 
     @property
-    def places(self) -> frozenset[tuple[str, str, int, str | None]]:
+    def places(self) -> frozenset[tuple[str, str, int, str | None, int]]:
         """What they are and where, whatever their shapes."""
         return frozenset(term.place for term in self.terms)
 

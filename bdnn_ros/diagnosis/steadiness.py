@@ -11,7 +11,7 @@ from bdnn_ros.diagnosis.coloring import LEAST_ROWS, noise_of
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.identifiability import Judgement, judged
-from bdnn_ros.diagnosis.pushes import CONTENDS, TOUCHING, edges, nearest, pushing, reshaped
+from bdnn_ros.diagnosis.pushes import CONTENDS, TOUCHING, edges, nearest, pushes_but, pushing, reshaped
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.effects.environment import ExternalWrench, Push, window
@@ -97,7 +97,7 @@ def _single(search: Search, selection: Selection, crowd: Sequence[int]) -> tuple
             return None
     constant = search.score(pool, selection.chosen) - search.score(pool, rest)
     pool = reshaped(pool, rest, search.candidates.robot)
-    pushes = [c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest]
+    pushes = pushes_but(pool, rest, crowd[0])
     gains = dict(zip(pushes, pool.gains(fit, pushes), strict=True))
     near = [c for c in pushes if gains[c] > CONTENDS * max(gains.values())]
     scores = {c: _swelling(pool, fit, pool.terms[c], whole) - costs[c] for c in near}

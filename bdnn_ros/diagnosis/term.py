@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,12 +18,17 @@ NOTHING = 1e-4
 
 @dataclass(frozen=True)
 class Term:
-    """An effect at its place, with the shape its columns are made with."""
+    """An effect at its place, with the shape its columns are made with.
+
+    Attributes:
+        again: which of those that act at one place one after another, from 0; only what acts for a time may do so again.
+    """
 
     effect: Effect
     target: int
     link: str | None = None
     shape: tuple[tuple[str, float], ...] = ()
+    again: int = 0
 
     @property
     def title(self) -> str:
@@ -31,8 +36,13 @@ class Term:
         return f"a drift of {self.effect.title}" if self.effect.name == "drift" else self.effect.title
 
     @property
-    def place(self) -> tuple[str, str, int, str | None]:
-        """What it is and where, without the shape."""
+    def place(self) -> tuple[str, str, int, str | None, int]:
+        """What it is, where, and which of those there, without the shape."""
+        return (*self.spot, self.again)
+
+    @property
+    def spot(self) -> tuple[str, str, int, str | None]:
+        """What it is and where, whichever of those there."""
         return (self.effect.name, self.effect.variant, self.target, self.link)
 
     @property
@@ -53,7 +63,7 @@ class Term:
 
     def shaped(self, shape: dict[str, float]) -> Term:
         """The same effect with another shape."""
-        return Term(self.effect, self.target, self.link, tuple(sorted(shape.items())))
+        return replace(self, shape=tuple(sorted(shape.items())))
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Shapes to try first: those of the effect, or the only one there is."""
