@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.lookalikes import Placed
 from bdnn_ros.diagnosis.noise import rms
 from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped, toss
+from bdnn_ros.diagnosis.scaled import scaled
 from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.term import Term
 from bdnn_ros.robot.axes import spins
@@ -261,6 +262,8 @@ def _weighed(
                 score = search.score_beside(pool, base, c)
             more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
             scores[c] = max(scores.get(c, -np.inf), score - more)
+    for c, score in scaled(search, pool, rest, one).items():
+        scores[c] = max(scores.get(c, -np.inf), score)
     for c in [c for c in scores if _hang(term, pool.terms[c])]:
         # how well a motion shows that a load's centre is on an axis speaks against neither link that turns about it
         behind = pool.fit([*rest, c]).loss - fit_both.loss
