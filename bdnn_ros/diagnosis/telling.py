@@ -10,6 +10,7 @@ from bdnn_ros.diagnosis.advice import MORE, MORE_SINCE, advice
 from bdnn_ros.diagnosis.alike import ALIKE, FEWEST, SETTLED, Common, common, tied, untold
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.case import Case
+from bdnn_ros.diagnosis.endless import endless
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of
 from bdnn_ros.diagnosis.naming import Named, beyond_links, name_of, named
@@ -68,7 +69,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     )
     findings = [*causes, *of_velocity]
     changing = any(judgement.changing for judgement in attempt.judgements)
-    said = names.unsaid <= MOST and not changing
+    said = names.unsaid <= MOST and not changing and not _unseen(case, names)
     of_effort = _verdict(causes, _unclear(case, names), bool(near.all()), said)
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
     gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
@@ -148,6 +149,7 @@ def _notes(
         *[THROUGHOUT] * bool(case.always),
         *([] if since else haunted(robot, findings)),
         *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
+        *_unseen(case, names),
         *unnamed([(one.term, place) for one, place in silent], names.unsaid, since),
         *unknown(
             [(one, place, beyond_links(equations, error, one, but_rotor=True)) for one, place in unknowns]
@@ -158,6 +160,12 @@ def _notes(
         *([] if alike is None else [alike.said(ALIKE)]),
         *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
     )
+
+
+def _unseen(case: Case, names: Named) -> list[str]:
+    """The notes on named pushes that another cause which changed may be."""
+    told = (case.found[one] for one in names.weighty if one not in (*names.silent, *names.unknown))
+    return [note for one in told for note in endless(one, name_of(case.robot, one.term), case.equations)]
 
 
 def _mended(case: Case, least: float) -> list[str]:
