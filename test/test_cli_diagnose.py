@@ -295,10 +295,11 @@ def test_where_more_than_noise_is_left_is_said_first():
     )
     diagnosis = Diagnosis({}, "partly_explained", (found,), {}, 0.9, (0.8, 0.95), 0.1, (), "", (), (), ("b",))
     for model, named in ((None, "Root causes"), (object(), "Changes")):
-        left, unnamed = (
+        left, unnamed, endless = (
             verdict_lines(SimpleNamespace(diagnosis=one, model=model))[0]
-            for one in (diagnosis, replace(diagnosis, above=()))
+            for one in (diagnosis, replace(diagnosis, above=()), replace(diagnosis, above=(), endless=True))
         )
+        assert endless == f"{named} identified; what is told as a push may be another cause:"
         assert left == f"{named} identified; beside them more than the noise is left at b:"
         assert unnamed == f"{named} identified; most of what the extended model mends has no name:"
 

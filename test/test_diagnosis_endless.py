@@ -13,6 +13,7 @@ from bdnn_ros.diagnosis.endless import endless
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.posterior import estimates
 from bdnn_ros.effects.registry import parse_spec
+from bdnn_ros.report.words import claim
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation import simulate
 
@@ -63,6 +64,7 @@ def test_a_zero_that_creeps_is_not_explained_by_a_push():
     told = diagnose([recording], robot)
     assert told.verdict == "partly_explained"
     assert any("begins is not seen" in note for note in told.notes)
+    assert claim(told).endswith("what is told as a push may be another cause.")
 
 
 @pytest.mark.slow

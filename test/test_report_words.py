@@ -225,6 +225,7 @@ def test_what_is_left_beside_the_causes_is_told_with_its_place_and_size() -> Non
         verdict="partly_explained",
         unexplained_share=0.003,
         above=("j5", "j2"),
+        endless=False,
     )
     assert words.claim(told) == (
         "With this cause and the links corrected, 0.3 % of the simulation's squared error is left above the noise, at j5, j2."
@@ -233,6 +234,8 @@ def test_what_is_left_beside_the_causes_is_told_with_its_place_and_size() -> Non
     assert "less than 0.1 % of the earlier model's" in words.claim(told, since=True)
     told.above = ()
     assert words.claim(told).endswith("most of what the extended model mends has no name.")
+    told.endless = True
+    assert words.claim(told) == "This cause explains the error; what is told as a push may be another cause."
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,7 @@ CHANGES = {
 ALSO = " and with what is told of {these} below"
 """What is said of errors that are no findings, where they make up most of what is mended."""
 LEFT = "beside them more than the noise is left at {where}"
+OPEN = "what is told as a push may be another cause"
 MOSTLY_UNNAMED = "most of what the extended model mends has no name"
 AGREES = "The {reference} agrees with the measured efforts."
 NO_CAUSE = "No cause is needed to explain the measured efforts."
@@ -134,7 +135,8 @@ def run(args: argparse.Namespace) -> int:
 def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[str]:
     """The verdict as a person would write it, a line each, without notes that are known already."""
     diagnosis = examination.diagnosis
-    beside = LEFT.format(where=listed(diagnosis.above)) if diagnosis.above else MOSTLY_UNNAMED
+    beside = OPEN if diagnosis.endless else MOSTLY_UNNAMED
+    beside = LEFT.format(where=listed(diagnosis.above)) if diagnosis.above else beside
     also = ALSO.format(these=" and ".join(diagnosis.also)) if diagnosis.also else ""
     since = examination.model is not None
     verdict = (CHANGES if since else VERDICTS)[diagnosis.verdict]

@@ -98,6 +98,7 @@ class Diagnosis:
         above: joints where the extended model errs by more than the noise, those with most left first; not in diagnosis.json.
         slight: those where it errs by more than twice the noise, though by too little to matter; nor is this.
         also: "links", "stamps": what without being a finding makes up most of what the extended model mends; nor is this.
+        endless: whether a push is named that is not seen to begin or to end, and may be another cause; nor is this.
     """
 
     source: Mapping[str, Any]
@@ -114,6 +115,7 @@ class Diagnosis:
     above: tuple[str, ...] = field(default=())
     slight: tuple[str, ...] = field(default=())
     also: tuple[str, ...] = field(default=())
+    endless: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""

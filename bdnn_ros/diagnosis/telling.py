@@ -91,6 +91,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
         notes=_notes(case, names, findings, of_effort, interval[0], alike),
         above=above,
         slight=slight,
+        endless=bool(_unseen(case, names)),
         also=("links",) * (case.by_links > MOST) + ("stamps",) * bool(_led(case)),
     )
 

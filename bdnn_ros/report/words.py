@@ -33,6 +33,8 @@ CLAIMS = {
 }
 LEFT = "With {these} and the links corrected, {left} of the {reference}'s squared error is left above the noise, at {above}."
 """What is claimed of causes beside which more than the noise is left somewhere."""
+OPEN = "{These} {explain} the error; what is told as a push may be another cause."
+"""What is claimed where a push is not seen to begin or to end."""
 UNCHANGED = "No change since the model was identified can be shown: nothing that was found surely predicts better than it does."
 """What takes the place of what disagrees, where the gain on an earlier model may be nothing: no model is without any error."""
 WITHOUT_A_NAME = "the extended model corrects without a name, as errors of the links, of stamps or of how friction comes on"
@@ -108,6 +110,8 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
     if of_effort == "partly_explained" and diagnosis.above:
         left, above = remaining(diagnosis.unexplained_share), listed(diagnosis.above)
         return LEFT.format(these=these, left=left, reference=reference(since), above=above)
+    if of_effort == "partly_explained" and diagnosis.endless:
+        return OPEN.format(These=these.capitalize(), explain=explain)
     claims = CLAIMS | SLIGHTLY if diagnosis.slight else CLAIMS
     return claims[of_effort].format(
         one=one,
