@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 
 import numpy as np
-from scipy.signal import lfilter
 
 from bdnn_ros.diagnosis.noise import ORDER
 from bdnn_ros.effects.motion import Motion
@@ -28,8 +28,8 @@ class Echo:
     def __init__(self, motion: Motion, rows: np.ndarray, runs: Sequence[slice]) -> None:
         self._motion, self._rows, self._runs = motion, rows, runs
         stays = np.exp(-2.0 * np.pi * motion.signals.cutoff / motion.signals.rate)
-        noise = np.random.default_rng(0).standard_normal((len(motion.time), 1))
-        noise = lfilter([1.0], [1.0, -stays], noise, axis=0)
+        white = np.random.default_rng(0).standard_normal(len(motion.time)).tolist()
+        noise = np.array([*accumulate(white, lambda before, new: stays * before + new)])[:, None]
         self._noise = motion.signals.smooth(motion.signals.soften(noise))
         self._size = self._innovation(self._noise)
         self._bent: dict[float, np.ndarray] = {}
