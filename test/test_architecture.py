@@ -13,7 +13,7 @@ import pytest
 PACKAGE = "bdnn_ros"
 ROOT = Path(__file__).resolve().parent.parent
 LEVELS = [
-    {"dynamics", "errors", "stamps", "written"},
+    {"aside", "dynamics", "errors", "stamps", "written"},
     {"readings"},
     {"recording"},
     {"robot", "signals"},

@@ -9,6 +9,7 @@ from itertools import count
 import numpy as np
 from scipy.optimize import minimize
 
+from bdnn_ros.aside import in_two
 from bdnn_ros.diagnosis.building import least_motion
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
@@ -102,21 +103,23 @@ class Candidates:
         Where something of the pool pushes it may do so once more.
         """
         present = {term.place for term in pool.terms}
-        result = []
-        for term in self.terms:
-            if term.effect.timed:
-                free = next(one for one in _recurring(term) if one.place not in present)
-                result.append(best_push(pool, fit, free, self.robot)[1])
-                continue
-            if term.place in present:
-                continue
-            shapes = term.shapes(equations.motion)
-            if len(shapes) == 1:
-                beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
-                result.append(_relinearised(equations, pool, beside, term.shaped(shapes[0])))
-                continue
-            result.append(_best_of(pool, fit, term, shapes)[1])
-        return result
+        free = (
+            next(one for one in _recurring(term) if one.place not in present) if term.effect.timed else term
+            for term in self.terms
+        )
+        absent = [term for term in free if term.place not in present]
+        shapes = in_two(lambda term: self._best(equations, pool, fit, term).shape, absent)
+        return [replace(term, shape=shape) for term, shape in zip(absent, shapes, strict=True)]
+
+    def _best(self, equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
+        """A candidate with the shape that fits best beside a pool's terms."""
+        if term.effect.timed:
+            return best_push(pool, fit, term, self.robot)[1]
+        shapes = term.shapes(equations.motion)
+        if len(shapes) > 1:
+            return _best_of(pool, fit, term, shapes)[1]
+        beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
+        return _relinearised(equations, pool, beside, term.shaped(shapes[0]))
 
     def anew(self, equations: Equations, pool: Pool, fit: Fit, one: int) -> Pool:
         """The pool with the shape of one of its terms sought among all there are, beside a fit without it."""

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array
 
+from bdnn_ros.aside import in_two
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.bodies import of_bodies
 from bdnn_ros.diagnosis.leftover import basis, beyond
@@ -86,15 +87,17 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
     load = np.abs(robot.rigid_effort(signals.position, signals.velocity, signals.acceleration))
     moving = np.flatnonzero(further(signals.position, signals.position_noise)).tolist()
     softening = signals.softening_at(rows)
-    joints = {j: _Joint.of(signals, smoothing, softening, bodies[:, j], load[:, j], j) for j in moving}
-    found = np.array([joints[j].creep() if j in joints else AT_ONCE for j in range(signals.width)])
+    joints = [_Joint.of(signals, smoothing, softening, bodies[:, j], load[:, j], j) for j in moving]
+    found = np.array(in_two(lambda joint: joint.creep(), joints))
     if not found.any():
         return None
     early = float(np.median(found[found.any(axis=1), 2]))
-    for j in moving:
-        if not found[j].any():
-            found[j] = joints[j].likely(early)
-    return found
+    at_once = np.flatnonzero(~found.any(axis=1)).tolist()
+    for k, likely in zip(at_once, in_two(lambda k: joints[k].likely(early), at_once), strict=True):
+        found[k] = likely
+    result = np.zeros((signals.width, 3))
+    result[moving] = found
+    return result
 
 
 def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signals:

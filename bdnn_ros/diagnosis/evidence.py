@@ -85,6 +85,8 @@ class Pool:
 
     def replacing(self, found: Mapping[int, Term], columns: np.ndarray | None = None) -> Pool:
         """The same pool with other shapes of some terms, or of one with columns that were made otherwise, rows (R, n, k)."""
+        if not found:
+            return self
         other = copy(self)
         other._fits, other._held_out, other._tall = {}, {}, None
         other.terms, other.precision, other.white = list(self.terms), self.precision.copy(), self.white.copy()

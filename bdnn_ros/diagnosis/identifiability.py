@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bdnn_ros.aside import in_two
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
@@ -17,7 +18,7 @@ from bdnn_ros.diagnosis.odds import contains, doubt, near
 from bdnn_ros.diagnosis.pushes import reshaped, toss
 from bdnn_ros.diagnosis.scaled import scaled
 from bdnn_ros.diagnosis.search import Search, Selection
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.term import Shape, Term, new_shapes, of_shapes
 from bdnn_ros.robot.axes import spins
 
 TEMPERATURE = 2.0
@@ -73,7 +74,9 @@ class Judgement:
 
 def judge(search: Search, selection: Selection) -> list[Judgement]:
     """Rivals of every chosen term, in the order of `selection.chosen`."""
-    return [_judge(search, selection, one) for one in selection.chosen]
+    weighed = in_two(lambda one: _odds(search, selection, one), selection.chosen)
+    each = zip(selection.chosen, weighed, strict=True)
+    return [_judgement(selection.pool, one, *odds) for one, odds in each]
 
 
 def likelier(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
@@ -199,8 +202,13 @@ def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     return anywhere if anywhere >= MINIMUM_SHARE else share(equations.exact[:, joint])
 
 
-def _judge(search: Search, selection: Selection, one: int) -> Judgement:
-    """Weighed at two beliefs: what one link's error explains, all links' larger errors may explain as well."""
+def _odds(
+    search: Search, selection: Selection, one: int
+) -> tuple[float, float, dict[int, float], dict[int, Shape]]:
+    """Scores with a term, without it and with each rival in its place, and the shapes that pushes have there.
+
+    Weighed at two beliefs: what one link's error explains, all links' larger errors may explain as well.
+    """
     term = selection.pool.terms[one]
     own, nothing, scores = -np.inf, -np.inf, dict[int, float]()
     fair = selection.pool
@@ -212,13 +220,21 @@ def _judge(search: Search, selection: Selection, one: int) -> Judgement:
         own, nothing = max(own, weighed[0]), max(nothing, weighed[1])
         for rival, score in weighed[2].items():
             scores[rival] = max(scores.get(rival, -np.inf), score)
-    return judged(fair, term, own, nothing, scores, toss(term, own - nothing))
+    return own, nothing, scores, new_shapes(fair.terms, selection.pool.terms)
+
+
+def _judgement(
+    pool: Pool, one: int, own: float, nothing: float, scores: dict[int, float], moved: dict[int, Shape]
+) -> Judgement:
+    """How sure a term is, by its odds."""
+    terms = {**dict(enumerate(pool.terms)), **of_shapes(pool.terms, moved)}
+    return judged(terms, terms[one], own, nothing, scores, toss(terms[one], own - nothing))
 
 
 def judged(
-    pool: Pool, term: Term, own: float, nothing: float, scores: dict[int, float], amiss: float
+    terms: Mapping[int, Term], term: Term, own: float, nothing: float, scores: dict[int, float], amiss: float
 ) -> Judgement:
-    """How sure a term is by its score, that of nothing in its place, and those of rivals in a pool.
+    """How sure a term is by its score, that of nothing in its place, and those of rivals among some terms.
 
     Args:
         amiss: by so much any of them may be wrong [nats].
@@ -228,7 +244,7 @@ def judged(
     logs /= TEMPERATURE + amiss
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
-    rivals_found = [(pool.terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
+    rivals_found = [(terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
     return Judgement(float(weights[0]), float(weights[1]), _listed(term, rivals_found))
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from bdnn_ros.aside import in_two
 from bdnn_ros.diagnosis.between import NEAR, between_rows, unbound
 from bdnn_ros.diagnosis.contact import contact, distance
 from bdnn_ros.diagnosis.evidence import Pool
 from bdnn_ros.diagnosis.fit import Fit
 from bdnn_ros.diagnosis.gains import acting
 from bdnn_ros.diagnosis.joining import stretches
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.term import Shape, Term, of_shapes
 from bdnn_ros.diagnosis.windows import LONGEST_SHARE, best_window
 from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.robot import Robot
@@ -67,15 +69,23 @@ def reshaped(pool: Pool, rest: Sequence[int], robot: Robot, found: Sequence[int]
         found: pushes that are sought from where they are, too.
     """
     fit = pool.fit(rest)
+
+    def best_at(c: int) -> tuple[float, Shape]:
+        gain, term = best_push(pool, fit, pool.terms[c], robot)
+        return gain, term.shape
+
+    def exactly(start: tuple[int, Shape]) -> tuple[float, Shape]:
+        gain, term = between_rows(pool, fit, replace(pool.terms[start[0]], shape=start[1]), robot)
+        return gain, term.shape
+
     others = [c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest]
-    best = {c: best_push(pool, fit, pool.terms[c], robot) for c in others}
+    best = dict(zip(others, in_two(best_at, others), strict=True))
     most = max(map(_gain, best.values()), default=0.0)
-    for c, (gain, term) in best.items():
-        if gain > CONTENDS * most:
-            best[c] = between_rows(pool, fit, term, robot)
+    starts = [(c, shape) for c, (gain, shape) in best.items() if gain > CONTENDS * most]
+    best |= {c: exact for (c, _), exact in zip(starts, in_two(exactly, starts), strict=True)}
     for c in found:
-        best[c] = max(best[c], between_rows(pool, fit, pool.terms[c], robot), key=_gain)
-    return pool.replacing({c: term for c, (_, term) in best.items()}) if best else pool
+        best[c] = max(best[c], exactly((c, pool.terms[c].shape)), key=_gain)
+    return pool.replacing(of_shapes(pool.terms, {c: shape for c, (_, shape) in best.items()}))
 
 
 def pushes_but(pool: Pool, rest: Sequence[int], one: int) -> list[int]:
@@ -85,7 +95,7 @@ def pushes_but(pool: Pool, rest: Sequence[int], one: int) -> list[int]:
     return [c for c in pushes if c == one or pool.terms[c].spot != spot]
 
 
-def _gain(found: tuple[float, Term]) -> float:
+def _gain(found: tuple[float, Term | Shape]) -> float:
     return found[0]
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bdnn_ros.aside import in_two
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of, white_noise_of
 from bdnn_ros.diagnosis.equations import Equations
@@ -23,7 +24,7 @@ from bdnn_ros.diagnosis.noise import Noise
 from bdnn_ros.diagnosis.odds import COST, contains, doubt, related
 from bdnn_ros.diagnosis.pushes import leftover
 from bdnn_ros.diagnosis.settling import anew, at_own_noise, refined
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.term import Shape, Term, new_shapes, of_shapes
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""
@@ -279,9 +280,14 @@ class Search(Moves):
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
         pool, begun = gathered(pool, list(range(count)), self.candidates.robot, self.score)
-        found = [self.descend(pool.believing(error), begun, least) for error in self._beliefs(noise, start)]
-        pool, chosen = max(found, key=lambda one: self._worth(*one))
-        self.link_error = pool.link_error
+
+        def descended(error: float) -> tuple[float, float, list[int], dict[int, Shape]]:
+            found, chosen = self.descend(pool.believing(error), begun, least)
+            return self._worth(found, chosen), error, chosen, new_shapes(found.terms, pool.terms)
+
+        found = in_two(descended, self._beliefs(noise, start))
+        _, self.link_error, chosen, shapes = max(found, key=lambda one: one[0])
+        pool = pool.believing(self.link_error).replacing(of_shapes(pool.terms, shapes))
         return Selection(pool, tuple(chosen), pool.fit(chosen))
 
     def _beliefs(self, noise: Noise, start: Sequence[Term]) -> list[float]:

@@ -105,7 +105,9 @@ def _single(search: Search, selection: Selection, crowd: Sequence[int]) -> tuple
     if scores[best] < max(constant, (1.0 + BETTER) * gains[best]):
         return None
     rivals = {c: score for c, score in scores.items() if c != best}
-    judgement = judged(pool, pool.terms[best], scores[best], 0.0, rivals, BETTER * scores[best])
+    judgement = judged(
+        dict(enumerate(pool.terms)), pool.terms[best], scores[best], 0.0, rivals, BETTER * scores[best]
+    )
     return best, pool.terms[best], replace(judgement, changing=True)
 
 

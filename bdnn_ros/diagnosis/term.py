@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from bdnn_ros.effects.registry import get
 
 COMMON = ("armature", "viscous_friction", "coulomb_friction", "effort_offset")
 """What almost every drive has, and an identified model knows of each joint, in the order of `physical.parameters.JOINT_NAMES`."""
+Shape = tuple[tuple[str, float], ...]
 NOTHING = 1e-4
 """Spread, in units of what is believed, of a coefficient that is nothing."""
 
@@ -27,7 +29,7 @@ class Term:
     effect: Effect
     target: int
     link: str | None = None
-    shape: tuple[tuple[str, float], ...] = ()
+    shape: Shape = ()
     again: int = 0
 
     @property
@@ -76,3 +78,14 @@ class Term:
             return None
         plain = get(self.effect.settles_into)
         return Term(plain, self.target).shaped(plain.shapes(motion, self.target)[0])
+
+
+def new_shapes(terms: Sequence[Term], before: Sequence[Term]) -> dict[int, Shape]:
+    """Shapes of those of some terms that had others before."""
+    pairs = enumerate(zip(terms, before, strict=True))
+    return {one: term.shape for one, (term, old) in pairs if term.shape != old.shape}
+
+
+def of_shapes(terms: Sequence[Term], shapes: Mapping[int, Shape]) -> dict[int, Term]:
+    """Those of some terms that have other shapes, with these."""
+    return {one: replace(terms[one], shape=shape) for one, shape in shapes.items()}

@@ -1,0 +1,92 @@
+"""Work in two processes: the second is forked off, knows all that this one does, and is gone once it has answered."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+_busy = False
+"""Whether two processes are at work already."""
+TICKET = 4
+"""Bytes that stand for an item: a pipe holds some ten thousand of them."""
+
+
+def in_two(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    """What comes of each of some items, by two processes, each of which takes the next item once it is done with one.
+
+    What the second one has learned on its way is lost: answers have to be plain values, and alike whoever gives them. What it
+    leaves unanswered is done here, so that whatever is wrong is raised here.
+    """
+    if len(items) < 2 or not spare():
+        return [work(item) for item in items]
+    tickets, office = os.pipe()
+    os.write(office, b"".join(one.to_bytes(TICKET, "big") for one in range(len(items))))
+    os.close(office)
+
+    def drawn() -> dict[int, R]:
+        done = {}
+        while ticket := os.read(tickets, TICKET):
+            one = int.from_bytes(ticket, "big")
+            done[one] = work(items[one])
+        return done
+
+    try:
+        with aside(drawn) as answer:
+            done = drawn()
+            done |= answer() or {}
+    finally:
+        os.close(tickets)
+    return [done[one] if one in done else work(item) for one, item in enumerate(items)]
+
+
+@contextmanager
+def aside(work: Callable[[], R]) -> Iterator[Callable[[], R | None]]:
+    """Have something done by a second process meanwhile: what waits for its answer, None where there is none."""
+    global _busy
+    ours, theirs = Pipe(duplex=False)
+    _busy = True
+    try:
+        child = os.fork()
+    except OSError:  # no room for another
+        _busy = False
+        yield lambda: None
+        return
+    if child == 0:
+        _answer(work, theirs)
+    theirs.close()
+
+    def answer() -> R | None:
+        try:
+            found: R = ours.recv()
+        except EOFError:
+            return None
+        return found
+
+    try:
+        yield answer
+    finally:
+        _busy = False
+        ours.close()
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+
+
+def _answer(work: Callable[[], R], to: Connection) -> None:
+    """What a second process does."""
+    try:
+        to.send(work())
+    finally:
+        os._exit(0)  # nothing of what the first one has still to do is done twice
+
+
+def spare() -> bool:
+    """Whether there is a core for a second process: what yields to others, as beside a robot, takes no other's."""
+    return not _busy and sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1 and os.nice(0) <= 0
