@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from bdnn_ros.aside import in_two
 from bdnn_ros.checks.data import check_data
 from bdnn_ros.checks.handling import unloaded
 from bdnn_ros.cli import loading, options, outputs
@@ -19,7 +20,6 @@ from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.models import load_model, save_model
-from bdnn_ros.report.plots import effort_figure
 from bdnn_ros.report.report import write_report
 from bdnn_ros.report.words import (
     UNCHANGED,
@@ -118,18 +118,31 @@ def run(args: argparse.Namespace) -> int:
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")
         with outputs.written_together(args.out) as place:
-            extended = extend(examination)
-            save_model(place, extended)
-            write_model_files(extended, place)
-            write_report(examination, extended, place / REPORT, remarks)
-            effort_figure(examination, place / "effort.png")
-            examination.diagnosis.save(place / "diagnosis.json")
+            _write(examination, remarks, place)
     print("\n".join(lines))
     report = args.out / REPORT
     for sentence in options.shortened(remarks, MOST_REMARKS, report):
         print(f"Data check: {sentence}")
     print(f"report: {report}")
     return 0
+
+
+def _write(examination: Examination, remarks: Sequence[str], place: Path) -> None:
+    """Write what there is into a directory."""
+
+    def figure() -> None:
+        from bdnn_ros.report.plots import effort_figure  # what draws takes as long to import as to draw
+
+        effort_figure(examination, place / "effort.png")
+
+    def files() -> None:
+        extended = extend(examination)
+        save_model(place, extended)
+        write_model_files(extended, place)
+        write_report(examination, extended, place / REPORT, remarks)
+        examination.diagnosis.save(place / "diagnosis.json")
+
+    in_two(lambda write: write(), [figure, files])
 
 
 def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[str]:
