@@ -25,8 +25,24 @@ def in_two(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
     What the second one has learned on its way is lost: answers have to be plain values, and alike whoever gives them. What it
     leaves unanswered is done here, so that whatever is wrong is raised here.
     """
+    done = _shared(work, items, lambda found: False)
+    return [done[one] if one in done else work(item) for one, item in enumerate(items)]
+
+
+def first_in_two(work: Callable[[T], R | None], items: Sequence[T]) -> tuple[int, R] | None:
+    """Which is the first item that something comes of, and what, sought as by `in_two`; None where nothing comes of any."""
+    done = _shared(work, items, lambda found: found is not None)
+    for one, item in enumerate(items):
+        found = done[one] if one in done else work(item)
+        if found is not None:
+            return one, found
+    return None
+
+
+def _shared(work: Callable[[T], R], items: Sequence[T], enough: Callable[[R], bool]) -> dict[int, R]:
+    """What comes of items by their number: of all up to one that is enough, or of none where there is no second process."""
     if len(items) < 2 or not spare():
-        return [work(item) for item in items]
+        return {}
     tickets, office = os.pipe()
     os.write(office, b"".join(one.to_bytes(TICKET, "big") for one in range(len(items))))
     os.close(office)
@@ -36,15 +52,15 @@ def in_two(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
         while ticket := os.read(tickets, TICKET):
             one = int.from_bytes(ticket, "big")
             done[one] = work(items[one])
+            if enough(done[one]):
+                os.read(tickets, TICKET * len(items))  # all that are left: nobody goes on
         return done
 
     try:
         with aside(drawn) as answer:
-            done = drawn()
-            done |= answer() or {}
+            return drawn() | (answer() or {})
     finally:
         os.close(tickets)
-    return [done[one] if one in done else work(item) for one, item in enumerate(items)]
 
 
 @contextmanager

@@ -93,9 +93,10 @@ def test_what_others_tell_as_well_gains_nothing_though_rounding_says_less_than_n
     prior = np.array([[1.0, 1.0, 4.0]])
     schur = np.array([[[-1e-3, 0.0, 0.0], [0.0, -2.0, 1.0], [0.0, 1.0, 1e9]]])
     left = np.array([[1e-3, -1e-3, 1e4]])
-    exact = raised(schur, prior)
+    exact, size = raised(schur, prior)
+    assert size == pytest.approx(np.linalg.slogdet(exact)[1])
     assert (np.linalg.eigvalsh(exact[0] - np.diag(prior[0])) > -1e-6).all()
-    assert np.array_equal(raised(exact, prior), exact)
+    assert np.array_equal(raised(exact, prior)[0], exact)
     gain, best = gains_of(schur, left, prior, np.full((1, 3), lower), np.full((1, 3), np.inf))
     assert np.isfinite(gain).all() and (best >= lower).all()
     assert gain[0] < 0.0

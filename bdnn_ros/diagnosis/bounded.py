@@ -39,21 +39,24 @@ def factored(a: np.ndarray) -> np.ndarray:
         return np.asarray(np.linalg.cholesky(firm(a)))
 
 
-def raised(a: np.ndarray, prior: np.ndarray) -> np.ndarray:
+def raised(a: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Information matrices (c, k, k) that rounding made less than the prior precisions in them, (c, k), raised to those.
 
-    What columns tell beside others that tell the same is a small difference of large numbers.
+    With the logarithms of their determinants, (c,). What columns tell beside others that tell the same is a small difference
+    of large numbers.
     """
-    wrong = (np.linalg.slogdet(a)[0] <= 0.0) | (np.diagonal(a, axis1=1, axis2=2) < prior).any(axis=1)
+    sign, size = np.linalg.slogdet(a)
+    wrong = (sign <= 0.0) | (np.diagonal(a, axis1=1, axis2=2) < prior).any(axis=1)
     if not wrong.any():
-        return a
-    size = np.sqrt(prior[wrong])
-    scale = size[:, :, None] * size[:, None, :]
+        return a, size
+    unit = np.sqrt(prior[wrong])
+    scale = unit[:, :, None] * unit[:, None, :]
     squares, directions = np.linalg.eigh(a[wrong] / scale)
     squares = np.maximum(squares, np.maximum(1.0, ROUNDING * squares[:, -1:]))
     result = a.copy()
     result[wrong] = scale * ((directions * squares[:, None, :]) @ directions.transpose(0, 2, 1))
-    return result
+    size[wrong] = np.linalg.slogdet(result[wrong])[1]
+    return result, size
 
 
 def solved(a: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -222,8 +225,8 @@ def gains_of(
         schur = np.maximum(schur, prior[..., None])
         best, size = np.clip(left / schur[..., 0], low, high), np.log(schur[:, 0, 0])
     else:
-        schur = raised(schur, prior)
-        best, size = solved(schur, left)
+        schur, size = raised(schur, prior)
+        best = _solutions(schur, left)
         beyond = np.flatnonzero(outside(best, low, high))
         if len(beyond):
             ends = (np.broadcast_to(end, best.shape)[beyond] for end in (low, high))

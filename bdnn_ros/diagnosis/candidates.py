@@ -104,10 +104,9 @@ class Candidates:
         """
         present = {term.place for term in pool.terms}
         free = (
-            next(one for one in _recurring(term) if one.place not in present) if term.effect.timed else term
-            for term in self.terms
+            next((one for one in _recurring(term) if one.place not in present), None) for term in self.terms
         )
-        absent = [term for term in free if term.place not in present]
+        absent = [term for term in free if term is not None]
         shapes = in_two(lambda term: self._best(equations, pool, fit, term).shape, absent)
         return [replace(term, shape=shape) for term, shape in zip(absent, shapes, strict=True)]
 
@@ -186,8 +185,8 @@ class Candidates:
 
 
 def _recurring(term: Term) -> Iterator[Term]:
-    """A term that acts for a time, and the same once more, and once more."""
-    return (replace(term, again=again) for again in count())
+    """A term and, if it acts for a time, the same once more, and once more."""
+    return (replace(term, again=again) for again in count()) if term.effect.timed else iter([term])
 
 
 def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:

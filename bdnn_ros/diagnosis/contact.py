@@ -68,11 +68,11 @@ def contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
 
 @dataclass(frozen=True)
 class _Pull:
-    """What a force along each axis explains at the origin of a link, and per metre that it acts away from there.
+    """What a force explains at a point of a link: its columns are what they are at the origin and so much per metre away.
 
     Attributes:
-        schur: information in the 3 columns at the origin and the 9 arms (force, axis) beside a fit, (12, 12).
-        left: their moments with what the fit leaves, (12,).
+        schur: information in the columns at the origin and per metre along each axis, for each force, (4, 3, 4, 3).
+        left: their moments with what the fit leaves, (4, 3).
         prior: precision of the force, (3,) [1/N²].
     """
 
@@ -84,20 +84,18 @@ class _Pull:
     def of(cls, pool: Pool, fit: Fit, term: Term, effect: ExternalWrench) -> _Pull:
         equations, shape = pool.equations, dict(term.shape)
         origin = effect.mixing(dict.fromkeys(POINT, 0.0))[:, :3]
-        mixing = np.hstack([origin, *(effect.displaced(force) for force in np.eye(3))])
+        arms = np.stack([effect.displaced(force) for force in np.eye(3)], axis=2)
+        mixing = np.concatenate([origin[:, None], arms], axis=1)
         acting = window(equations.motion, shape)
-        columns = equations.pushed(term, acting, mixing)
+        columns = equations.pushed(term, acting, mixing.reshape(len(mixing), 12))
         (schur,), (left,) = pool.beside(fit, columns[:, :, None])
         own = equations.pushed(term, acting, effect.mixing(shape))
-        return cls(schur, left, 1.0 / equations.spread(term, own)[:3] ** 2)
+        prior = 1.0 / equations.spread(term, own)[:3] ** 2
+        return cls(schur.reshape(4, 3, 4, 3), left.reshape(4, 3), prior)
 
     def gains(self, points: np.ndarray) -> np.ndarray:
         """Log evidence that a force at each of some points (P, 3) [m] adds, (P,)."""
-        at = np.zeros((len(points), 12, 3))
-        at[:, :3] = np.eye(3)
-        for force in range(3):
-            at[:, 3 * (force + 1) : 3 * (force + 2), force] = points
-        schur = np.swapaxes(at, 1, 2) @ self.schur @ at + np.diag(self.prior)
-        left = self.left @ at
-        ends = np.full(3, np.inf)
-        return gains_of(schur, left, np.tile(self.prior, (len(points), 1)), -ends, ends)[0]
+        at = np.concatenate([np.ones((len(points), 1)), points], axis=1)
+        schur = np.einsum("pa,pb,akbl->pkl", at, at, self.schur) + np.diag(self.prior)
+        ends, prior = np.full(3, np.inf), np.broadcast_to(self.prior, (len(points), 3))
+        return gains_of(schur, at @ self.left, prior, -ends, ends)[0]

@@ -74,9 +74,16 @@ class Judgement:
 
 def judge(search: Search, selection: Selection) -> list[Judgement]:
     """Rivals of every chosen term, in the order of `selection.chosen`."""
-    weighed = in_two(lambda one: _odds(search, selection, one), selection.chosen)
-    each = zip(selection.chosen, weighed, strict=True)
-    return [_judgement(selection.pool, one, *odds) for one, odds in each]
+    pool, chosen = selection.pool, selection.chosen
+    pushes = [one for one in chosen if pool.terms[one].effect.timed]  # as much work as all the others
+    odds = {one: _odds(search, selection, one) for one in pushes}
+    others = [one for one in chosen if one not in odds]
+    odds |= zip(others, in_two(lambda one: _odds(search, selection, one), others), strict=True)
+    result = []
+    for one, (own, nothing, scores, moved) in ((one, odds[one]) for one in chosen):
+        term, terms = pool.terms[one], dict(enumerate(pool.terms)) | of_shapes(pool.terms, moved)
+        result.append(judged(terms, term, own, nothing, scores, toss(term, own - nothing)))
+    return result
 
 
 def likelier(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
@@ -205,7 +212,7 @@ def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
 def _odds(
     search: Search, selection: Selection, one: int
 ) -> tuple[float, float, dict[int, float], dict[int, Shape]]:
-    """Scores with a term, without it and with each rival in its place, and the shapes that pushes have there.
+    """Scores with a term, without it and with each rival in its place, and the shapes of rivals that are others there.
 
     Weighed at two beliefs: what one link's error explains, all links' larger errors may explain as well.
     """
@@ -221,14 +228,6 @@ def _odds(
         for rival, score in weighed[2].items():
             scores[rival] = max(scores.get(rival, -np.inf), score)
     return own, nothing, scores, new_shapes(fair.terms, selection.pool.terms)
-
-
-def _judgement(
-    pool: Pool, one: int, own: float, nothing: float, scores: dict[int, float], moved: dict[int, Shape]
-) -> Judgement:
-    """How sure a term is, by its odds."""
-    terms = {**dict(enumerate(pool.terms)), **of_shapes(pool.terms, moved)}
-    return judged(terms, terms[one], own, nothing, scores, toss(terms[one], own - nothing))
 
 
 def judged(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
+from bdnn_ros.aside import first_in_two
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.evidence import Pool
@@ -126,23 +128,28 @@ class Moves:
             for b in chosen[i + 1 :]
             if pool.terms[a].target == pool.terms[b].target
         ]
-        for group in groups:
-            if not set(group) <= set(chosen):
-                continue
-            rest = [c for c in chosen if c not in group]
-            now = self.score(pool, chosen)
-            better = BETTER + toss(pool.terms[group[0]], now - self.score(pool, rest))
-            for rival, behind in self.rivals(pool, chosen, *group)[:RIVALS_TRIED]:
-                if behind >= UNSURE:
-                    break
-                grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
-                if late and not self._plainer(pool, chosen, group, rival):
-                    continue
-                worth = self.score_beside(pool, grown[:-1], rival)
-                if worth > now + better and self.pays(pool, grown, rival):
-                    chosen = grown
-                    break
+        while found := first_in_two(partial(self._instead, pool, chosen, late), groups):
+            at, chosen = found
+            groups = groups[at + 1 :]
         return chosen
+
+    def _instead(self, pool: Pool, chosen: list[int], late: bool, group: tuple[int, ...]) -> list[int] | None:
+        """The chosen with a rival in the place of a group of them, see `_replace`; None where none scores better."""
+        if not set(group) <= set(chosen):
+            return None
+        rest = [c for c in chosen if c not in group]
+        now = self.score(pool, chosen)
+        better = BETTER + toss(pool.terms[group[0]], now - self.score(pool, rest))
+        for rival, behind in self.rivals(pool, chosen, *group)[:RIVALS_TRIED]:
+            if behind >= UNSURE:
+                break
+            grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
+            if late and not self._plainer(pool, chosen, group, rival):
+                continue
+            worth = self.score_beside(pool, grown[:-1], rival)
+            if worth > now + better and self.pays(pool, grown, rival):
+                return grown
+        return None
 
     def _plainer(self, pool: Pool, chosen: list[int], group: Sequence[int], rival: int) -> bool:
         richer = any(contains(pool.terms[rival], pool.terms[c]) for c in chosen)

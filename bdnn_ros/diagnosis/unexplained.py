@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_opening
 
+from bdnn_ros.aside import in_two
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.inputs import Key, ageing, names, pairs, single
 from bdnn_ros.diagnosis.noise import rms
@@ -70,8 +71,8 @@ def describe(
     joints, groups = equations.motion.signals.joints, single(equations)
     predicted = np.zeros_like(residual)
     inputs: dict[str, dict[str, float]] = {}
-    for j in range(equations.width):
-        found = _told(equations, groups, residual[:, j], j)
+    told = in_two(lambda j: _told(equations, groups, residual[:, j], j), range(equations.width))
+    for j, found in enumerate(told):
         if found is not None:
             predicted[:, j], inputs[joints[j]] = found
     rest = [(residual - predicted)[equations.usable[:, j], j] for j in range(equations.width)]

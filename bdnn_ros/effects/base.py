@@ -201,8 +201,8 @@ class Effect(ABC):
             std: of the coefficients, where they need not be taken at their word, (k,).
         """
         pairs = zip(np.asarray(coefficients).tolist(), self.coefficient_bounds, strict=True)
-        ends = ((value, end) for value, both in pairs for end in both[self.may_be_gone :])
-        return not any(end and math.isclose(value, end, rel_tol=1e-3) for value, end in ends)
+        ends = [(value, end) for value, both in pairs for end in both[self.may_be_gone :]]
+        return not [end for value, end in ends if end and math.isclose(value, end, rel_tol=1e-3)]
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
         """Whether values with these standard deviations may be named, where a joint's effort was never more than `most` [N·m]."""
