@@ -266,7 +266,7 @@ def test_rivals_are_tried_by_how_far_they_are_behind_within_all_bounds(monkeypat
     monkeypatch.setattr(search, "score", lambda pool, chosen: 100.0)
     monkeypatch.setattr(search, "rivals", lambda pool, rest, one: [(3, -1e6), (2, 12.0)] if one == 1 else [])
     monkeypatch.setattr(search, "score_beside", lambda pool, rest, rival: {2: 95.0, 3: -400.0}[rival])
-    monkeypatch.setattr(search, "_first_better", lambda now, pools: tried.extend(pools))
+    monkeypatch.setattr(search, "_first_better", lambda now, others: tried.extend(make() for make in others))
     assert search._behind_rivals(Selection(pool, (0, 1), pool.fit((0, 1))), pool) is None
     assert [[t.effect.name for t in one.terms] for one in tried] == [["hysteresis", "viscous_friction"]]
 

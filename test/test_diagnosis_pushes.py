@@ -362,7 +362,7 @@ def test_a_push_that_another_one_needs_beside_it_at_its_time_is_no_gain(times, k
         for specs in ([large], [small, large])
     )
     search = Search(equations, Candidates.of(ARM), lambda text: None, (TRUSTING,) * 3)
-    assert (search._first_better(alone, [both]) is not None) is kept
+    assert (search._first_better(alone, [lambda: both]) is not None) is kept
 
 
 def test_a_point_of_a_link_pulls_by_its_jacobian():

@@ -6,12 +6,13 @@ A first choice is never final: every term is compared again with its rivals once
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from bdnn_ros.aside import in_two
+from bdnn_ros.aside import first_in_two, in_two
 from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.coloring import noise_of, white_noise_of
 from bdnn_ros.diagnosis.equations import Equations
@@ -138,7 +139,7 @@ class Search(Moves):
         """
         pool, chosen = selection.pool, selection.chosen
         late = [c for c in chosen if pool.terms[c].effect.name == DELAY]
-        sets = (moved(self.candidates, pool, chosen, delay, self.floor) for delay in late)
+        sets = [partial(moved, self.candidates, pool, chosen, delay, self.floor) for delay in late]
         return self._first_better(now, sets)
 
     def _without(self, selection: Selection, now: Pool) -> Pool | None:
@@ -183,7 +184,7 @@ class Search(Moves):
         order = np.argsort(self.costs(pool, chosen, open_) - shown)
         likely = [pool.terms[open_[k]] for k in order if shown[k] > FAINT][:HIDDEN_TRIED]
         sets = ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
-        return self._first_better(now, (self._pool(noise, terms) for terms in sets))
+        return self._first_better(now, [partial(self._pool, noise, terms) for terms in sets])
 
     def _behind_rivals(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with a rival in one's place that its own noise proves the better one; None without.
@@ -214,22 +215,29 @@ class Search(Moves):
     ) -> Pool | None:
         """The first better one of some sets of terms, those first that seem to score the least behind; None without."""
         nearest = sorted(sets, key=lambda pair: pair[0])[:most]
-        return self._first_better(now, (self._pool(noise, terms) for _, terms in nearest))
+        return self._first_better(now, [partial(self._pool, noise, terms) for _, terms in nearest])
 
-    def _first_better(self, now: Pool, others: Iterable[Pool]) -> Pool | None:
-        """The first pool that scores better than another, each at its own noise, its last term paying; None without.
+    def _first_better(self, now: Pool, others: Sequence[Callable[[], Pool]]) -> Pool | None:
+        """The first pool of some that are made which scores better than another, each at its own noise; None without.
 
-        Of two pushes at one time either may be what the other leaves.
+        Its last term has to pay. Of two pushes at one time either may be what the other leaves.
         """
         motion, worth = self.equations.motion, self._worth(now)
-        for other in others:
-            every = range(len(other.terms))
-            trial = self._at_own_noise(other, every)
-            better = self._worth(trial) > worth + BETTER and self.pays(trial, every, every[-1])
-            if better and not any(leftover(trial, every, one) for one in every):
-                return trial
+
+        def at_own_noise(one: int) -> Pool:
+            pool = others[one]()
+            return self._at_own_noise(pool, range(len(pool.terms)))
+
+        def better(one: int) -> bool | None:
+            trial = at_own_noise(one)
+            every = range(len(trial.terms))
+            found = self._worth(trial) > worth + BETTER and self.pays(trial, every, every[-1])
+            found = found and not any(leftover(trial, every, one) for one in every)
             self.equations.take(motion)
-        return None
+            return found or None
+
+        found = first_in_two(better, range(len(others)))
+        return None if found is None else at_own_noise(found[0])
 
     def _pool(self, noise: Noise, terms: Sequence[Term]) -> Pool:
         return Pool(self.equations, noise, terms, self.link_error)
@@ -245,8 +253,7 @@ class Search(Moves):
         Trends are left out so that a push or a drift is not taken for slow noise before it could be named. The load is
         estimated with all of them.
         """
-        equations = self.equations
-        common = self.candidates.common()
+        equations, common = self.equations, self.candidates.common()
         noise = Noise(np.zeros((equations.width, 1)), equations.effort_scale * 0.1)
         for _ in range(2):
             pool = Pool(equations, noise, common, self.link_errors[-1])
@@ -273,13 +280,12 @@ class Search(Moves):
         Args:
             least: share of the largest gain that a term must bring.
         """
-        count = len(start)
-        pool = Pool(self.equations, noise, start, self.link_error)
+        pool, every = Pool(self.equations, noise, start, self.link_error), range(len(start))
         pool = anew(self.candidates, self.equations, pool)
-        pool = refined(self.candidates, self.equations, pool, range(count))
-        shaped = self.candidates.shaped(self.equations, pool, pool.fit(range(count)))
+        pool = refined(self.candidates, self.equations, pool, every)
+        shaped = self.candidates.shaped(self.equations, pool, pool.fit(every))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
-        pool, begun = gathered(pool, list(range(count)), self.candidates.robot, self.score)
+        pool, begun = gathered(pool, list(every), self.candidates.robot, self.score)
 
         def descended(error: float) -> tuple[float, float, list[int], dict[int, Shape]]:
             found, chosen = self.descend(pool.believing(error), begun, least)
