@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TypeVar
@@ -73,6 +73,8 @@ def aside(work: Callable[[], R]) -> Iterator[Callable[[], R | None]]:
         child = os.fork()
     except OSError:  # no room for another
         _busy = False
+        for end in (ours, theirs):
+            end.close()
         yield lambda: None
         return
     if child == 0:
@@ -82,7 +84,7 @@ def aside(work: Callable[[], R]) -> Iterator[Callable[[], R | None]]:
     def answer() -> R | None:
         try:
             found: R = ours.recv()
-        except EOFError:
+        except (EOFError, OSError):  # it has ended before, or in the midst of it
             return None
         return found
 
@@ -91,8 +93,9 @@ def aside(work: Callable[[], R]) -> Iterator[Callable[[], R | None]]:
     finally:
         _busy = False
         ours.close()
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
+        with suppress(ProcessLookupError, ChildProcessError):  # gone already, where nobody waits for such
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
 
 
 def _answer(work: Callable[[], R], to: Connection) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Iterator
 
@@ -100,3 +101,12 @@ def test_where_no_process_can_be_made_one_does_it_all(monkeypatch: pytest.Monkey
     monkeypatch.setattr(aside.os, "fork", refused)
     assert in_two(slowly, range(3)) == [(item * item, os.getpid()) for item in range(3)]
     assert spare()
+
+
+def test_children_that_nobody_waits_for_are_no_trouble() -> None:
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        found = in_two(slowly, range(6))
+    finally:
+        signal.signal(signal.SIGCHLD, before)
+    assert [square for square, _ in found] == [item * item for item in range(6)]
