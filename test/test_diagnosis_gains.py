@@ -246,7 +246,7 @@ def findings_of(
         test=test, judgements=[judgement], fitted=SimpleNamespace(link_error=0.05), extended=None
     )
     arm, fit = Robot.bundled("arm2"), np.zeros(1, bool)
-    poor, told = np.array([poor]), np.array([told])
-    names = naming.named(arm, equations, attempt, [estimate], fit, poor, told, set())
+    doubts = naming.Doubts(fit, np.array([poor]), np.array([told]))
+    names = naming.named(arm, equations, attempt, [estimate], doubts, set())
     assert names.silent == ([] if names.findings or names.unknown else [0])
     return names.findings, names.doubtful or bool(names.unknown)

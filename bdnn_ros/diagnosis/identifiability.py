@@ -21,6 +21,7 @@ from bdnn_ros.diagnosis.search import Search, Selection
 from bdnn_ros.diagnosis.term import Shape, Term, new_shapes, of_shapes
 from bdnn_ros.robot.axes import spins
 
+Weighed = tuple[float, float, dict[int, float], dict[int, Shape]]
 TEMPERATURE = 2.0
 """Evidence differences are divided by this: the noise model is never quite right."""
 LISTED = 0.02
@@ -79,11 +80,13 @@ def judge(search: Search, selection: Selection) -> list[Judgement]:
     odds = {one: _odds(search, selection, one) for one in pushes}
     others = [one for one in chosen if one not in odds]
     odds |= zip(others, in_two(lambda one: _odds(search, selection, one), others), strict=True)
-    result = []
-    for one, (own, nothing, scores, moved) in ((one, odds[one]) for one in chosen):
+
+    def judgement(one: int) -> Judgement:
+        own, nothing, scores, moved = odds[one]
         term, terms = pool.terms[one], dict(enumerate(pool.terms)) | of_shapes(pool.terms, moved)
-        result.append(judged(terms, term, own, nothing, scores, toss(term, own - nothing)))
-    return result
+        return judged(terms, term, own, nothing, scores, toss(term, own - nothing))
+
+    return [judgement(one) for one in chosen]
 
 
 def likelier(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
@@ -209,16 +212,13 @@ def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     return anywhere if anywhere >= MINIMUM_SHARE else share(equations.exact[:, joint])
 
 
-def _odds(
-    search: Search, selection: Selection, one: int
-) -> tuple[float, float, dict[int, float], dict[int, Shape]]:
+def _odds(search: Search, selection: Selection, one: int) -> Weighed:
     """Scores with a term, without it and with each rival in its place, and the shapes of rivals that are others there.
 
     Weighed at two beliefs: what one link's error explains, all links' larger errors may explain as well.
     """
-    term = selection.pool.terms[one]
+    fair, term = selection.pool, selection.pool.terms[one]
     own, nothing, scores = -np.inf, -np.inf, dict[int, float]()
-    fair = selection.pool
     if term.effect.timed:
         rest = [c for c in selection.chosen if c != one]
         fair = reshaped(fair, rest, search.candidates.robot).replacing({one: term})
@@ -239,10 +239,8 @@ def judged(
         amiss: by so much any of them may be wrong [nats].
     """
     keys = list(scores)
-    logs = np.array([own, nothing, *(scores[k] for k in keys)])
-    logs /= TEMPERATURE + amiss
-    weights = np.exp(logs - logs.max())
-    weights /= weights.sum()
+    logs = np.array([own, nothing, *(scores[k] for k in keys)]) / (TEMPERATURE + amiss)
+    weights = np.exp(logs - np.logaddexp.reduce(logs))
     rivals_found = [(terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
     return Judgement(float(weights[0]), float(weights[1]), _listed(term, rivals_found))
 

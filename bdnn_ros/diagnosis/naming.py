@@ -18,6 +18,7 @@ from bdnn_ros.diagnosis.pushes import leftover, together
 from bdnn_ros.diagnosis.result import Finding, Rival
 from bdnn_ros.diagnosis.unexplained import LARGE_ERROR
 from bdnn_ros.effects.actuation import EffortDelay
+from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.effects.rigid import POINT, OnBody, slots
 from bdnn_ros.robot import Robot
@@ -39,6 +40,27 @@ CHANGES = " Its force changes meanwhile, or where it acts: this is the constant 
 
 ANYTHING = 1e3
 """So many times as large as usual may be anything."""
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """What speaks against a name at a joint.
+
+    Attributes:
+        unfit: joints of which nothing is named, (n,) bool.
+        poor: those where much is left, of which no push is named that is constant, (n,) bool.
+        told: what is left there that inputs predict, (n,) [(N·m)²].
+    """
+
+    unfit: np.ndarray
+    poor: np.ndarray
+    told: np.ndarray
+
+    def against(self, effect: Effect, changing: bool, joint: int, less: float) -> bool:
+        """Whether an effect that removes most of a joint's error, `less` [(N·m)²], is not to be named there."""
+        constant = effect.timed and not changing
+        formed = effect.name in WEAR or less >= OF_THIS_FORM * self.told[joint]
+        return bool(self.unfit[joint] or (constant and self.poor[joint]) or not formed)
 
 
 @dataclass(frozen=True)
@@ -67,17 +89,13 @@ def named(
     equations: Equations,
     attempt: Attempt,
     found: Sequence[Estimate],
-    unfit: np.ndarray,
-    poor: np.ndarray,
-    told: np.ndarray,
+    doubts: Doubts,
     unnamed: Container[int],
 ) -> Named:
     """Which terms have a name.
 
     Args:
-        unfit: joints of which nothing is named, (n,) bool.
-        poor: those where much is left, of which no push is named that is constant, (n,) bool.
-        told: what is left there that inputs predict, (n,) [(N·m)²].
+        doubts: what speaks against names at the joints.
         unnamed: terms that have no name, whatever they explain.
     """
     held = equations.usable & attempt.test[:, None]
@@ -101,11 +119,9 @@ def named(
         weighty.append(one)
         sure = judgement.nothing <= DOUBTFUL <= judgement.at_least(estimate.term)
         # what is named for a link or the base is told by joints that bear most of it
-        most = np.argmax(ever.less / scale**2)
-        constant = estimate.term.effect.timed and not judgement.changing
-        formed = max(held_out.less[most], ever.less[most]) >= OF_THIS_FORM * told[most]
-        sure &= formed or estimate.term.effect.name in WEAR
-        sure &= not (unfit[most] or (constant and poor[most]))
+        most = int(np.argmax(ever.less / scale**2))
+        removes = float(max(held_out.less[most], ever.less[most]))
+        sure &= not doubts.against(estimate.term.effect, judgement.changing, most, removes)
         if sure and (estimate.shown or _alone(estimate, found)):
             # causes that work against each other may each remove more than there is
             share = min(max(squares(less, held) / before, 0.0), 1.0)

@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.case import Case
 from bdnn_ros.diagnosis.endless import endless
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.gains import gain_of
-from bdnn_ros.diagnosis.naming import Named, beyond_links, name_of, named
+from bdnn_ros.diagnosis.naming import Doubts, Named, beyond_links, name_of, named
 from bdnn_ros.diagnosis.notes import (
     AT_AN_END,
     AT_REST,
@@ -58,8 +58,8 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     robot, equations, attempt, since = case.robot, case.equations, case.attempt, case.since
     near = case.near(case.extended)
     unfit = _unfit(equations, case.simulation, case.extended, near)
-    poor = _poor(case.simulation, case.extended, near)
-    names = named(robot, equations, attempt, case.found, unfit, poor, case.told, case.at_ends | case.always)
+    doubts = Doubts(unfit, _poor(case.simulation, case.extended, near), case.told)
+    names = named(robot, equations, attempt, case.found, doubts, case.at_ends | case.always)
     alike = _alike(case, names.findings)
     before = None if since is None else since.velocity_cutoff
     # a filtered velocity is no cause of an effort's error, and says nothing of what else is one
