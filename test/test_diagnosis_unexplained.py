@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from diagnosis_cases import coloured, equations_of, white
 
+from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.equations import Equations
 from bdnn_ros.diagnosis.predicting import Predictor
 from bdnn_ros.diagnosis.unexplained import describe
+from bdnn_ros.robot import Robot
+from bdnn_ros.simulation.simulate import simulate
 
 J1, J2 = "arm2_joint1", "arm2_joint2"
 STD = 0.05
@@ -221,3 +224,29 @@ def test_names_of_joints_may_hold_dots(equations):
     dotted = describe(other, noise)
     assert next(iter(plain.depends_on())) == f"{J1}.load"
     assert [*dotted.depends_on()] == [key.replace("arm2_", "arm.") for key in plain.depends_on()]
+
+
+@pytest.mark.parametrize(
+    "of, verdict, inputs",
+    [
+        (lambda q, v, t: 0.0 * t, "nothing_wrong", ()),
+        (lambda q, v, t: np.sin(2.0 * np.pi * 1.3 * t), "cannot_tell", ()),
+        (lambda q, v, t: v[:, 0] * v[:, 1], "cannot_tell", (f"{J1}.velocity", f"{J2}.velocity")),
+        (
+            lambda q, v, t: np.exp(-(((q[:, 1] - np.median(q[:, 1])) / 0.1) ** 2)),
+            "cannot_tell",
+            (f"{J2}.position",),
+        ),
+    ],
+)
+def test_what_the_library_does_not_hold_is_neither_named_nor_noise(of, verdict, inputs):
+    """A hum, a product of velocities and a bump at a place: were nothing wrong, or cogging and a push, at a fifth of the effort."""
+    simulated = simulate(Robot.bundled("arm2"), duration=25.0, seed=4)
+    recording, joint = simulated.recording, 1 if inputs == (f"{J2}.position",) else 0
+    effort = recording.require_effort().copy()
+    added = of(simulated.position, simulated.velocity, recording.time)
+    effort[:, joint] += 0.25 * effort[:, joint].std() * added / max(float(added.std()), 1e-9)
+    diagnosis = diagnose([replace(recording, effort=effort)], Robot.bundled("arm2"))
+    assert diagnosis.verdict == verdict
+    assert {finding.effect for finding in diagnosis.findings} <= {"coulomb_friction", "viscous_friction"}
+    assert set(diagnosis.unexplained_depends_on) == set(inputs)

@@ -24,6 +24,9 @@ USUAL_LINK_ERROR = 0.1
 EXPLAINED = 1.3
 """An extended model within this factor of the noise floor explains the recording."""
 
+LOUD, MORE_THAN_NOISE = 0.1, 5.0
+"""What is left is no sensor's noise beyond this share of the effort's spread and so many times its noise; see `Case.floor`."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -60,8 +63,22 @@ class Case:
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """The noise's, at most the extended model's, (n,) [N·m]."""
-        return np.asarray(np.minimum(np.maximum(self.remainder.floor, 0.0), self.extended))
+        """The noise's, at most the extended model's, (n,) [N·m].
+
+        Much that looks like noise is none where the effort's own noise is far less: something acts that nothing predicts.
+        """
+        floor, own = np.maximum(self.remainder.floor, 0.0), self._own_noise
+        loud = (floor > LOUD * self.equations.effort_scale) & (floor > MORE_THAN_NOISE * own)
+        return np.asarray(np.minimum(np.where(loud, own, floor), self.extended))
+
+    @property
+    def _own_noise(self) -> np.ndarray:
+        """What is faster than the motion of each joint's effort, by its share of all frequencies, (n,) [N·m]."""
+        signals = self.equations.motion.signals
+        assert signals.effort is not None
+        quick = (signals.effort - signals.smooth(signals.effort))[self.equations.rows]
+        beyond = (signals.flat or signals.rate / 2.0) - signals.cutoff
+        return np.asarray(quick.std(axis=0) * np.sqrt(signals.cutoff / max(beyond, signals.cutoff)))
 
     def near(self, error: np.ndarray) -> np.ndarray:
         """Whether each joint's error [N·m] is near its floor, or too small a share of its effort to matter, (n,) each."""
