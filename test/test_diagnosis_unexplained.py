@@ -240,7 +240,7 @@ def test_names_of_joints_may_hold_dots(equations):
     ],
 )
 def test_what_the_library_does_not_hold_is_neither_named_nor_noise(of, verdict, inputs):
-    """A hum, a product of velocities, a bump at a place: nothing was wrong with a fifth of the effort, or cogging and a push were."""
+    """A hum, a product of velocities, a bump at a place: a fifth of an effort was no error, or cogging and a push."""
     simulated = simulate(Robot.bundled("arm2"), duration=25.0, seed=4)
     recording, joint = simulated.recording, 1 if inputs == (f"{J2}.position",) else 0
     effort = recording.require_effort().copy()
