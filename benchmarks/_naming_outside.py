@@ -175,7 +175,16 @@ def _true(finding: Mapping[str, Any], truth: Mapping[str, Any], worn: bool) -> b
 def table(records: Sequence[Record]) -> Rows:
     """A row for each cause, and one for all."""
     rows = [
-        ["cause", "draws", "depends on: right first", "all told", "false name", "of these", "nothing wrong"]
+        [
+            "cause",
+            "draws",
+            "depends on: right first",
+            "all told",
+            "false name",
+            "of these",
+            "explained by them",
+            "nothing wrong",
+        ]
     ]
     for cause in (*CAUSES, "all"):
         some = [r["outcome"] for r in counted(records) if cause in (r["truth"]["cause"], "all")]
@@ -188,7 +197,7 @@ def table(records: Sequence[Record]) -> Rows:
                     *(percent(share([one[key] for one in some])) for key in ("first", "all")),
                     percent(share([bool(one["false"]) for one in some])),
                     ", ".join(f"{name} {count}" for name, count in false.most_common(4)) or "-",
-                    percent(share([one["nothing wrong"] for one in some])),
+                    *(percent(share([one[key] for one in some])) for key in ("explained", "nothing wrong")),
                 ]
             )
     return rows

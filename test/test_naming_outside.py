@@ -73,4 +73,4 @@ def test_a_row_for_each_cause_that_was_drawn_and_one_for_all():
     }
     rows = table([record, record])
     assert [row[0] for row in rows] == ["cause", TRUTH["cause"], "all"]
-    assert rows[1][1:] == rows[2][1:] == ["2", "0 %", "0 %", "100 %", "cogging 2", "0 %"]
+    assert rows[1][1:] == rows[2][1:] == ["2", "0 %", "0 %", "100 %", "cogging 2", "100 %", "0 %"]
