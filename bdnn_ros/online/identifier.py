@@ -237,9 +237,9 @@ class Identifier:
 
     def _take_for(self, posterior: Posterior, structure: Structure) -> None:
         """Sum all motion anew about the robot that is known by now."""
-        known = physical_model(self.robot, posterior, structure, self.scales).robot
-        self.robot = self.robot.set_up_as(known)
-        self.sums.take_for(known)
+        known = physical_model(self.robot, posterior, structure, self.scales)
+        self.robot = self.robot.set_up_as(known.robot)
+        self.sums.take_for(known.robot, known.std.coulomb)
         self._sum_again(posterior.noise)
 
     def _sum_again(self, usual: np.ndarray) -> None:

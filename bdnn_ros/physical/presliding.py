@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erf
 
+from bdnn_ros.recording import further
 from bdnn_ros.signals import Signals
 from bdnn_ros.signals.lasting import lasting
 
@@ -43,15 +44,18 @@ class Directions:
         joints: of each joint for each of `BREAKAWAYS`, (N, n, len(BREAKAWAYS)).
         pairs: of motors that turn with joint j + 1 and, by sign, with j, (N, n - 1, len(COUPLING_SIGNS)).
         doubt: standard deviation of the first of each joint's, (N, n), from 0 to 1.
+        stands: where a joint rests or gives way by no more than a count, so that friction may hold anything, (N, n) bool.
     """
 
     joints: np.ndarray
     pairs: np.ndarray
     doubt: np.ndarray
+    stands: np.ndarray
 
     def at(self, row: int) -> Directions:
         """The state at one sample, where another stretch may go on."""
-        return Directions(self.joints[row].copy(), self.pairs[row].copy(), self.doubt[row].copy())
+        parts = self.joints, self.pairs, self.doubt, self.stands
+        return Directions(*(part[row].copy() for part in parts))
 
 
 def directions(signals: Signals, start: Directions | None = None) -> Directions:
@@ -67,7 +71,7 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
     turned = np.maximum(TURNED, NOISE_WIDTHS * noise)
     both = np.repeat(turned[1:] + turned[:-1], len(COUPLING_SIGNS)) / 2.0
     joints = np.empty((count, len(BREAKAWAYS), width)).swapaxes(1, 2)  # in memory as `slide` leaves it
-    doubt = np.empty((count, width))
+    doubt, stands = np.empty((count, width)), np.empty((count, width), bool)
     pairs = np.empty((count, (width - 1) * len(COUPLING_SIGNS)))
     for rows in signals.segments:
         fine = _between(signals.position[rows], signals.velocity[rows], 1.0 / signals.rate)
@@ -88,12 +92,13 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
         rest = _at_rest(velocity, signals.rate)
         joints[rows, :, 0] = np.where(rest, 0.5 * joints[rows, :, RESTING], joints[rows, :, 0])
         # a joint that has not moved yet may hold any friction
-        still = np.ptp(signals.position[rows], axis=0) < turned
+        still = ~further(signals.position[rows], noise)
         still = still if start is None else still & (start.joints == 0.0).all(axis=1)
         joints[rows, still] = 0.0
-        doubt[rows] = np.where(rest | still, 1.0, doubt[rows])
+        stands[rows] = standing(signals.position[rows], noise, rest) | still
+        doubt[rows] = np.where(stands[rows], 1.0, doubt[rows])
         start = None
-    return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)), doubt)
+    return Directions(joints, pairs.reshape(count, width - 1, len(COUPLING_SIGNS)), doubt, stands)
 
 
 def _expected(velocity: np.ndarray, std: np.ndarray) -> np.ndarray:
@@ -183,6 +188,24 @@ def _at_rest(velocity: np.ndarray, rate: float) -> np.ndarray:
     """Where paths with these velocities (N, m) rest, (N, m) bool."""
     least = int(np.ceil(RESTING_SECONDS * rate))
     return lasting(np.abs(velocity) < SLOW, least)
+
+
+def standing(position: np.ndarray, noise: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Where joints at positions (N, n) rest, or go no further than noise and rounding before they rest again, (N, n) bool.
+
+    A flip of one count looks like motion, but static friction holds on across it.
+
+    Args:
+        noise: standard deviation of the positions, (n,) [rad].
+        rest: where they are slow for long, (N, n) bool.
+    """
+    result = rest.copy()
+    for k in np.flatnonzero(rest.any(axis=0) & ~rest.all(axis=0)):
+        edges = np.flatnonzero(np.diff(~rest[:, k], prepend=False, append=False))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            way = position[max(begin - 1, 0) : end + 1, k, None]
+            result[begin:end, k] = not further(way, noise[k : k + 1])[0]
+    return result
 
 
 def _between(position: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray:

@@ -9,11 +9,11 @@ import numpy as np
 
 from bdnn_ros.physical.columns import low_passed, sharp_columns, smooth_columns, tilting
 from bdnn_ros.physical.dictionary import Scales
-from bdnn_ros.physical.parameters import Prior
+from bdnn_ros.physical.parameters import Parameters, Prior
 from bdnn_ros.physical.presliding import Directions, directions
 from bdnn_ros.physical.recursive import Recursion
 from bdnn_ros.physical.sensing import SensorNoise
-from bdnn_ros.physical.weighing import certainty, moving, sliding
+from bdnn_ros.physical.weighing import certainty, holding, moving, sliding
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
@@ -49,11 +49,17 @@ class Sums:
         self.recursion, self.evidence = Recursion(belief), Recursion(belief)
         self.fast = np.zeros(())
         self.usual = self.evidence.noise
+        self._described = Parameters.from_vector(np.sqrt(np.diagonal(belief.covariance))).coulomb
         self.take_for(robot)
 
-    def take_for(self, carrier: Robot) -> None:
-        """From now on the bodies, the dry friction and the tilt are about those of this robot."""
+    def take_for(self, carrier: Robot, unknown: np.ndarray | None = None) -> None:
+        """From now on the bodies, the dry friction and the tilt are about those of this robot.
+
+        Args:
+            unknown: standard deviation of its dry friction, (n,) [N·m]; None before any motion.
+        """
         self._carrier, self._tilts = carrier, tilting(carrier)
+        self._unknown = self._described if unknown is None else unknown
 
     def again(self, motions: Iterable[Motion], usual: np.ndarray) -> None:
         """Sum all motion anew, with what its residual usually is, (n,) [N·m]."""
@@ -81,6 +87,7 @@ class Sums:
         noise = SensorNoise.of(carrier, signals, rows)
         residual = np.maximum(np.sqrt(noise.effort / noise.count), self.usual)
         certain = certainty(signals, rows, state, carrier.coulomb, residual)
+        certain *= holding(signals, rows, state, self._unknown, residual)
         # an error of doubtful rows is as large as others so weighed, but the same at each stop: that squared says nothing
         self.evidence.update(columns, effort, certain**2 * moving(signals, rows), noise)
         self.recursion.update(columns, effort, certain * sliding(signals, rows, self.scales), noise)

@@ -34,6 +34,26 @@ def certainty(
     return np.asarray(measured * residual**2 / (residual**2 + doubt**2))
 
 
+def holding(
+    signals: Signals, rows: np.ndarray, state: Directions, unknown: np.ndarray, residual: np.ndarray
+) -> np.ndarray:
+    """Share of a row's error that is not static friction of unknown size, (len(rows), n), 0 to 1.
+
+    A joint that stands may be held by as much as its friction may be, however small it is taken to be. It counts
+    squared: what holds is the same all the while, so that many rows say no more than one.
+
+    Args:
+        unknown: standard deviation of the dry friction of each joint, (n,) [N·m].
+        residual: standard deviation of what is usually left of each joint, (n,) [N·m].
+    """
+    result = np.ones((len(rows), signals.width))
+    some = state.stands.any(axis=0)
+    if some.any():
+        held = unknown[some] * signals.smooth(signals.smooth(state.stands[:, some]))[rows]
+        result[:, some] = (residual[some] ** 2 / (residual[some] ** 2 + held**2)) ** 2
+    return result
+
+
 def sliding(signals: Signals, rows: np.ndarray, scales: Scales) -> np.ndarray:
     """What rows count for the parameters by the joints' speed, (len(rows), n)."""
     speed = (signals.velocity[rows] / scales.velocity / SLIDING) ** 2
