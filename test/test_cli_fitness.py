@@ -223,3 +223,25 @@ def test_joints_whose_error_exceeds_the_descriptions_by_a_fifth_are_named():
         "of them, or start from the description (--prior urdf)."
     )
     assert fitness.worse(described, model, from_nothing=True) == []
+
+
+def test_joints_that_the_model_predicts_no_better_than_the_description_are_named():
+    """A chattering turntable had 1.16 and 1.04: it learned nothing, but is not worse by a fifth."""
+    names = ("a", "b", "c", "d", "e", "still")
+
+    def scores(*errors: float) -> Scores:
+        error = np.array(errors)
+        return Scores(names, error, error, error**2, 0.0)
+
+    model, described = (
+        scores(1.16, 0.3, np.nan, 0.9, 0.1, 0.9),
+        scores(1.04, 0.9, 0.1, 0.3, 0.1, 0.9),
+    )
+    time = np.arange(400) / 100.0
+    position = np.sin(time)[:, None] * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
+    recording = Recording(time, names, position, None, position)
+    (sentence,) = fitness.hardly_better(model, described, [recording])
+    assert sentence.startswith("a: of what is kept out") and sentence.endswith("wider motion of it.")
+    (worse,) = fitness.worse(model, described, from_nothing=False)
+    assert worse.startswith("d: ")
+    assert fitness.hardly_better(model, None, [recording]) == []

@@ -23,6 +23,8 @@ WORSE = 1.2
 """An identified model's error of a joint is worth a word from this many times the description's on,"""
 NEGLIGIBLE = 0.02
 """and from this share of the effort's spread on: nobody records more to tell one good model from another."""
+LITTLE = 0.2
+"""A model that leaves so much of the effort's spread, and no less than the description does by `WORSE`, has not learned."""
 
 
 def require_motion(recording: Recording) -> None:
@@ -227,4 +229,26 @@ def worse(model: Scores, described: Scores | None, from_nothing: bool) -> list[s
     return [
         f"{listed(names, 20)}: of what is kept out to be scored, the description says more than the model. Record more and "
         f"wider motion of {them}{instead}."
+    ]
+
+
+def hardly_better(model: Scores, described: Scores | None, recordings: Sequence[Recording]) -> list[str]:
+    """What there is to say of joints that move, and that the model predicts about as badly as the description: a sentence, or
+    none.
+
+    Args:
+        model, described: as of `worse`, which tells those that the description predicts better.
+        recordings: what it was learned from and is scored on.
+    """
+    if described is None:
+        return []
+    level = (model.nrmse <= WORSE * described.nrmse) & (WORSE * model.nrmse >= described.nrmse)
+    level &= (model.nrmse > LITTLE) & np.any([moving(one) for one in recordings], axis=0)
+    names = [joint for joint, one in zip(model.joints, level, strict=True) if one]
+    if not names:
+        return []
+    them = "it" if len(names) == 1 else "them"
+    return [
+        f"{listed(names, 20)}: of what is kept out to be scored, the model says hardly more than the description: its bodies "
+        f"need not be nearer to the real ones. Record more and wider motion of {them}."
     ]

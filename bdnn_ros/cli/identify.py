@@ -147,8 +147,10 @@ def run(args: argparse.Namespace) -> int:
         path.with_name(PARAMETERS).unlink()
     elif told is not None:
         _tell(told, path.with_name(PARAMETERS))
-    worse = fitness.worse(metrics["held_out"], metrics.get("simulation"), args.prior == "none")
-    for sentence in [*fitness.unscored(recordings, lasts, tested), *worse]:
+    scores = metrics["held_out"], metrics.get("simulation")
+    worse = fitness.worse(*scores, args.prior == "none")
+    level = fitness.hardly_better(*scores, recordings)
+    for sentence in [*fitness.unscored(recordings, lasts, tested), *worse, *level]:
         options.say(sentence)
     _print(metrics, alike, path, robot)
     return 0
