@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.checks.efforts import braked, saturated, unread
 from bdnn_ros.checks.handling import handled
+from bdnn_ros.checks.pushed import pushed
 from bdnn_ros.checks.rattled import rattled
 from bdnn_ros.checks.setup import tilted, zeros_off
 from bdnn_ros.checks.velocities import CERTAIN, PERIODS, SHORTEST_DELAY, odd_velocity
@@ -72,6 +74,8 @@ def check(
     ]
     if value < HOPELESS:
         found += delayed(model, recordings)
+    if not disturbed:
+        found += chain.from_iterable(map(pushed, recordings, signals, [robot] * len(signals)))
     return found + _oddities(recordings, robot, signals, disturbed)
 
 

@@ -100,13 +100,13 @@ def handling(signals: Signals, robot: Robot) -> Handling | None:
     """A load that comes and goes on one of a robot's last links; None where there is none, or no effort."""
     if signals.effort is None or not signals.interior.any():
         return None
-    motion = _Motion(signals, robot)
+    motion = Motion(signals, robot)
     last = np.flatnonzero(robot.carried == 0).tolist()
     found = [one for link in last if (one := _handled(motion, robot, link)) is not None]
     return max(found, key=lambda one: one.explained, default=None)
 
 
-class _Motion:
+class Motion:
     """Some samples of a motion: what bodies, rotors and friction may make of their efforts, and blocks of time."""
 
     def __init__(self, signals: Signals, robot: Robot) -> None:
@@ -115,7 +115,8 @@ class _Motion:
         blocks = float(np.ptp(signals.time[inside])) / BLOCK if len(inside) else 0.0
         rows = some(inside, max(ROWS, round(3 * blocks)))
         q, v, a = signals.position[rows], signals.velocity[rows], signals.acceleration[rows]
-        self.time = signals.time[rows]
+        self.time, self.position, self.effort = signals.time[rows], q, signals.effort[rows]
+        self.holds = (signals.standing | signals.hardly_moves)[rows]
         self.block = np.unique((self.time / BLOCK).astype(int), return_inverse=True)[1]
         self.regressor = robot.regressor(q, v, a)
         links, each = self.regressor @ relative_inertials(robot), np.arange(robot.width)
@@ -148,7 +149,7 @@ class _Motion:
         return np.bincount(self.block, weights=np.sum((self.weight * left) ** 2, axis=1))
 
 
-def _handled(motion: _Motion, robot: Robot, link: int) -> Handling | None:
+def _handled(motion: Motion, robot: Robot, link: int) -> Handling | None:
     body = motion.regressor[:, :, link * PER_LINK : link * PER_LINK + POINT]
     before, _ = motion.left(motion.columns, motion.precision)
     plain = float(motion.misfit(before).sum())
@@ -175,7 +176,7 @@ def _handled(motion: _Motion, robot: Robot, link: int) -> Handling | None:
     return Handling(robot.moving_link(robot.joints[link]), float(load[0]), explained, times)
 
 
-def _guessed(motion: _Motion, body: np.ndarray, left: np.ndarray, inertial: np.ndarray) -> np.ndarray:
+def _guessed(motion: Motion, body: np.ndarray, left: np.ndarray, inertial: np.ndarray) -> np.ndarray:
     """Blocks in which what is left looks like more of the link, (B,) bool."""
     centre = inertial[1:POINT] / max(float(inertial[0]), 1e-9)
     heavier = (body @ np.array([1.0, *centre])) * motion.weight
@@ -197,7 +198,7 @@ def _cheapest(costs: np.ndarray, change: float) -> np.ndarray:
     return result
 
 
-def _times(motion: _Motion, there: np.ndarray) -> tuple[tuple[float, float], ...]:
+def _times(motion: Motion, there: np.ndarray) -> tuple[tuple[float, float], ...]:
     """When runs of blocks begin and end [s]."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
     first = np.searchsorted(motion.block, edges[::2])

@@ -15,6 +15,7 @@ from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.checks.efforts import unread
 from bdnn_ros.checks.handling import handled
+from bdnn_ros.checks.pushed import pushed
 from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.describing import of_the_unheld, unheld, unusable
 from bdnn_ros.cli.identify import HOLDOUT
@@ -123,10 +124,10 @@ def _of_the_description(recording: Recording, signals: Signals, robot: Robot | N
 
 
 def _of_the_efforts(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:
-    """What load comes and goes, and what the efforts had passed before they were recorded."""
+    """What load or contact comes and goes, and what the efforts had passed before they were recorded."""
     if robot is None or signals.effort is None:
         return []
-    load = [str(remark) for remark in handled(recording, signals, robot)]
+    load = [str(remark) for told in (handled, pushed) for remark in told(recording, signals, robot)]
     late = lateness.lateness(signals, robot)
     if late.total:
         return [*load, lateness.note(recording, late)]
