@@ -29,6 +29,8 @@ LONGEST = 0.5
 """Share of the motion that a push lasts at most: what is there for longer may be the robot's own."""
 EDGE = 0.05
 """And that is free of it before it and after it: what does not come and go may drift."""
+OTHERS = 2.0
+"""What is left of another joint meanwhile, in that of the rest of the time, at most: a load does something to all of them."""
 ONE_WAY = 0.5
 """Mean of a push, in its root mean square: friction that changes pulls both ways."""
 WORTH = 0.05
@@ -85,9 +87,14 @@ def push(signals: Signals, robot: Robot) -> Push | None:
         return None
     # a push begins and ends within the blocks beside it
     outside = (np.arange(count) < first - 1) | (np.arange(count) > last + 1)
+    meanwhile, usually = (
+        np.sqrt(np.mean(part**2, axis=0)) for part in (ratio[first : last + 1], ratio[outside])
+    )
+    if (np.delete(meanwhile, joint) > OTHERS * np.delete(usually, joint)).any():
+        return None
     moves = motion.weight[:, joint] > 0.0
-    rows = loud[motion.block, joint] & moves
-    if not _pushes(motion, joint, left[:, joint], rows, outside[motion.block] & moves):
+    rows, free = loud[motion.block, joint] & moves, outside[motion.block] & moves
+    if not free.any() or not _pushes(motion, joint, left[:, joint], rows, free):
         return None
     times = motion.time[(motion.block >= first) & (motion.block <= last)]
     return Push(joint, float(times[0]), float(times[-1]))
