@@ -148,9 +148,8 @@ def run(args: argparse.Namespace) -> int:
     elif told is not None:
         _tell(told, path.with_name(PARAMETERS))
     scores = metrics["held_out"], metrics.get("simulation")
-    worse = fitness.worse(*scores, args.prior == "none")
-    level = fitness.hardly_better(*scores, recordings)
-    for sentence in [*fitness.unscored(recordings, lasts, tested), *worse, *level]:
+    worse = fitness.worse(*scores, args.prior == "none") + fitness.hardly_better(*scores, recordings)
+    for sentence in fitness.unscored(recordings, lasts, tested) + worse:
         options.say(sentence)
     _print(metrics, alike, path, robot)
     return 0
