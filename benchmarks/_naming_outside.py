@@ -115,7 +115,7 @@ CAUSES: dict[str, Outside] = {
         lambda m: m.effort * np.abs(m.v[:, m.joint]), _of(LOAD, VELOCITY)
     ),
     "friction that wears in": Outside(
-        lambda m: m.direction * np.exp(-4.0 * m.time / m.time[-1]), _of(("", "time"), VELOCITY), "drift"
+        lambda m: m.direction * np.exp(-4.0 * m.time / m.time[-1]), _of(("", "time")), "drift"
     ),
 }
 
