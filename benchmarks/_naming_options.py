@@ -1,9 +1,16 @@
-"""Options of benchmarks that take many draws."""
+"""Options of benchmarks that take many draws, and the run itself."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import multiprocessing
+import sys
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 
 def run_options(parser: argparse.ArgumentParser, results: Path, budget: float) -> None:
@@ -19,3 +26,35 @@ def run_options(parser: argparse.ArgumentParser, results: Path, budget: float) -
     parser.add_argument(
         "--results", type=Path, default=results, help=f"default: {results.parent.name}/{results.name}"
     )
+
+
+def run(
+    done: Callable[[float, int], list[dict[str, Any]]],
+    seeds: Iterable[int],
+    args: argparse.Namespace,
+    code: str,
+) -> list[dict[str, Any]]:
+    """Records of draws, each draw's kept as soon as it is done.
+
+    Args:
+        done: the records of a draw by its seed; none after a deadline [s of the monotonic clock].
+        args: of `run_options`.
+        code: tells the sources that made them.
+    """
+    args.results.parent.mkdir(parents=True, exist_ok=True)
+    deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
+    records: list[dict[str, Any]] = []
+    try:
+        with (
+            multiprocessing.get_context("spawn").Pool(args.jobs) as pool,
+            args.results.open("a", encoding="utf-8") as file,
+        ):
+            for some in pool.imap(partial(done, deadline), seeds):
+                for record in some:
+                    records.append(record | {"code": code})
+                    file.write(json.dumps(records[-1]) + "\n")
+                file.flush()
+                print(f"{len(records)} diagnoses", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("stopped; finished draws are kept", file=sys.stderr)
+    return records

@@ -11,16 +11,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
-import json
-import multiprocessing
-import sys
 import time
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
 from _naming_draws import Choices, scenario
-from _naming_options import run_options
+from _naming_options import run, run_options
 from _naming_outside import CAUSES, RECORDS, hiding, judged, table
 from _naming_robots import robot_of
 from _naming_tables import NOT_DRAWN
@@ -35,44 +31,29 @@ FIRST_SEED, BUDGET = 310000, 120.0
 
 def main() -> None:
     args = _arguments()
-    args.results.parent.mkdir(parents=True, exist_ok=True)
-    records: list[dict[str, Any]] = []
-    code = fingerprint()
-    deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
     seeds = range(args.seed0, args.seed0 + args.draws)
-    try:
-        with (
-            multiprocessing.get_context("spawn").Pool(args.jobs) as pool,
-            args.results.open("a", encoding="utf-8") as file,
-        ):
-            for record in filter(None, pool.imap(partial(done, deadline), seeds)):
-                records.append(record | {"code": code})
-                file.write(json.dumps(records[-1]) + "\n")
-                file.flush()
-                print(f"{len(records)} diagnoses", file=sys.stderr)
-    except KeyboardInterrupt:
-        print("stopped; finished draws are kept", file=sys.stderr)
+    records = run(done, seeds, args, fingerprint())
     if records:
         print(text(table(records)))
 
 
-def done(deadline: float, seed: int) -> dict[str, Any] | None:
-    """The record of one draw; None after the deadline. Causes take turns, and so do new and worn robots."""
+def done(deadline: float, seed: int) -> list[dict[str, Any]]:
+    """The record of one draw, none after the deadline. Causes take turns, and so do new and worn robots."""
     if time.monotonic() > deadline:
-        return None
+        return []
     worn = bool(seed // len(CAUSES) % 2)
     draw = Choices(hidden=0, wrong=0.05, worn=worn, duration=30.0, poor=False).draw(seed)
     record: dict[str, Any] = {"draw": asdict(draw)}
     try:
         simulated, _ = scenario(draw).run()
     except BdnnError as error:
-        return {**record, "status": NOT_DRAWN, "why": str(error)}
+        return [{**record, "status": NOT_DRAWN, "why": str(error)}]
     recording, truth = hiding(simulated, [*CAUSES][seed % len(CAUSES)], seed)
     start = time.process_time()
     report = diagnose([recording], robot_of(draw.robot)).as_json()
     seconds = round(time.process_time() - start, 2)
     outcome = judged(truth, report, worn)
-    return {**record, "status": "diagnosed", "truth": truth, "outcome": outcome, "cpu_seconds": seconds}
+    return [{**record, "status": "diagnosed", "truth": truth, "outcome": outcome, "cpu_seconds": seconds}]
 
 
 def _arguments() -> argparse.Namespace:

@@ -14,18 +14,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
-import json
-import multiprocessing
-import sys
 import time
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
 import numpy as np
 from _naming_draws import Choices, scenario
 from _naming_judging import judge
-from _naming_options import run_options
+from _naming_options import run, run_options
 from _naming_readings import RECORDS, WAYS, table
 from _naming_robots import robot_of
 from _naming_tables import NOT_DRAWN
@@ -42,24 +38,8 @@ HIDDEN = tuple(name for name in EFFECTS if name != "velocity_filter")
 
 def main() -> None:
     args = _arguments()
-    args.results.parent.mkdir(parents=True, exist_ok=True)
-    records: list[dict[str, Any]] = []
-    code = fingerprint()
-    deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
     seeds = range(args.seed0, args.seed0 + args.draws)
-    try:
-        with (
-            multiprocessing.get_context("spawn").Pool(args.jobs) as pool,
-            args.results.open("a", encoding="utf-8") as file,
-        ):
-            for some in pool.imap(partial(done, deadline), seeds):
-                for record in some:
-                    records.append(rounded(record | {"code": code}))
-                    file.write(json.dumps(records[-1]) + "\n")
-                file.flush()
-                print(f"{len(records)} diagnoses", file=sys.stderr)
-    except KeyboardInterrupt:
-        print("stopped; finished draws are kept", file=sys.stderr)
+    records = run(done, seeds, args, fingerprint())
     if records:
         print(text(table(records)))
 
@@ -84,7 +64,7 @@ def done(deadline: float, seed: int) -> list[dict[str, Any]]:
             continue
         outcome = judge(truth, report["findings"], robot)
         seconds = round(time.process_time() - start, 2)
-        records.append({**record, "status": "diagnosed", "outcome": outcome, "cpu_seconds": seconds})
+        records.append(rounded({**record, "status": "diagnosed", "outcome": outcome, "cpu_seconds": seconds}))
     return records
 
 
