@@ -7,10 +7,16 @@ import json
 import multiprocessing
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+
+def seed_options(parser: argparse.ArgumentParser, draws: int, first: int) -> None:
+    """Which draws are made."""
+    parser.add_argument("--draws", type=int, default=draws, help="default: %(default)s")
+    parser.add_argument("--seed0", type=int, default=first, help="first seed (default: %(default)s)")
 
 
 def run_options(parser: argparse.ArgumentParser, results: Path, budget: float) -> None:
@@ -29,20 +35,18 @@ def run_options(parser: argparse.ArgumentParser, results: Path, budget: float) -
 
 
 def run(
-    done: Callable[[float, int], list[dict[str, Any]]],
-    seeds: Iterable[int],
-    args: argparse.Namespace,
-    code: str,
+    done: Callable[[float, int], list[dict[str, Any]]], args: argparse.Namespace, code: str
 ) -> list[dict[str, Any]]:
     """Records of draws, each draw's kept as soon as it is done.
 
     Args:
         done: the records of a draw by its seed; none after a deadline [s of the monotonic clock].
-        args: of `run_options`.
+        args: of `seed_options` and `run_options`.
         code: tells the sources that made them.
     """
     args.results.parent.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + args.budget if args.budget > 0.0 else float("inf")
+    seeds = range(args.seed0, args.seed0 + args.draws)
     records: list[dict[str, Any]] = []
     try:
         with (

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _naming_records import latest
+from _naming_records import latest, standing
 from _naming_tables import Record, counted
 from _naming_text import Rows, markdown, percent, share
 
@@ -189,7 +189,7 @@ def table(records: Sequence[Record]) -> Rows:
     for cause in (*CAUSES, "all"):
         some = [r["outcome"] for r in counted(records) if cause in (r["truth"]["cause"], "all")]
         if some:
-            false = Counter(name for one in some for name in set(one["false"]))
+            false = Counter(name for one in some for name in dict.fromkeys(one["false"]))
             rows.append(
                 [
                     cause,
@@ -212,12 +212,11 @@ def section(code: str) -> list[str]:
     if not RECORDS.is_file():
         return []
     records = latest(RECORDS, lambda record: (record["draw"]["seed"], record["draw"]["worn"]))
-    now = sum(record["code"] == code for record in records)
     return [
         "\n## Causes that the library does not hold\n",
         "Made by `python benchmarks/naming_outside.py --budget 0`: what is added to one joint's effort follows none of the laws\n"
         "that can be named. It should be said what it depends on; a name is false, but of friction there and of a part of the\n"
         "cause (a spring of the joint itself, a drift). It is 10 to 30 % of the joint's effort; half of the robots are worn.\n",
-        f"{len(records)} diagnoses, {now} by the sources as they stand.\n",
+        f"{len(records)} diagnoses, {standing(records, code)}\n",
         markdown(table(records)),
     ]

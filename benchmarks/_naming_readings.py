@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _naming_records import BRIEF, in_brief, latest
+from _naming_records import BRIEF, in_brief, latest, standing
 from _naming_tables import Record, Totals, counted
 from _naming_text import Rows, markdown
 from scipy.signal import butter, lfilter, sosfiltfilt
@@ -184,11 +184,10 @@ def section(code: str) -> list[str]:
     if not RECORDS.is_file():
         return []
     records = latest(RECORDS, lambda record: (record["draw"]["seed"], record["way"]))
-    now = sum(record["code"] == code for record in records)
     return [
         "\n## Recordings that were read badly\n",
         "Made by `python benchmarks/naming_readings.py --budget 0`: one effect of each kind is hidden, links are 5 % off, four\n"
         "of ten robots are worn; the same recording is then diagnosed as it is, and in every way that drivers spoil them.\n",
-        f"{len(records)} diagnoses, {now} by the sources as they stand.\n",
+        f"{len(records)} diagnoses, {standing(records, code)}\n",
         markdown(table(records)),
     ]

@@ -19,6 +19,11 @@ def latest(path: Path, draw: Callable[[Record], Hashable]) -> list[Record]:
     return counted({draw(record): record for record in records}.values())
 
 
+def standing(records: Sequence[Record], code: str) -> str:
+    """How many records are of the sources as they stand, whose fingerprint is given, as a sentence ends."""
+    return f"{sum(record['code'] == code for record in records)} by the sources as they stand."
+
+
 def in_brief(records: Sequence[Record]) -> list[str]:
     """How many draws, how many of them named, and how well."""
     totals = Totals(records)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from _naming_records import BRIEF, in_brief, latest
+from _naming_records import BRIEF, in_brief, latest, standing
 from _naming_tables import Record, Totals
 from _naming_text import Rows, markdown
 
@@ -59,7 +59,6 @@ def section(code: str) -> list[str]:
     if not RECORDS.is_file():
         return []
     records = latest(RECORDS, lambda record: record["draw"]["seed"])
-    now = sum(record["code"] == code for record in records)
     return [
         "\n## Another simulator\n",
         "Made by `python benchmarks/naming_mujoco.py --budget 0`: MuJoCo reads the description and moves the robot with joints,\n"
@@ -70,7 +69,7 @@ def section(code: str) -> list[str]:
         "heavier or 22 to 36 % lighter, load-dependent friction 8 to 30 % of the effort, a velocity filter of 3 to 12 Hz, a\n"
         "gap of 4 to 30 mrad, a gear on which its link swings at 25 to 45 rad/s. Gap and soft gear are second joints of\n"
         "MuJoCo's, between rotor and link, on worn robots.\n",
-        f"{in_words(records)} {now} by the sources as they stand.\n",
+        f"{in_words(records)} {standing(records, code)}\n",
         markdown(table(records)),
         *(line for part in OTHERS for line in _part(*part, code)),
     ]
@@ -81,9 +80,8 @@ def _part(path: Path, by: str, words: str, code: str) -> list[str]:
     if not path.is_file():
         return []
     records = latest(path, lambda record: (record["draw"]["seed"], record["draw"][by]))
-    now = sum(record["code"] == code for record in records)
     return [
         words,
-        f"{in_words(records)} {now} by the sources as they stand.\n",
+        f"{in_words(records)} {standing(records, code)}\n",
         markdown(table(records, by)),
     ]

@@ -26,7 +26,7 @@ from typing import Any
 
 import _naming_document as document
 from _naming_draws import Choices, Draw, done
-from _naming_options import run_options
+from _naming_options import run_options, seed_options
 from _naming_recordings import RECORDED, in_words, recorded, tables
 from _naming_robots import EXAMPLES
 from _naming_tables import by_condition, by_effect, confusion, counted, shows, summary
@@ -195,8 +195,7 @@ def _arguments() -> argparse.Namespace:
         return [word for word in words.split(",") if word]
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--draws", type=int, default=300, help="default: %(default)s")
-    parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="first seed (default: %(default)s)")
+    seed_options(parser, 300, FIRST_SEED)
     parser.add_argument(
         "--robots",
         type=names,

@@ -27,7 +27,7 @@ from typing import Any
 from _naming_judging import judge
 from _naming_motions import MOTIONS
 from _naming_mujoco import ROBOTS, drawn, made
-from _naming_options import run_options
+from _naming_options import run_options, seed_options
 from _naming_robots import EXAMPLES, bare
 from _naming_simulator import OF_MOTIONS, OF_STRANGERS, RECORDS, in_words, table
 from _naming_tables import NOT_DRAWN, counted
@@ -110,8 +110,7 @@ def _line(record: dict[str, Any]) -> str:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--draws", type=int, default=DRAWS, help="default: %(default)s")
-    parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="first seed (default: %(default)s)")
+    seed_options(parser, DRAWS, FIRST_SEED)
     parser.add_argument("--motion", choices=list(MOTIONS), default="fourier", help="default: %(default)s")
     parser.add_argument(
         "--robots",

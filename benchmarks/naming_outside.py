@@ -16,7 +16,7 @@ from dataclasses import asdict
 from typing import Any
 
 from _naming_draws import Choices, scenario
-from _naming_options import run, run_options
+from _naming_options import run, run_options, seed_options
 from _naming_outside import CAUSES, RECORDS, hiding, judged, table
 from _naming_robots import robot_of
 from _naming_tables import NOT_DRAWN
@@ -31,8 +31,7 @@ FIRST_SEED, BUDGET = 310000, 120.0
 
 def main() -> None:
     args = _arguments()
-    seeds = range(args.seed0, args.seed0 + args.draws)
-    records = run(done, seeds, args, fingerprint())
+    records = run(done, args, fingerprint())
     if records:
         print(text(table(records)))
 
@@ -58,8 +57,7 @@ def done(deadline: float, seed: int) -> list[dict[str, Any]]:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--draws", type=int, default=4 * len(CAUSES), help="default: %(default)s")
-    parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="default: %(default)s")
+    seed_options(parser, 4 * len(CAUSES), FIRST_SEED)
     run_options(parser, RECORDS, BUDGET)
     return parser.parse_args()
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from _naming_draws import Choices, scenario
 from _naming_judging import judge
-from _naming_options import run, run_options
+from _naming_options import run, run_options, seed_options
 from _naming_readings import RECORDS, WAYS, table
 from _naming_robots import robot_of
 from _naming_tables import NOT_DRAWN
@@ -38,8 +38,7 @@ HIDDEN = tuple(name for name in EFFECTS if name != "velocity_filter")
 
 def main() -> None:
     args = _arguments()
-    seeds = range(args.seed0, args.seed0 + args.draws)
-    records = run(done, seeds, args, fingerprint())
+    records = run(done, args, fingerprint())
     if records:
         print(text(table(records)))
 
@@ -70,8 +69,7 @@ def done(deadline: float, seed: int) -> list[dict[str, Any]]:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--draws", type=int, default=len(HIDDEN), help="default: %(default)s")
-    parser.add_argument("--seed0", type=int, default=FIRST_SEED, help="default: %(default)s")
+    seed_options(parser, len(HIDDEN), FIRST_SEED)
     run_options(parser, RECORDS, BUDGET)
     return parser.parse_args()
 
