@@ -11,14 +11,14 @@ from typing import Any
 
 from _naming_judging import WORN
 
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.odds import doubt
-from bdnn_ros.diagnosis.search import LINK_ERRORS
-from bdnn_ros.diagnosis.settling import relieve
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.regression.coloring import noise_of
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.odds import doubt
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import LINK_ERRORS
+from bdnn_ros.diagnosis.search.settling import relieve
 from bdnn_ros.effects.registry import Installed, get, variants
 from bdnn_ros.robot import Robot
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.equations import Equations, Noise
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.equations import Equations, Noise
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS, get, parse_spec, variants
 from bdnn_ros.physical.links import relative_inertials

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.gains import share_of
-from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.judging.posterior import Estimate
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.gains import share_of
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival
-from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.extended import ExtendedModel

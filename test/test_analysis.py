@@ -12,10 +12,10 @@ from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity
 from bdnn_ros.effects.environment import ExternalTorque
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.analysis import Analyst, Noticed, diagnosis_with_stamps, with_stamps
-from bdnn_ros.online.buffer import Chunk, Ring
 from bdnn_ros.online.channel import Message
-from bdnn_ros.online.feed import Feed
-from bdnn_ros.online.intake import Intake
+from bdnn_ros.online.stream.buffer import Chunk, Ring
+from bdnn_ros.online.stream.feed import Feed
+from bdnn_ros.online.stream.intake import Intake
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm2")

@@ -28,6 +28,14 @@ LEVELS = [
     {"nodes", "cli"},
 ]
 HEIGHT = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
+WITHIN = {  # of rooms in a room; the modules that are not listed stand above them
+    "diagnosis": [{"result"}, {"regression"}, {"recorded"}, {"pushes"}, {"search"}, {"judging"}, {"telling"}],
+    "online": [{"changed", "stream"}],
+}
+INNER_HEIGHT = {
+    room: {part: level for level, parts in enumerate(levels) for part in parts}
+    for room, levels in WITHIN.items()
+}
 ROS_MODULES = {
     "action_msgs",
     "bdnn_interfaces",
@@ -77,6 +85,15 @@ def room_of(module: str) -> str | None:
     return parts[1] if parts[0] == PACKAGE and len(parts) > 1 and parts[1] in HEIGHT else None
 
 
+def climbs(module: str, imported: str) -> bool:
+    """Return whether a module imports from a part of its own room that is not below its own part."""
+    parts, others = module.split("."), imported.split(".")
+    if len(parts) < 3 or len(others) < 3 or parts[1] != others[1] or parts[2] == others[2]:
+        return False
+    heights = INNER_HEIGHT.get(parts[1], {})
+    return parts[2] in heights and heights.get(others[2], len(heights)) >= heights[parts[2]]
+
+
 def problems(source: str, module: str, is_package: bool = False) -> list[str]:
     """Return what a module does against the rules, one sentence each."""
     tree = ast.parse(source)
@@ -89,6 +106,8 @@ def problems(source: str, module: str, is_package: bool = False) -> list[str]:
         other = room_of(name)
         if room and other and other != room and HEIGHT[other] >= HEIGHT[room]:
             found.append(f"{module} imports {name}: {room} may only import what is below it")
+        if room and room == other and climbs(module, name):
+            found.append(f"{module} imports {name}: within {room} it may only import what is below it")
         if top in ROS_MODULES and room != "nodes":
             found.append(f"{module} imports {name}: only nodes may import ROS 2")
         if top in UNSAFE_MODULES:
@@ -147,6 +166,9 @@ def test_a_long_function_is_found_wherever_it_is() -> None:
         ("bdnn_ros.bdnn.modelfile", "import torch\ntorch.load('model.pt')"),
         ("bdnn_ros.cli.info", "import subprocess\nsubprocess.run('ls', shell=True)"),
         ("bdnn_ros.helpers", "x = 1"),
+        ("bdnn_ros.diagnosis.search.moves", "from bdnn_ros.diagnosis.judging.attempt import attempt"),
+        ("bdnn_ros.diagnosis.telling.case", "from bdnn_ros.diagnosis import diagnose"),
+        ("bdnn_ros.online.stream.buffer", "from bdnn_ros.online.changed.scene import Scene"),
     ],
 )
 def test_a_broken_rule_is_found(module: str, source: str) -> None:
@@ -159,6 +181,12 @@ def test_a_broken_rule_is_found(module: str, source: str) -> None:
         ("bdnn_ros.nodes.conversions", "import rclpy\nfrom bdnn_ros.online.identifier import Identifier"),
         ("bdnn_ros.effects.friction", "from .base import Effect\nfrom bdnn_ros.robot import Robot"),
         ("bdnn_ros.bdnn.networks", "network.eval()"),
+        ("bdnn_ros.diagnosis.search.moves", "from bdnn_ros.diagnosis.search.settling import settle"),
+        ("bdnn_ros.diagnosis.judging.attempt", "from bdnn_ros.diagnosis.search import search"),
+        (
+            "bdnn_ros.online.session",
+            "from bdnn_ros.online.stream.buffer import Buffer\nfrom bdnn_ros.online import course",
+        ),
     ],
 )
 def test_what_is_allowed_passes(module: str, source: str) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bdnn_ros.errors import UsageError
-from bdnn_ros.online import buffer
-from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.stream import buffer
+from bdnn_ros.online.stream.buffer import Ring
 
 
 @pytest.fixture
@@ -122,7 +122,7 @@ def test_another_process_reads_while_it_is_written():
     ring = Ring.create(capacity=512, width=4)
     script = """
 import sys
-from bdnn_ros.online.buffer import Ring
+from bdnn_ros.online.stream.buffer import Ring
 ring = Ring(int(sys.argv[1]))
 total, seen, missed, following = 60000, 0, 0, 0
 ring.beat()

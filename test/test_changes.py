@@ -9,7 +9,7 @@ import pytest
 from live_support import motion, real_robot
 from scipy.interpolate import CubicSpline
 
-from bdnn_ros.online.changes import Change, Monitor
+from bdnn_ros.online.changed.changes import Change, Monitor
 from bdnn_ros.online.chunks import Chunks
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording

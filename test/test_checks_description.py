@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import pytest
 
 from bdnn_ros.checks.description import doubts, require_mass, weightless
-from bdnn_ros.diagnosis.notes import haunted
 from bdnn_ros.diagnosis.result import Finding
+from bdnn_ros.diagnosis.telling.notes import haunted
 from bdnn_ros.errors import RobotError
 from bdnn_ros.robot import BUNDLED, Robot
 

@@ -23,7 +23,7 @@ from bdnn_ros import bags
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.cli.diagnose import _grouped, _probability, _rivals, _share, _together, verdict_lines
 from bdnn_ros.cli.main import main
-from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, CUTOFFS
+from bdnn_ros.diagnosis.recorded.lowpass import CUTOFF_OF_USUAL, CUTOFFS
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.extension.extended import ExtendedModel

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.course import MOST_DEATHS, Course
 from bdnn_ros.online.serving import Served, nominal
+from bdnn_ros.online.stream.buffer import Ring
 from bdnn_ros.robot import Robot
 
 MODEL = nominal(Robot.bundled("arm2"))

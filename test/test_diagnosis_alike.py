@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, white
 
-from bdnn_ros.diagnosis.alike import Common, common, tied, untold
-from bdnn_ros.diagnosis.evidence import Pool
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.telling.alike import Common, common, tied, untold
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import PER_LINK, Robot
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, term
 
-from bdnn_ros.diagnosis import attempt as module
-from bdnn_ros.diagnosis.attempt import SURPRISING, Attempt, completed, surprise
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import gain_of
-from bdnn_ros.diagnosis.noise import ORDER, Noise
+from bdnn_ros.diagnosis.judging import attempt as module
+from bdnn_ros.diagnosis.judging.attempt import SURPRISING, Attempt, completed, surprise
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.gains import gain_of
+from bdnn_ros.diagnosis.regression.noise import ORDER, Noise
 from bdnn_ros.robot import Robot
 
 

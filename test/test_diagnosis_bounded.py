@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from bdnn_ros.diagnosis.bounded import factored, gains_of, held, held_out_losses, raised, solved
+from bdnn_ros.diagnosis.regression.bounded import factored, gains_of, held, held_out_losses, raised, solved
 
 
 def _drawn(seed: int, size: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

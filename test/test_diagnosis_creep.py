@@ -11,12 +11,12 @@ import pinocchio
 import pytest
 
 from bdnn_ros.diagnosis import diagnose as diagnosing
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.recorded.creep import creeping, remarked, undisturbed
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get

@@ -9,9 +9,9 @@ import pytest
 from diagnosis_cases import equations_of, term, white
 
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.endless import endless
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.posterior import estimates
+from bdnn_ros.diagnosis.judging.posterior import estimates
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.telling.endless import endless
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.report.words import claim
 from bdnn_ros.robot import Robot

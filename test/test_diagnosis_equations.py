@@ -9,7 +9,9 @@ import pytest
 from diagnosis_cases import CUTOFF, RATE, coloured, equations_of, signals_of, term, white
 from scipy.linalg import toeplitz
 
-from bdnn_ros.diagnosis.building import (
+from bdnn_ros.diagnosis.recorded.joining import concatenated
+from bdnn_ros.diagnosis.recorded.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
+from bdnn_ros.diagnosis.regression.building import (
     BLOCK_SECONDS,
     LEAST_MOTION,
     LEAST_VALUES,
@@ -17,13 +19,11 @@ from bdnn_ros.diagnosis.building import (
     build,
     least_motion,
 )
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.coloring import noise_of, without_trends
-from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.joining import concatenated
-from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff
-from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.regression.coloring import noise_of, without_trends
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.recording import Recording

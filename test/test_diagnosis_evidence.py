@@ -7,9 +7,9 @@ import pytest
 from diagnosis_cases import equations_of, term, white
 from scipy.optimize import minimize, minimize_scalar
 
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.effects.rigid import HEAVY
 from bdnn_ros.robot import Robot
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.excerpts import MOST_SECONDS, PIECE, excerpts
+from bdnn_ros.diagnosis.recorded.excerpts import MOST_SECONDS, PIECE, excerpts
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -59,8 +59,8 @@ def test_of_many_short_ones_some_are_left_out_and_named():
 
 @pytest.mark.slow
 def test_what_drifts_all_the_while_is_named_as_it_was(monkeypatch):
-    monkeypatch.setattr("bdnn_ros.diagnosis.excerpts.MOST_SECONDS", 40.0)
-    monkeypatch.setattr("bdnn_ros.diagnosis.excerpts.PIECE", 5.0)
+    monkeypatch.setattr("bdnn_ros.diagnosis.recorded.excerpts.MOST_SECONDS", 40.0)
+    monkeypatch.setattr("bdnn_ros.diagnosis.recorded.excerpts.PIECE", 5.0)
     robot = Robot.bundled("arm2")
     drift = parse_spec("drift@arm2_joint1:start_value=0.5,end_value=1.5", robot)
     recording = simulate(robot, [drift.within(160.0)], seed=4, duration=160.0, rate=50.0).recording

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.candidates import Candidates, _as_change
-from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.recorded.compared import Compared
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates, _as_change
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import Installed, from_values, get, parse_spec

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis import naming
-from bdnn_ros.diagnosis.gains import Removal, gain_of, noticeable, removed
-from bdnn_ros.diagnosis.identifiability import Judgement
+from bdnn_ros.diagnosis.judging.identifiability import Judgement
+from bdnn_ros.diagnosis.regression.gains import Removal, gain_of, noticeable, removed
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Quantity
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.telling import naming
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 

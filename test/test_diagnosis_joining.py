@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.joining import concatenated, own_zeros, owners, prepared_alike, starts, stretches
-from bdnn_ros.diagnosis.notes import AT_AN_END, one_clock
+from bdnn_ros.diagnosis.recorded.joining import (
+    concatenated,
+    own_zeros,
+    owners,
+    prepared_alike,
+    starts,
+    stretches,
+)
 from bdnn_ros.diagnosis.result import Finding, Quantity
+from bdnn_ros.diagnosis.telling.notes import AT_AN_END, one_clock
 from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
+from bdnn_ros.diagnosis.recorded.lateness import Lateness, in_time, lateness
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.extend import ExtendedModel, extend

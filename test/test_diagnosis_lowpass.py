@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.lowpass import _steps, stepping
+from bdnn_ros.diagnosis.recorded.lowpass import _steps, stepping
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals.preparing import prepare

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, term, white
 
-from bdnn_ros.diagnosis.advice import advice
-from bdnn_ros.diagnosis.candidates import Candidates, acting_per_measured
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.identifiability import judge, plainer
-from bdnn_ros.diagnosis.moves import Moves
-from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.odds import contains, log_odds
-from bdnn_ros.diagnosis.posterior import estimates
-from bdnn_ros.diagnosis.search import Search, Selection
-from bdnn_ros.diagnosis.settling import anew
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.judging.identifiability import judge, plainer
+from bdnn_ros.diagnosis.judging.posterior import estimates
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.odds import contains, log_odds
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates, acting_per_measured
+from bdnn_ros.diagnosis.search.moves import Moves
+from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.settling import anew
+from bdnn_ros.diagnosis.telling.advice import advice
 from bdnn_ros.effects.registry import get, parse_spec, variants
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.axes import spins

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.naming import _with_its_sample
-from bdnn_ros.diagnosis.posterior import Estimate
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.judging.posterior import Estimate
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.telling.naming import _with_its_sample
 from bdnn_ros.effects.registry import get
 
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.building import DWELLING_WIDTHS, STICKING_WIDTHS, sticks, turns
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.noise import Noise, slipping
+from bdnn_ros.diagnosis.regression.building import DWELLING_WIDTHS, STICKING_WIDTHS, sticks, turns
+from bdnn_ros.diagnosis.regression.noise import Noise, slipping
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
 from bdnn_ros.simulation import simulate

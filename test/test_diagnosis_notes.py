@@ -10,17 +10,17 @@ import pytest
 from diagnosis_cases import equations_of
 
 from bdnn_ros.cli.diagnose import verdict_lines
-from bdnn_ros.diagnosis.advice import advice
 from bdnn_ros.diagnosis.diagnose import diagnose, examine
-from bdnn_ros.diagnosis.identifiability import Judgement
-from bdnn_ros.diagnosis.leads import parted
-from bdnn_ros.diagnosis.naming import Named, beyond_links
-from bdnn_ros.diagnosis.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
-from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.judging.identifiability import Judgement
+from bdnn_ros.diagnosis.judging.posterior import Estimate
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Finding, Quantity
-from bdnn_ros.diagnosis.telling import _above, _advice, _led, _unexplained_sentence
-from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.diagnosis.search.leads import parted
+from bdnn_ros.diagnosis.telling.advice import advice
+from bdnn_ros.diagnosis.telling.naming import Named, beyond_links
+from bdnn_ros.diagnosis.telling.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
+from bdnn_ros.diagnosis.telling.telling import _above, _advice, _led, _unexplained_sentence
+from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.scenario import Scenario

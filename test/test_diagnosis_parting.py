@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, term, white
 
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gathering import gathered
-from bdnn_ros.diagnosis.identifiability import judge
-from bdnn_ros.diagnosis.moves import Moves
-from bdnn_ros.diagnosis.pushes import edges
-from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.judging.identifiability import judge
+from bdnn_ros.diagnosis.pushes.pushes import edges
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.gathering import gathered
+from bdnn_ros.diagnosis.search.moves import Moves
+from bdnn_ros.diagnosis.search.search import Search, Selection
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm6")

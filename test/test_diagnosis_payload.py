@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose, examine
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gains import rms
-from bdnn_ros.diagnosis.noise import Noise
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.gains import rms
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.extension.extend import extend

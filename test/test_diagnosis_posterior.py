@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from diagnosis_cases import coloured, equations_of, signals_of, term
 
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.posterior import Estimate, estimates, excesses
+from bdnn_ros.diagnosis.judging.posterior import Estimate, estimates, excesses
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Quantity
-from bdnn_ros.diagnosis.settling import settled
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.settling import settled
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get

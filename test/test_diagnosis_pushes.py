@@ -10,17 +10,13 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, signals_of, term, white
 
-from bdnn_ros.diagnosis import pushes
-from bdnn_ros.diagnosis.between import between_rows
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.contact import contact, distance, point_of
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.gathering import gathered
-from bdnn_ros.diagnosis.identifiability import judge
-from bdnn_ros.diagnosis.moves import Moves
-from bdnn_ros.diagnosis.posterior import estimates
-from bdnn_ros.diagnosis.pushes import (
+from bdnn_ros.diagnosis.judging.identifiability import judge
+from bdnn_ros.diagnosis.judging.posterior import estimates
+from bdnn_ros.diagnosis.pushes import pushes
+from bdnn_ros.diagnosis.pushes.between import between_rows
+from bdnn_ros.diagnosis.pushes.contact import contact, distance, point_of
+from bdnn_ros.diagnosis.pushes.pushes import (
     best_push,
     edges,
     leftover,
@@ -31,8 +27,12 @@ from bdnn_ros.diagnosis.pushes import (
     together,
     unseen,
 )
-from bdnn_ros.diagnosis.search import Search, Selection
-from bdnn_ros.diagnosis.settling import refined
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.gathering import gathered
+from bdnn_ros.diagnosis.search.moves import Moves
+from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.settling import refined
 from bdnn_ros.effects.environment import POINT, ExternalWrench
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from diagnosis_cases import CUTOFF, RATE, term, white
 
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.identifiability import judge
-from bdnn_ros.diagnosis.scaled import scaled
-from bdnn_ros.diagnosis.search import Search, Selection
+from bdnn_ros.diagnosis.judging.identifiability import judge
+from bdnn_ros.diagnosis.judging.scaled import scaled
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import Search, Selection
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.building import IDENTIFIED, build
 from bdnn_ros.diagnosis.diagnose import Examination, examine
+from bdnn_ros.diagnosis.regression.building import IDENTIFIED, build
 from bdnn_ros.diagnosis.result import Finding
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.extension.effects_file import EffectsFile

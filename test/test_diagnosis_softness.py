@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.softness import Softness, softened, softness
+from bdnn_ros.diagnosis.recorded.softness import Softness, softened, softness
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, term, white
 
-from bdnn_ros.diagnosis.attempt import Attempt, attempted
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.case import Case
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.identifiability import Judgement
-from bdnn_ros.diagnosis.posterior import estimates
-from bdnn_ros.diagnosis.pushes import edges
-from bdnn_ros.diagnosis.search import Search, Selection
-from bdnn_ros.diagnosis.steadiness import steadied
-from bdnn_ros.diagnosis.telling import told
-from bdnn_ros.diagnosis.unexplained import Remainder
+from bdnn_ros.diagnosis.judging.attempt import Attempt, attempted
+from bdnn_ros.diagnosis.judging.identifiability import Judgement
+from bdnn_ros.diagnosis.judging.posterior import estimates
+from bdnn_ros.diagnosis.judging.steadiness import steadied
+from bdnn_ros.diagnosis.pushes.pushes import edges
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.telling.case import Case
+from bdnn_ros.diagnosis.telling.telling import told
+from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm6")

@@ -9,11 +9,11 @@ import pytest
 from cli_cases import sliding_arm
 
 from bdnn_ros.checks.velocities import odd_velocity
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.candidates import Candidates
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.predicting import Predictor
-from bdnn_ros.diagnosis.velocity_filter import reported_velocity
+from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.telling.predicting import Predictor
 from bdnn_ros.effects.motion import CALM, Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.recording import Recording, moving

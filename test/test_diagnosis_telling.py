@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of
 
-from bdnn_ros.diagnosis import identifiability, plainly, telling
-from bdnn_ros.diagnosis.attempt import Attempt
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.identifiability import Judgement, folded, likelier, plainer, weighed
-from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.search import Selection
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.judging import identifiability, plainly
+from bdnn_ros.diagnosis.judging.attempt import Attempt
+from bdnn_ros.diagnosis.judging.identifiability import Judgement, folded, likelier, plainer, weighed
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import Selection
+from bdnn_ros.diagnosis.telling import telling
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
 

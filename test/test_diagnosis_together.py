@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from diagnosis_cases import signals_of
 
-from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import Examination, examine
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.registry import get
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.physical.links import relative_inertials

@@ -9,17 +9,17 @@ import pytest
 from cli_cases import sliding_arm
 from diagnosis_cases import equations_of
 
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.equations import BLURS, Equations
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.leads import moved
-from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.odds import COST
-from bdnn_ros.diagnosis.settling import at_own_noise
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.coloring import noise_of
+from bdnn_ros.diagnosis.regression.equations import BLURS, Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.odds import COST
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.leads import moved
+from bdnn_ros.diagnosis.search.settling import at_own_noise
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.recording import Recording

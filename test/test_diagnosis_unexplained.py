@@ -10,9 +10,9 @@ import pytest
 from diagnosis_cases import coloured, equations_of, white
 
 from bdnn_ros.diagnosis.diagnose import diagnose
-from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.predicting import Predictor
-from bdnn_ros.diagnosis.unexplained import describe
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.telling.predicting import Predictor
+from bdnn_ros.diagnosis.telling.unexplained import describe
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.simulate import simulate
 

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from bdnn_ros.checks.velocities import odd_velocity
 from bdnn_ros.cli.diagnose import verdict_lines
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.velocity_filter import reported_velocity
+from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, term, white
 
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.diagnosis.windows import COARSE, LONGEST_SHARE, best_window
+from bdnn_ros.diagnosis.pushes.windows import COARSE, LONGEST_SHARE, best_window
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.environment import SHORTEST
 from bdnn_ros.robot import Robot
 

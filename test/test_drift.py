@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from live_support import motion, real_robot
 
+from bdnn_ros.online.changed.drift import Drift
+from bdnn_ros.online.changed.scene import Scene
 from bdnn_ros.online.chunks import Chunks
-from bdnn_ros.online.drift import Drift
 from bdnn_ros.online.learning import Learning
-from bdnn_ros.online.scene import Scene
 from bdnn_ros.online.serving import nominal
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

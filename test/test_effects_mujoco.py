@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.noise import Noise
-from bdnn_ros.diagnosis.settling import settled
-from bdnn_ros.diagnosis.term import Term
-from bdnn_ros.diagnosis.velocity_filter import reported_velocity
+from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.settling import settled
 from bdnn_ros.effects.registry import get
 from bdnn_ros.errors import DataError
 from bdnn_ros.robot import Robot

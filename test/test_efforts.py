@@ -12,11 +12,11 @@ from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import UsageError
-from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.feed import Feed
-from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.serving import Settings
 from bdnn_ros.online.session import Session
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.feed import Feed
+from bdnn_ros.online.stream.intake import CommandIntake, Intake
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.simulate import simulate

@@ -7,11 +7,11 @@ import pytest
 from live_support import motion, real_robot
 
 from bdnn_ros.online import estimate
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.estimate import Smoother, parts
-from bdnn_ros.online.feed import Feed, Samples
-from bdnn_ros.online.intake import Intake
 from bdnn_ros.online.serving import nominal
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.feed import Feed, Samples
+from bdnn_ros.online.stream.intake import Intake
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import prepare

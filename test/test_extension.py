@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from bdnn_ros.bdnn import modelfile
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.coloring import noise_of
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.lateness import Lateness
-from bdnn_ros.diagnosis.posterior import estimates
-from bdnn_ros.diagnosis.term import Term
+from bdnn_ros.diagnosis.judging.posterior import estimates
+from bdnn_ros.diagnosis.recorded.lateness import Lateness
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.coloring import noise_of
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.registry import Installed, parse_spec
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.extension import extended

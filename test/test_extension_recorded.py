@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.lateness import Lateness, in_time
+from bdnn_ros.diagnosis.recorded.lateness import Lateness, in_time
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.extend import extend

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 
-from bdnn_ros.online.gaps import Gaps
+from bdnn_ros.online.stream.gaps import Gaps
 
 PERIOD = 1_000_000
 

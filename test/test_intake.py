@@ -7,12 +7,12 @@ import array
 import numpy as np
 import pytest
 
-from bdnn_ros.online.assembly import BARE_LIMIT
-from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.clock import PAUSE, Clock
-from bdnn_ros.online.gaps import BLOCK
-from bdnn_ros.online.intake import CommandIntake, Intake
-from bdnn_ros.online.silent import PATIENCE
+from bdnn_ros.online.stream.assembly import BARE_LIMIT
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.clock import PAUSE, Clock
+from bdnn_ros.online.stream.gaps import BLOCK
+from bdnn_ros.online.stream.intake import CommandIntake, Intake
+from bdnn_ros.online.stream.silent import PATIENCE
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000

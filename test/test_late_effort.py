@@ -11,12 +11,12 @@ from live_support import motion, real_robot
 
 from bdnn_ros.nodes.conversions import estimate_message
 from bdnn_ros.nodes.error_now import ErrorNow
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.estimate import Smoother
-from bdnn_ros.online.feed import Feed
-from bdnn_ros.online.intake import Intake
 from bdnn_ros.online.serving import Served, Settings, nominal
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.feed import Feed
+from bdnn_ros.online.stream.intake import Intake
 from bdnn_ros.online.trainer import Trainer
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

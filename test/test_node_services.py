@@ -25,7 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.msg import DynamicsEstimate, Findings
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
-from bdnn_ros.diagnosis.excerpts import SHORTEST
+from bdnn_ros.diagnosis.recorded.excerpts import SHORTEST
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.extended import ExtendedModel

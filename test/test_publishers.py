@@ -11,9 +11,9 @@ import pytest
 from bag_cases import JOINT_STATE, joint_state, write_bag
 
 from bdnn_ros import bags
-from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.intake import SECOND, Intake
-from bdnn_ros.online.watch import Watch
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.intake import SECOND, Intake
+from bdnn_ros.online.stream.watch import Watch
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000

@@ -12,7 +12,7 @@ from report_cases import examined, fourier_motion, rendered, worn
 from report_page import Page
 from scipy.signal import lfilter
 
-from bdnn_ros.diagnosis.velocity_filter import reported_velocity
+from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
 from bdnn_ros.report import panels
 from bdnn_ros.report.view import view
 from bdnn_ros.robot import Robot

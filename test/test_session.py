@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from bdnn_cases import black_box, scales
 
-from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK
-from bdnn_ros.diagnosis.building import BLOCK_SECONDS
-from bdnn_ros.diagnosis.excerpts import ENOUGH, SHORTEST, refuse_short
+from bdnn_ros.diagnosis.judging.attempt import EVERY_TEST_BLOCK
+from bdnn_ros.diagnosis.recorded.excerpts import ENOUGH, SHORTEST, refuse_short
+from bdnn_ros.diagnosis.regression.building import BLOCK_SECONDS
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.models import save_model
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
-from bdnn_ros.online.feed import Feed
 from bdnn_ros.online.serving import Counts, Settings, nominal
 from bdnn_ros.online.session import Session
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.feed import Feed
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm2")

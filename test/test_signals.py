@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.joining import concatenated
+from bdnn_ros.diagnosis.recorded.joining import concatenated
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import DEFAULT_CUTOFF, Signals, flattened, prepare

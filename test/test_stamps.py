@@ -63,7 +63,7 @@ def test_slow_clocks_pause_longer() -> None:
 
 
 def test_as_many_samples_in_a_row_count_as_in_a_live_stream() -> None:
-    from bdnn_ros.online.clock import BACKWARDS_LIMIT, PAUSE
+    from bdnn_ros.online.stream.clock import BACKWARDS_LIMIT, PAUSE
 
     assert RESTART == BACKWARDS_LIMIT
     assert pytest.approx(2 * PAUSE * 1e-9) == RESTART_PAUSE

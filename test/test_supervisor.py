@@ -15,11 +15,11 @@ from live_support import wait_until
 
 from bdnn_ros.errors import DataError
 from bdnn_ros.online import supervisor as module
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.course import MOST_DEATHS
 from bdnn_ros.online.serving import Settings
 from bdnn_ros.online.session import Session
+from bdnn_ros.online.stream.buffer import Ring
 from bdnn_ros.online.supervisor import LOST, Supervisor
 
 ANSWERS = """

@@ -13,12 +13,12 @@ from live_support import motion, real_robot
 
 from bdnn_ros.errors import UpdateRejected, UsageError
 from bdnn_ros.online import learning
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.learning import Learning
 from bdnn_ros.online.serving import Settings
 from bdnn_ros.online.session import Session
+from bdnn_ros.online.stream.buffer import Ring
 from bdnn_ros.online.trainer import Trainer
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

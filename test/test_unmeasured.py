@@ -12,8 +12,8 @@ from reading_cases import clipped, dropped, glitched, without_effort
 from bdnn_ros import bags
 from bdnn_ros.checks import efforts
 from bdnn_ros.cli.main import main
-from bdnn_ros.diagnosis.building import build
 from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.online.identifier import Identifier

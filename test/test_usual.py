@@ -7,10 +7,10 @@ import pytest
 from live_support import real_robot
 
 from bdnn_ros.effects.bristles import bristle
-from bdnn_ros.online.hypotheses import Explanation
+from bdnn_ros.online.changed.hypotheses import Explanation
+from bdnn_ros.online.changed.scene import Kind
+from bdnn_ros.online.changed.usual import ENOUGH, Usual
 from bdnn_ros.online.learning import Learning
-from bdnn_ros.online.scene import Kind
-from bdnn_ros.online.usual import ENOUGH, Usual
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from bdnn_ros.online.buffer import Ring
-from bdnn_ros.online.intake import Intake
-from bdnn_ros.online.watch import Coming, Watch, wider
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.intake import Intake
+from bdnn_ros.online.stream.watch import Coming, Watch, wider
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000

@@ -12,9 +12,9 @@ from bdnn_ros.checks.data import check_data
 from bdnn_ros.checks.handling import unloaded
 from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.cli.describing import of_the_unheld, unheld
-from bdnn_ros.diagnosis.compared import Compared
 from bdnn_ros.diagnosis.diagnose import Examination, examine
-from bdnn_ros.diagnosis.identifiability import TIE
+from bdnn_ros.diagnosis.judging.identifiability import TIE
+from bdnn_ros.diagnosis.recorded.compared import Compared
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Rival, reference
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.extension.extend import extend

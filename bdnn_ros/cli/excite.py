@@ -12,8 +12,8 @@ import numpy as np
 from bdnn_ros.bdnn.modelfile import FILE_NAME
 from bdnn_ros.cli import loading, options, outputs
 from bdnn_ros.cli.tables import csv_header
-from bdnn_ros.diagnosis.excerpts import ENOUGH
-from bdnn_ros.diagnosis.identifiability import TIE
+from bdnn_ros.diagnosis.judging.identifiability import TIE
+from bdnn_ros.diagnosis.recorded.excerpts import ENOUGH
 from bdnn_ros.errors import UsageError, listed
 from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.choice import DECISIVE, Excitation, excite

@@ -21,8 +21,8 @@ from bdnn_ros.cli.describing import of_the_unheld, unheld, unusable
 from bdnn_ros.cli.identify import HOLDOUT
 from bdnn_ros.cli.options import counted
 from bdnn_ros.cli.tables import headed, labels, some_slide
-from bdnn_ros.diagnosis import lateness, softness
-from bdnn_ros.diagnosis.excerpts import ENOUGH
+from bdnn_ros.diagnosis.recorded import lateness, softness
+from bdnn_ros.diagnosis.recorded.excerpts import ENOUGH
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot

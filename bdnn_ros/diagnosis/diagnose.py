@@ -9,26 +9,26 @@ import numpy as np
 
 from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.checks.description import require_mass
-from bdnn_ros.diagnosis.attempt import EVERY_TEST_BLOCK, Looks, best_attempt, completed
-from bdnn_ros.diagnosis.building import build
-from bdnn_ros.diagnosis.candidates import Candidates
-from bdnn_ros.diagnosis.case import Case
-from bdnn_ros.diagnosis.compared import Compared
-from bdnn_ros.diagnosis.creep import creeping, remarked, undisturbed
-from bdnn_ros.diagnosis.equations import Equations
-from bdnn_ros.diagnosis.evidence import Pool
-from bdnn_ros.diagnosis.excerpts import ENOUGH, excerpts, refuse_short, too_short
-from bdnn_ros.diagnosis.fit import Fit
-from bdnn_ros.diagnosis.joining import concatenated, prepared_alike
-from bdnn_ros.diagnosis.lateness import Lateness, in_time, lateness
-from bdnn_ros.diagnosis.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
-from bdnn_ros.diagnosis.plainly import plainly
-from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.judging.attempt import EVERY_TEST_BLOCK, Looks, best_attempt, completed
+from bdnn_ros.diagnosis.judging.plainly import plainly
+from bdnn_ros.diagnosis.judging.posterior import Estimate
+from bdnn_ros.diagnosis.recorded.compared import Compared
+from bdnn_ros.diagnosis.recorded.creep import creeping, remarked, undisturbed
+from bdnn_ros.diagnosis.recorded.excerpts import ENOUGH, excerpts, refuse_short, too_short
+from bdnn_ros.diagnosis.recorded.joining import concatenated, prepared_alike
+from bdnn_ros.diagnosis.recorded.lateness import Lateness, in_time, lateness
+from bdnn_ros.diagnosis.recorded.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
+from bdnn_ros.diagnosis.recorded.softness import noted, softened, softness
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.result import Diagnosis
-from bdnn_ros.diagnosis.search import DOUBTS, LINK_ERRORS, Progress
-from bdnn_ros.diagnosis.softness import noted, softened, softness
-from bdnn_ros.diagnosis.telling import told
-from bdnn_ros.diagnosis.unexplained import Remainder, describe
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import DOUBTS, LINK_ERRORS, Progress
+from bdnn_ros.diagnosis.telling.case import Case
+from bdnn_ros.diagnosis.telling.telling import told
+from bdnn_ros.diagnosis.telling.unexplained import Remainder, describe
 from bdnn_ros.effects.friction import LoadDependentFriction
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import ConventionError, RecordingError

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.diagnosis.alike import everywhere
-from bdnn_ros.diagnosis.identifiability import TIE
+from bdnn_ros.diagnosis.judging.identifiability import TIE
 from bdnn_ros.diagnosis.result import FORMAT
+from bdnn_ros.diagnosis.telling.alike import everywhere
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.registry import variants
 from bdnn_ros.errors import UsageError, listed

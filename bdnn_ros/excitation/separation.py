@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.identifiability import same_physics
-from bdnn_ros.diagnosis.lookalikes import looked_for
-from bdnn_ros.diagnosis.naming import name_of
-from bdnn_ros.diagnosis.term import COMMON
+from bdnn_ros.diagnosis.judging.identifiability import same_physics
+from bdnn_ros.diagnosis.judging.lookalikes import looked_for
+from bdnn_ros.diagnosis.regression.term import COMMON
+from bdnn_ros.diagnosis.telling.naming import name_of
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots as of_body

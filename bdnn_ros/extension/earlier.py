@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bdnn_ros.diagnosis.compared import Compared
+from bdnn_ros.diagnosis.recorded.compared import Compared
 from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed, get

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bdnn_ros.diagnosis.compared import offsets_of
-from bdnn_ros.diagnosis.leads import parted
-from bdnn_ros.diagnosis.term import COMMON
-from bdnn_ros.diagnosis.velocity_filter import none_is_left
+from bdnn_ros.diagnosis.recorded.compared import offsets_of
+from bdnn_ros.diagnosis.recorded.velocity_filter import none_is_left
+from bdnn_ros.diagnosis.regression.term import COMMON
+from bdnn_ros.diagnosis.search.leads import parted
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
@@ -26,7 +26,7 @@ from bdnn_ros.robot.mounting import tilt_of
 
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination
-    from bdnn_ros.diagnosis.posterior import Estimate
+    from bdnn_ros.diagnosis.judging.posterior import Estimate
 
 __all__ = ["ExtendedModel", "corrected_links", "extend", "of_physical"]
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from bdnn_ros.diagnosis.compared import Compared
+from bdnn_ros.diagnosis.recorded.compared import Compared
 from bdnn_ros.effects.actuation import JointSpring
 from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion

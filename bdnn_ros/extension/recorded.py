@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.joining import starts
+from bdnn_ros.diagnosis.recorded.joining import starts
 from bdnn_ros.recording import Recording
 
 MARKS = 64

@@ -13,8 +13,8 @@ from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import listed
 from bdnn_ros.nodes.error_now import ErrorNow
 from bdnn_ros.nodes.unusable import Unusable
-from bdnn_ros.online.intake import CommandIntake
 from bdnn_ros.online.session import Session
+from bdnn_ros.online.stream.intake import CommandIntake
 from bdnn_ros.physical.model import PhysicalModel
 
 NAME = "bdnn: identification"

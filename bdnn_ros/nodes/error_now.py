@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.online.silent import relative
+from bdnn_ros.online.stream.silent import relative
 
 MEMORY = 3.0
 """Time the error is of [s]."""

@@ -18,7 +18,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from bdnn_interfaces.srv import Diagnose, ForwardDynamics, InverseDynamics, LoadModel, SaveModel
-from bdnn_ros.diagnosis.excerpts import refuse_window
+from bdnn_ros.diagnosis.recorded.excerpts import refuse_window
 from bdnn_ros.errors import BdnnError, UsageError, article
 from bdnn_ros.nodes.conversions import findings_message, numbers, requested
 from bdnn_ros.nodes.keeping import PAUSED, Kept

@@ -9,7 +9,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
-from bdnn_ros.online.intake import CommandIntake, Intake
+from bdnn_ros.online.stream.intake import CommandIntake, Intake
 
 LEAST = 3
 """So many joint states without a command since the last look are no chance."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from bdnn_ros.online.intake import (
+from bdnn_ros.online.stream.intake import (
     BACKWARDS,
     LENGTH,
     NO_EFFORT,

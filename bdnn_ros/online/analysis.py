@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.diagnosis.excerpts import refuse_short
+from bdnn_ros.diagnosis.recorded.excerpts import refuse_short
 from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.diagnosing import question
-from bdnn_ros.online.feed import Feed
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.feed import Feed
 from bdnn_ros.robot import Robot
 
 FIRST = 10.0

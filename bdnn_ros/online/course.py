@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.serving import Served
+from bdnn_ros.online.stream.buffer import Ring
 from bdnn_ros.physical.model import PhysicalModel
 
 MOST_DEATHS = 3

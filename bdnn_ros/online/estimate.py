@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from bdnn_ros.bdnn import mechanics
 from bdnn_ros.dynamics import Dynamics
-from bdnn_ros.online.feed import Feed, Samples
+from bdnn_ros.online.stream.feed import Feed, Samples
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.signals import SAMPLES_PER_CUTOFF, usual_cutoff
 from bdnn_ros.signals.jitter import taken_at

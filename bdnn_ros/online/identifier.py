@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.lateness import in_time
+from bdnn_ros.diagnosis.recorded.lateness import in_time
 from bdnn_ros.errors import UpdateRejected, UsageError
 from bdnn_ros.online.chunks import Chunks
 from bdnn_ros.online.recorded import stretches, usual_lateness

@@ -11,10 +11,10 @@ import numpy as np
 
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError, UpdateRejected
-from bdnn_ros.online.changes import Change, Monitor
+from bdnn_ros.online.changed.changes import Change, Monitor
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.order import belief, predicted
-from bdnn_ros.online.silent import LEAST_VARIANCE, changes, relative
+from bdnn_ros.online.stream.silent import LEAST_VARIANCE, changes, relative
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import described_effort

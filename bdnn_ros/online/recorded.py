@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bdnn_ros.diagnosis.lateness import Lateness, lateness
+from bdnn_ros.diagnosis.recorded.lateness import Lateness, lateness
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot

@@ -13,17 +13,17 @@ from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.errors import DataError, UsageError
 from bdnn_ros.likeness import require_arm
 from bdnn_ros.models import Model, build_model, load_to_serve, save_model
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Message
 from bdnn_ros.online.course import Course
 from bdnn_ros.online.estimate import Instant, Smoother
-from bdnn_ros.online.feed import Feed
-from bdnn_ros.online.intake import CommandIntake, Intake
 from bdnn_ros.online.order import require_joints
 from bdnn_ros.online.requests import Requests
 from bdnn_ros.online.serving import COMMANDED, LEARNED_HERE, Counts, Served, Settings, nominal
+from bdnn_ros.online.stream.buffer import Ring
+from bdnn_ros.online.stream.feed import Feed
+from bdnn_ros.online.stream.intake import CommandIntake, Intake
+from bdnn_ros.online.stream.watch import Watch
 from bdnn_ros.online.supervisor import PATIENCE, Supervisor
-from bdnn_ros.online.watch import Watch
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import with_mimics

@@ -14,8 +14,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.online.buffer import Ring
 from bdnn_ros.online.channel import Channel, Message
+from bdnn_ros.online.stream.buffer import Ring
 
 TRAINER = (sys.executable, "-m", "bdnn_ros.online.trainer")
 HANG = 120.0

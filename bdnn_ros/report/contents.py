@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.gains import squares
-from bdnn_ros.diagnosis.identifiability import TIE
+from bdnn_ros.diagnosis.judging.identifiability import TIE
+from bdnn_ros.diagnosis.regression.gains import squares
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, reference
 from bdnn_ros.report import words
 from bdnn_ros.report.view import Cause, LinkChange, View

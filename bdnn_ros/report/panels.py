@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bdnn_ros.diagnosis.noise import rms
+from bdnn_ros.diagnosis.regression.noise import rms
 from bdnn_ros.diagnosis.result import reference
 from bdnn_ros.report.chart import ROBUST, Axes, Panel, Range, span
 from bdnn_ros.report.view import Cause, View

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bdnn_ros.diagnosis.diagnose import Examination
-from bdnn_ros.diagnosis.posterior import Estimate
+from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.rigid import LinkInertia

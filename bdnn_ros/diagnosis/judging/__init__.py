@@ -1,0 +1,1 @@
+"""What was found is judged: parameters with uncertainty, rivals, and rows that were left out."""

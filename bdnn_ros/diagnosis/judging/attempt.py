@@ -1,0 +1,230 @@
+"""A search in all rows but some, which those are, and how well what it found predicts them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.diagnosis.judging.identifiability import Judgement, judge, likelier, plainer, weighed
+from bdnn_ros.diagnosis.judging.steadiness import steadied
+from bdnn_ros.diagnosis.pushes.pushes import edges
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE, acting, removed, rms
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import Progress, Search, Selection
+from bdnn_ros.diagnosis.search.settling import settled, windows_anew
+from bdnn_ros.effects.motion import Motion
+
+EVERY_TEST_BLOCK = 5
+"""One block in so many is kept out of the search and of the fit that the gain is measured with."""
+TEST_PHASES = (2, 4)
+"""Which of every five blocks is held out; the second is tried where the first holds something that is seen nowhere else."""
+SURPRISING = 2.0
+"""Another block is held out where the error of the first is so many times that of the other rows."""
+AROUND = 0.3
+"""A push is in what was low-passed so long before it begins and after it ends [s]."""
+SWAPS = 5
+"""So many findings may give way to a rival that proves likelier."""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What a search without the test rows found, and what all rows together make of it.
+
+    Attributes:
+        test: the rows that the search did not see, in the end with those of `completed`, (R,) bool.
+        judgements: of each term, by all rows.
+        fitted: the terms, fitted to all rows but the test rows.
+        extended: what the terms leave that the search found by itself, fitted alike, rows (R, n) [N·m]: those that all
+            rows chose would be flattered by the test rows.
+    """
+
+    test: np.ndarray
+    judgements: list[Judgement]
+    fitted: Pool
+    extended: np.ndarray
+
+
+@dataclass(frozen=True)
+class Look:
+    """A first look at all rows but those of a test, (R,) bool.
+
+    Attributes:
+        found: what stands out.
+        motion: with the load that the look left.
+        surprise: of the test rows, see `surprise`.
+    """
+
+    test: np.ndarray
+    search: Search
+    found: Selection
+    motion: Motion
+    surprise: float
+
+
+class Looks:
+    """First looks at one regression, one for each test that was asked for."""
+
+    def __init__(
+        self, equations: Equations, candidates: Candidates, link_errors: Sequence[float], say: Progress
+    ) -> None:
+        self.equations, self.candidates, self.say = equations, candidates, say
+        self.whole, self._motion = equations.usable, equations.motion
+        self._link_errors = link_errors
+        self._seen: dict[int, Look] = {}
+
+    def at(self, phase: int) -> Look:
+        """The look without the test rows of a phase."""
+        if phase not in self._seen:
+            self.say("first look")
+            self._seen[phase] = self._looked(self.equations.block % EVERY_TEST_BLOCK == phase)
+        return self._seen[phase]
+
+    def pushed(self) -> np.ndarray:
+        """Samples at which something stands out that pushes, by the first of the looks, (N,) bool."""
+        time = self.equations.motion.time
+        pushed = np.zeros(len(time), bool)
+        for term in self.at(TEST_PHASES[0]).found.terms:
+            if term.effect.timed:
+                start, end = edges(term)
+                pushed |= (time > start - AROUND) & (time < end + AROUND)
+        return pushed
+
+    def tilt(self) -> tuple[float, float] | None:
+        """Roll and pitch [rad] of a base that the first of the looks found tilted, with all that hangs from it; else None."""
+        found = self.at(TEST_PHASES[0]).found
+        if not any(term.effect.on == "base" for term in found.terms):
+            return None
+        pool = Pool(self.equations, found.pool.noise, found.terms, found.pool.link_error)
+        pool = settled(self.candidates, self.equations, pool)
+        (tilt,) = (one for one, term in enumerate(pool.terms) if term.effect.on == "base")
+        roll, pitch = pool.coefficients(pool.whole, tilt)
+        return float(roll), float(pitch)
+
+    def _looked(self, test: np.ndarray) -> Look:
+        equations = self.equations
+        equations.take(self._motion)
+        search = Search(equations, self.candidates, self.say, self._link_errors)
+        equations.count(self.whole & ~test[:, None])
+        found = search.first()
+        sure = self.whole & found.pool.noise.sure(equations.doubt)
+        left = found.pool.residual(found.fit, blur=False)
+        return Look(test, search, found, equations.motion, surprise(left, sure, test, equations.effort_scale))
+
+
+def best_attempt(looks: Looks) -> Attempt:
+    """The first attempt whose held-out rows are like the rest, or the one that they surprise least.
+
+    First looks tell which blocks to begin with: for what acts in held-out rows alone a search looks long, and in vain.
+    """
+    equations, say = looks.equations, looks.say
+    phases = list(TEST_PHASES)
+    if looks.at(phases[0]).surprise > SURPRISING:
+        say("what was held out is not like the rest: other blocks as well")
+        phases.sort(key=lambda phase: looks.at(phase).surprise)
+    made: list[tuple[float, Attempt, Motion]] = []
+    for phase in phases:
+        if made:
+            say("what was held out is not like the rest: again with other blocks")
+        look = looks.at(phase)
+        equations.take(look.motion)
+        attempt = attempted(look.search, look.found, looks.whole, look.test)
+        surprising = surprise(attempt.extended, attempt.fitted.sure, look.test, equations.effort_scale)
+        made.append((surprising, attempt, equations.motion))
+        if surprising <= SURPRISING:
+            break
+    _, attempt, motion = min(made, key=lambda one: one[0])
+    equations.take(motion)
+    return attempt
+
+
+def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndarray) -> Attempt:
+    """What a search finds without the test rows (R,), and what all `whole` rows (R, n) make of it.
+
+    In all of them the windows of wrenches are found anew, and terms give way to rivals or go; nothing is added.
+
+    Args:
+        first: what the search began with.
+    """
+    equations = search.equations
+    equations.count(whole & ~test[:, None])
+    found = search.run(first)
+    search.progress("weighing rivals")
+    equations.count(whole)
+    noise, link_error = found.pool.noise, found.pool.link_error
+    terms = windows_anew(search.candidates, equations, Pool(equations, noise, found.terms, link_error)).terms
+    selection, judgements = _reconsidered(search, found, terms)
+    if any(judgement.changing for judgement in judgements):
+        terms, noise = selection.terms, selection.pool.noise  # what stood for it leaves less than can be told
+    equations.count(whole & ~test[:, None])
+    alone = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
+    extended, fitted = alone.left(), alone
+    if selection.terms != terms:
+        fitted = settled(search.candidates, equations, Pool(equations, noise, selection.terms, link_error))
+    equations.count(whole)
+    return Attempt(test, judgements, fitted, extended)
+
+
+def completed(equations: Equations, attempt: Attempt) -> Attempt:
+    """The attempt with the middle of what came and went outside the test rows among them, predicted by all but these.
+
+    Else its error would be that of a recording in which it never was. Of its rows as many are tested as of the others.
+    """
+    fitted, test, counted = attempt.fitted, attempt.test.copy(), equations.usable
+    removals = removed(equations, fitted, attempt.extended, counted & test[:, None])
+    for one, (removal,) in enumerate(removals):
+        if removal.brief and not removal.there:
+            part = equations.columns(fitted.terms[one]) @ fitted.coefficients(fitted.whole, one)
+            when = np.flatnonzero((acting(part) & counted).any(axis=1))
+            half = len(when) * (EVERY_TEST_BLOCK - 1) // (2 * EVERY_TEST_BLOCK)
+            test[when[half : len(when) - half]] = True
+    if (test == attempt.test).all():
+        return attempt
+    equations.count(counted & ~test[:, None])
+    left = Pool(equations, fitted.noise, fitted.terms, fitted.link_error).left()
+    equations.count(counted)
+    among = (test & ~attempt.test)[:, None]
+    return replace(attempt, test=test, extended=np.where(among, left, attempt.extended))
+
+
+def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[Selection, list[Judgement]]:
+    """The terms that were found, with the rows that count by now, and how sure each is."""
+    places = {term.place for term in terms}
+    others = [term for term in found.pool.terms if term.place not in places]
+    pool = Pool(search.equations, found.pool.noise, [*terms, *others], found.pool.link_error)
+    chosen = tuple(search.reconsidered(pool, list(range(len(terms)))))
+    selection = plainer(Selection(pool, chosen, pool.fit(chosen)))
+    judgements = judge(search, selection)
+    seen = [selection.places]
+    for _ in range(SWAPS):
+        better = likelier(search, selection, judgements)
+        # of a toss either may seem the likelier from the other's side
+        if better is None or better.places in seen:
+            break
+        seen.append(better.places)
+        selection, judgements = better, judge(search, better)
+    # two that are constant may look otherwise until each is on its link
+    selection, changing = steadied(search, selection)
+    if changing:
+        each = zip(selection.chosen, judge(search, selection), strict=True)
+        judgements = [changing.get(one, judgement) for one, judgement in each]
+    return selection, weighed(search, selection, judgements)
+
+
+def surprise(left: np.ndarray, sure: np.ndarray, test: np.ndarray, scale: np.ndarray) -> float:
+    """The largest held-out error of a joint per error of the rest, of those large enough to matter.
+
+    Above `SURPRISING` the search cannot have seen its cause.
+
+    Args:
+        left: error, rows (R, n) [N·m].
+        sure: rows that count, (R, n) bool.
+        test: those that were held out, (R,) bool.
+        scale: spread of each joint's effort, (n,) [N·m].
+    """
+    held, rest = rms(left, sure & test[:, None]), rms(left, sure & ~test[:, None])
+    return float(np.max(np.where(held > MINIMUM_SHARE * scale, held / np.maximum(rest, 1e-12), 0.0)))

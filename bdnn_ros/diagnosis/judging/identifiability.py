@@ -1,0 +1,320 @@
+"""What the data cannot tell apart: the rivals of each finding and their probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.aside import in_two
+from bdnn_ros.diagnosis.judging.lookalikes import Placed
+from bdnn_ros.diagnosis.judging.scaled import scaled
+from bdnn_ros.diagnosis.pushes.pushes import reshaped, toss
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
+from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE, acting
+from bdnn_ros.diagnosis.regression.noise import rms
+from bdnn_ros.diagnosis.regression.odds import contains, doubt, near
+from bdnn_ros.diagnosis.regression.term import Shape, Term, new_shapes, of_shapes
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.robot.axes import spins
+
+Weighed = tuple[float, float, dict[int, float], dict[int, Shape]]
+TEMPERATURE = 2.0
+"""Evidence differences are divided by this: the noise model is never quite right."""
+LISTED = 0.02
+"""Rivals less probable than this are not listed."""
+MOST_LISTED = 6
+CLOSE = 12.0
+PLAINLY = 4.0
+"""What contains a simpler law must be so many times as probable, or the simpler one is named."""
+TIE = 0.1
+"""A rival at least this probable makes the finding a tie, and earns advice."""
+SLIGHT = 0.01
+"""What does less than this share of the effort beyond a part of it, where it does anything, is that part."""
+ALIKE = 6.0
+"""Loads on two links that leave the same but for so much may be one load on either [nats]."""
+SAME_PHYSICS = {
+    "payload": "link_inertia",
+    "link_inertia": "payload",
+    "asymmetric_friction": "effort_offset",
+}
+"""What is another kind in other words, and always listed beside it: uneven friction is Coulomb friction and an offset."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How sure a chosen term is.
+
+    Attributes:
+        probability: against its rivals and against nothing.
+        nothing: probability that neither it nor a rival is there.
+        rivals: other terms for its place and their probabilities, most probable first.
+        steady: whether it helps throughout, on blocks that were not fitted to.
+        changing: whether it is a push that no constant one explains.
+    """
+
+    probability: float
+    nothing: float
+    rivals: tuple[tuple[Term, float], ...]
+    steady: bool = True
+    changing: bool = False
+
+    def at_least(self, term: Term) -> float:
+        """How sure it is that the chosen term is there, be it with more: rivals that contain it do not speak against it."""
+        return self.probability + sum(p for rival, p in self.rivals if contains(rival, term))
+
+    def told_as(self, plain: Term) -> Judgement:
+        """The same of a law that stands for the term and may have been a rival of it."""
+        same = sum(probability for rival, probability in self.rivals if rival.place == plain.place)
+        others = tuple(pair for pair in self.rivals if pair[0].place != plain.place)
+        return replace(self, probability=self.probability + same, rivals=others)
+
+
+def judge(search: Search, selection: Selection) -> list[Judgement]:
+    """Rivals of every chosen term, in the order of `selection.chosen`."""
+    pool, chosen = selection.pool, selection.chosen
+    pushes = [one for one in chosen if pool.terms[one].effect.timed]  # as much work as all the others
+    odds = {one: _odds(search, selection, one) for one in pushes}
+    others = [one for one in chosen if one not in odds]
+    odds |= zip(others, in_two(lambda one: _odds(search, selection, one), others), strict=True)
+
+    def judgement(one: int) -> Judgement:
+        own, nothing, scores, moved = odds[one]
+        term, terms = pool.terms[one], dict(enumerate(pool.terms)) | of_shapes(pool.terms, moved)
+        return judged(terms, term, own, nothing, scores, toss(term, own - nothing))
+
+    return [judgement(one) for one in chosen]
+
+
+def likelier(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
+    """The selection with one finding given up for a rival; None where there is none to give up.
+
+    One gives way to a likelier rival, to one that settles into it only where that is plainly likelier; and one that is hardly
+    more likely than a part of it to that part. What is part of a law that is plainly likelier gives way where blocks that had
+    no say of the fit bear that out. Of pushes that are a toss the one at the likeliest place was chosen already.
+    """
+    pool = selection.pool
+    for one, judgement in zip(selection.chosen, judgements, strict=True):
+        term = pool.terms[one]
+        for rival, probability in judgement.rivals:
+            richer = contains(rival, term)
+            ahead = not richer and probability > judgement.nothing
+            toss = term.effect.timed or _settles_into(rival, term)
+            ahead &= probability > judgement.probability * (PLAINLY if toss else 1.0)
+            simpler = contains(term, rival) or _settles_into(term, rival)
+            simpler &= judgement.probability < PLAINLY * probability
+            plainly = richer and probability > PLAINLY * judgement.probability
+            if plainly or simpler or ahead:
+                other = _instead(selection, one, rival)
+                if ahead:
+                    other = _with_parts(search, other, term)
+                if not plainly or _earned(search, other, selection, one):
+                    return other
+    return None
+
+
+def _with_parts(search: Search, selection: Selection, term: Term) -> Selection:
+    """The selection with the part of a term that was given up which the rest needs, where it needs one."""
+    pool = selection.pool
+    best = max(_bases(pool, term, list(selection.chosen)), key=lambda chosen: search.score(pool, chosen))
+    return Selection(pool, tuple(best), pool.fit(best))
+
+
+def _earned(search: Search, richer: Selection, plain: Selection, part: int) -> bool:
+    """Whether what a richer law says beyond a part of it is worth a name, and borne out by blocks held out."""
+    if _slight(richer, part):
+        return False
+    return search.predicts_better(richer.pool, richer.chosen, plain.chosen)
+
+
+def _slight(richer: Selection, part: int) -> bool:
+    """Whether the last of some terms is no law of its own but, for what nobody would name, a part of it."""
+    law = richer.chosen[-1]
+    brief = richer.pool.terms[law].effect.brief
+    return not brief and _beyond(richer.pool, richer.fit, law, part) < SLIGHT
+
+
+def weighed(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> list[Judgement]:
+    """The judgements once nothing changes any more: each with whether its term helps throughout."""
+    pool, chosen = selection.pool, selection.chosen
+    return [
+        replace(judgement, steady=search.predicts_better(pool, chosen, [c for c in chosen if c != one]))
+        for one, judgement in zip(chosen, folded(selection, judgements), strict=True)
+    ]
+
+
+def folded(selection: Selection, judgements: Sequence[Judgement]) -> list[Judgement]:
+    """The judgements with rivals that hardly say more than a finding counted for it."""
+    result = []
+    for one, judgement in zip(selection.chosen, judgements, strict=True):
+        term, own = selection.pool.terms[one], judgement.probability
+        others = []
+        for rival, probability in judgement.rivals:
+            if contains(rival, term) and _slight(_instead(selection, one, rival), one):
+                own += probability
+            else:
+                others.append((rival, probability))
+        result.append(replace(judgement, probability=own, rivals=tuple(others)))
+    return result
+
+
+def _instead(selection: Selection, one: int, rival: Term) -> Selection:
+    """The selection with a rival in the place of one term and of all that it says as well."""
+    pool = selection.pool
+    instead = [term.place for term in pool.terms].index(rival.place)
+    if pool.terms[instead] != rival:
+        pool = pool.replacing({instead: rival})
+    rest = [c for c in selection.chosen if c != one and not contains(rival, pool.terms[c])]
+    chosen = (*rest, instead)
+    return Selection(pool, chosen, pool.fit(chosen))
+
+
+def plainer(selection: Selection) -> Selection:
+    """The selection with every law given up for a part of it that says all it does but for what nobody would name.
+
+    Beside that part the law has to earn its own name. Not what acts for moments: those are what tells it.
+    """
+    pool, chosen = selection.pool, list[int]()
+    for one in selection.chosen:
+        term = pool.terms[one]
+        parts = [
+            c
+            for c, other in enumerate(pool.terms)
+            if other.target == term.target and (contains(term, other) or _settles_into(term, other))
+        ]
+        left = {} if term.effect.brief else {c: _beyond(pool, selection.fit, one, c) for c in parts}
+        if any(left[c] < MINIMUM_SHARE for c in left if c in selection.chosen):
+            continue
+        least = min(left, key=lambda c: left[c], default=one)
+        chosen.append(least if left.get(least, np.inf) < SLIGHT else one)
+    return Selection(pool, tuple(chosen), pool.fit(chosen))
+
+
+def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
+    """What a term does that another on its joint cannot, root mean square where it does so, per spread of the effort.
+
+    Where the joint dwells its dry friction passes for less than it is. What adds to the other may show there alone, but has
+    to be worth a name of its own.
+    """
+    equations, law, plain = pool.equations, pool.terms[one], pool.terms[part]
+    joint = law.target
+
+    def share(rows: np.ndarray) -> float:
+        does = (equations.columns(law)[rows, joint]) @ pool.coefficients(fit, one)
+        columns = equations.columns(plain)[rows, joint]
+        left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]
+        return rms(left[acting(left)]) / float(equations.effort_scale[joint])
+
+    anywhere = share(equations.usable[:, joint]) if contains(law, plain) else 0.0
+    return anywhere if anywhere >= MINIMUM_SHARE else share(equations.exact[:, joint])
+
+
+def _odds(search: Search, selection: Selection, one: int) -> Weighed:
+    """Scores with a term, without it and with each rival in its place, and the shapes of rivals that are others there.
+
+    Weighed at two beliefs: what one link's error explains, all links' larger errors may explain as well.
+    """
+    fair, term = selection.pool, selection.pool.terms[one]
+    own, nothing, scores = -np.inf, -np.inf, dict[int, float]()
+    if term.effect.timed:
+        rest = [c for c in selection.chosen if c != one]
+        fair = reshaped(fair, rest, search.candidates.robot).replacing({one: term})
+    for pool in search.beliefs_of(fair):
+        weighed = _weighed(search, pool, selection.chosen, one)
+        own, nothing = max(own, weighed[0]), max(nothing, weighed[1])
+        for rival, score in weighed[2].items():
+            scores[rival] = max(scores.get(rival, -np.inf), score)
+    return own, nothing, scores, new_shapes(fair.terms, selection.pool.terms)
+
+
+def judged(
+    terms: Mapping[int, Term], term: Term, own: float, nothing: float, scores: dict[int, float], amiss: float
+) -> Judgement:
+    """How sure a term is by its score, that of nothing in its place, and those of rivals among some terms.
+
+    Args:
+        amiss: by so much any of them may be wrong [nats].
+    """
+    keys = list(scores)
+    logs = np.array([own, nothing, *(scores[k] for k in keys)]) / (TEMPERATURE + amiss)
+    weights = np.exp(logs - np.logaddexp.reduce(logs))
+    rivals_found = [(terms[k], float(w)) for k, w in zip(keys, weights[2:], strict=True)]
+    return Judgement(float(weights[0]), float(weights[1]), _listed(term, rivals_found))
+
+
+def _listed(term: Term, rivals: Sequence[tuple[Term, float]]) -> tuple[tuple[Term, float], ...]:
+    """Rivals that are probable enough to be listed, with what says the same in other words, most probable first."""
+    listed = [(rival, p) for rival, p in rivals if p >= LISTED or same_physics(term, rival)]
+    listed.sort(key=lambda pair: (not same_physics(term, pair[0]), -pair[1]))
+    return tuple(sorted(listed[:MOST_LISTED], key=lambda pair: -pair[1]))
+
+
+def _weighed(
+    search: Search, pool: Pool, chosen: Sequence[int], one: int
+) -> tuple[float, float, dict[int, float]]:
+    """Scores with a term, without it, and with each rival in its place.
+
+    What a rival brings beside the term as well does not speak against it: that is no other explanation but one more cause.
+    """
+    term, rest = pool.terms[one], [c for c in chosen if c != one]
+    both = [*rest, one]
+    own, fit_both = search.score(pool, both), pool.fit(both)
+    scores: dict[int, float] = {}
+    for base in _bases(pool, term, rest):
+        fit = pool.fit(base)
+        start = search.score(pool, base)
+        rivals = [c for c in search.open_to(pool, base, near(term)) if pool.terms[c].spot != term.spot]
+        instead = pool.gains(fit, rivals) - search.costs(pool, base, rivals)
+        beside = pool.gains(fit_both, rivals) - search.costs(pool, both, rivals)
+        for c, gain, more in zip(rivals, instead, beside, strict=True):
+            score = start + float(gain)
+            if score > own - CLOSE:  # gains let the other terms leave their bounds
+                score = search.score_beside(pool, base, c)
+            more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
+            scores[c] = max(scores.get(c, -np.inf), score - more)
+    for c, score in scaled(search, pool, rest, one).items():
+        scores[c] = max(scores.get(c, -np.inf), score)
+    for c in [c for c in scores if _hang(term, pool.terms[c])]:
+        # how well a motion shows that a load's centre is on an axis speaks against neither link that turns about it
+        behind = pool.fit([*rest, c]).loss - fit_both.loss
+        if behind < ALIKE:
+            cost, other = search.costs(pool, rest, [one, c])
+            scores[c] = own + float(cost - other) - behind
+    for c in [c for c in scores if _turn_alike(search.candidates, term, pool.terms[c])]:
+        scores[c] = max(scores[c], own)
+    cost = doubt(pool)
+    return own - cost, search.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
+
+
+def _hang(term: Term, rival: Term) -> bool:
+    """Whether both are payloads, on two links."""
+    return term.effect.name == rival.effect.name == "payload"
+
+
+def _turn_alike(candidates: Candidates, term: Term, rival: Term) -> bool:
+    """Whether they are the inertia of a link that only spins and its rotor's, which an earlier model had to share out blindly."""
+    one_inertia = {term.effect.name, rival.effect.name} == {"link_inertia", "armature"}
+    turn = one_inertia and term.target == rival.target and candidates.since is not None
+    return turn and spins(candidates.robot, term.target)
+
+
+def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
+    """What may stand beside a rival: the other terms, and with them what the term itself contains at its place."""
+    bases = [rest]
+    for c, other in enumerate(pool.terms):
+        if c not in rest and contains(term, other) and other.target == term.target:
+            bases.append([*rest, c])
+    return bases
+
+
+def _settles_into(term: Term, rival: Term) -> bool:
+    """Whether a term is a rival but for moments that the motion may not have."""
+    return term.effect.settles_into == rival.effect.name and term.target == rival.target
+
+
+def same_physics(term: Placed, rival: Placed) -> bool:
+    """Whether a rival says in other words what a term does."""
+    return SAME_PHYSICS.get(term.effect.name) == rival.effect.name and term.target == rival.target

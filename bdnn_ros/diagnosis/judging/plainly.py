@@ -1,0 +1,94 @@
+"""What an attempt found, in all rows and in the plainest terms that say as much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from bdnn_ros.diagnosis.judging.attempt import Attempt
+from bdnn_ros.diagnosis.judging.posterior import CLEAR, Estimate, estimates, excesses
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.odds import contains
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.settling import refined
+from bdnn_ros.effects.base import SHOWN
+
+
+def plainly(
+    candidates: Candidates, equations: Equations, attempt: Attempt
+) -> tuple[Attempt, Pool, list[Estimate]]:
+    """An attempt with laws that are not shown given up, its terms in all rows where no joint dwells, and their estimates."""
+    anywhere = excesses(_in_rows_that_count(equations, attempt.fitted))
+    pool = _exact(candidates, equations, attempt.fitted)
+    return _plain(candidates, equations, attempt, pool, _surely(anywhere, excesses(pool)))
+
+
+def _surely(anywhere: Sequence[float], exact: Sequence[float]) -> list[bool]:
+    """Whether each law is surely more than what it settles into.
+
+    Args:
+        anywhere: how many standard deviations it lies from that by all rows.
+        exact: the same where no joint dwells: what is seen only where one does may be how friction turns round.
+    """
+    return [one > CLEAR and other > SHOWN for one, other in zip(anywhere, exact, strict=True)]
+
+
+def _in_rows_that_count(equations: Equations, fitted: Pool) -> Pool:
+    """The terms of a pool that was fitted to some of the rows, in all that count now."""
+    return Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
+
+
+def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
+    """The terms where no joint dwells: what it bears there tells causes, but passes for less than their size.
+
+    Shapes of the friction of joints that do are found anew in the rows that are left.
+    """
+    dwelling = equations.usable & equations.dwelling
+    equations.count(equations.exact)
+    pool = _in_rows_that_count(equations, fitted)
+    moved = [
+        c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
+    ]
+    return refined(candidates, equations, pool, range(len(pool.terms)), moved)
+
+
+def _plain(
+    candidates: Candidates, equations: Equations, attempt: Attempt, pool: Pool, surely: Sequence[bool]
+) -> tuple[Attempt, Pool, list[Estimate]]:
+    """The attempt, its pool and the pool's estimates, with laws that are not shown given up for what they settle into.
+
+    Where another law says that already they only go.
+
+    Args:
+        surely: whether each law is surely more than what it settles into.
+    """
+    found = estimates(pool, pool.whole)
+    plainly = (k for k, one in enumerate(found) if not (one.shown and surely[k]))
+    settled = ((k, candidates.settled(found[k].term, equations.motion)) for k in plainly)
+    instead = {k: plain for k, plain in settled if plain is not None}
+    if not instead:
+        return attempt, pool, found
+    others = [term for k, term in enumerate(pool.terms) if k not in instead]
+    said = {
+        k: any(other.place == plain.place or contains(other, plain) for other in others)
+        for k, plain in instead.items()
+    }
+    kept = [k for k in range(len(pool.terms)) if not said.get(k)]
+
+    def refitted(terms: Sequence[Term]) -> Pool:
+        told = [instead.get(k) or terms[k] for k in kept]
+        moved = [at for at, k in enumerate(kept) if k in instead]
+        plain = Pool(equations, pool.noise, told, pool.link_error)
+        return refined(candidates, equations, plain, range(len(kept)), moved)
+
+    counted = equations.usable
+    equations.count(counted & ~attempt.test[:, None])
+    fitted = refitted(attempt.fitted.terms)
+    equations.count(counted)
+    judgements = [
+        attempt.judgements[k].told_as(instead[k]) if k in instead else attempt.judgements[k] for k in kept
+    ]
+    plain = refitted(pool.terms)
+    return replace(attempt, judgements=judgements, fitted=fitted), plain, estimates(plain, plain.whole)

@@ -1,0 +1,285 @@
+"""Parameters of the chosen effects with their uncertainty, shapes included."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bdnn_ros.diagnosis.judging.widening import mirrored, widened
+from bdnn_ros.diagnosis.pushes.contact import distance
+from bdnn_ros.diagnosis.pushes.pushes import edges, unseen
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
+from bdnn_ros.diagnosis.regression.odds import COST
+from bdnn_ros.diagnosis.regression.term import COMMON, Term
+from bdnn_ros.diagnosis.result import Quantity
+from bdnn_ros.diagnosis.search.candidates import acting_per_measured
+from bdnn_ros.diagnosis.search.leads import parted
+from bdnn_ros.effects.base import SHOWN
+from bdnn_ros.effects.environment import EDGES, POINT
+
+RELATIVE_STEP = 1e-3
+GIVEN = 1e-9
+"""Spread of a shape parameter that no search moves, such as a link's mass by the description."""
+ABOUT = 0.1
+"""Spread of where on its link a push acts, along what the motion does not show [m]."""
+CLEAR = 3.0
+"""A name takes so many standard deviations from nothing: true causes lie at more, what passes for one often at less."""
+PAID = math.sqrt(2.0 * COST)
+"""The same of what is not common: half their square is at least what such a cause costs to be believed, also in those rows."""
+MORE = 0.01
+"""What a law says beyond the one it settles into is at least this share of the whole, or it is that one."""
+DOUBTED = 2.0
+"""The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A term with its coefficients and three covariances of coefficients and shape.
+
+    Attributes:
+        covariance: by the noise model.
+        robust: by how much blocks of time disagree (sandwich, clustered by block; White, Econometrica 48(4), 1980).
+        doubting: by the noise model, of a body with the links' errors believed twice as large as they seem: how large those
+            are the same motion told. Of other terms the same as `covariance`.
+        acting: what acts per coefficient; see `Pool.acting`.
+        mirrored: variance of each coefficient by what its other side does as well, (k,); None for none.
+        most: the largest effort that was measured at its joint [N·m].
+    """
+
+    term: Term
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    robust: np.ndarray
+    doubting: np.ndarray
+    acting: float = 1.0
+    mirrored: np.ndarray | None = None
+    most: float = math.inf
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters of the contract."""
+        return self.term.effect.values(self.acting * self.coefficients, dict(self.term.shape))
+
+    @property
+    def there(self) -> bool:
+        """Whether it is known to be there at all, pressed against no end."""
+        return self.possible and self.clear and self.more
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is known well enough for a name: to be there, and by its parameters."""
+        stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
+        known = {p.name: float(std) for p, std in stds}
+        return self.there and self.term.effect.shown(self.values, known, self.acting * self.most)
+
+    @property
+    def more(self) -> bool:
+        """Whether it says more than the law that it settles into: more than nobody would name."""
+        weights = self.term.effect.excess
+        return weights is None or abs(float(weights @ self.coefficients)) > MORE * float(
+            np.abs(self.coefficients).max()
+        )
+
+    @property
+    def possible(self) -> bool:
+        """Whether such an effect can be, as well as its coefficients are known."""
+        return self.term.effect.believable(self.coefficients, np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def clear(self) -> bool:
+        """Whether its coefficients, all together, lie far enough from nothing by every covariance.
+
+        Where the links' errors are believed larger `SHOWN` will do: a link as far off as `CLEAR` of those has no name else.
+        """
+        effect = self.term.effect
+        known = min(self._distance(self.covariance), self._distance(self.robust))
+        enough = CLEAR if effect.on_body or effect.name in COMMON else PAID
+        return known > enough and self._distance(self.doubting) > SHOWN
+
+    def _distance(self, covariance: np.ndarray) -> float:
+        """How many standard deviations the coefficients lie from nothing, all together."""
+        rows = slice(len(self.coefficients))
+        squared = self.coefficients @ np.linalg.pinv(covariance[rows, rows]) @ self.coefficients
+        return math.sqrt(max(squared, 0.0))
+
+    @cached_property
+    def quantities(self) -> dict[str, Quantity]:
+        """Parameters with standard deviations, by linear propagation: the largest by all covariances."""
+        known = (self.covariance, self.robust, self.doubting)
+        if self.mirrored is not None:
+            sides = np.diag(np.pad(self.mirrored, (0, len(self.covariance) - len(self.mirrored))))
+            known = (self.covariance + sides, self.robust + sides, self.doubting + sides)
+        values, stds = self.values, self._stds(*known)
+        kept = self.term.effect.kept or {}
+        return {
+            p.name: Quantity(values[p.name], 0.0 if p.name in kept else float(std), p.unit)
+            for p, std in zip(self.term.effect.parameters, stds, strict=True)
+        }
+
+    def _stds(self, *covariances: np.ndarray) -> np.ndarray:
+        """Standard deviations of the parameters, the largest by some covariances of coefficients and shape."""
+        names = [name for name, _ in self.term.shape]
+        shape = np.array([value for _, value in self.term.shape])
+        possible, _ = self.term.effect.coefficients(self.values)
+        point = np.concatenate([possible, shape])
+        count = len(possible)
+
+        def values(x: np.ndarray) -> np.ndarray:
+            found = self.term.effect.values(x[:count], dict(zip(names, x[count:].tolist(), strict=True)))
+            return np.array([found[p.name] for p in self.term.effect.parameters])
+
+        centre = values(point)
+        jacobian = np.empty((len(centre), len(point)))
+        for i in range(len(point)):
+            step = RELATIVE_STEP * max(abs(point[i]), np.sqrt(self.covariance[i, i]), 1e-9)
+            moved = point.copy()
+            moved[i] += step
+            jacobian[:, i] = (values(moved) - centre) / step
+        linear = np.arange(len(point)) < count
+        ideal = np.diag((self.term.effect.idealised * np.where(linear, point, 0.0)) ** 2)
+        acting = np.where(linear, self.acting, 1.0)
+        variances = [
+            np.einsum("ij,jk,ik->i", jacobian, np.outer(acting, acting) * one + ideal, jacobian)
+            for one in covariances
+        ]
+        return np.asarray(np.sqrt(np.maximum(np.max(variances, axis=0), 0.0)))
+
+
+def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
+    """Every chosen term with the joint uncertainty of coefficients and shapes.
+
+    The effort is linearised in the shape parameters at the fit: their columns join the regression, so that a coefficient's
+    spread includes what is not known of its shape.
+    """
+    white, precision, spans = _linearised(pool, fit)
+    tall = white.reshape(-1, white.shape[2])
+    gram = tall.T @ tall
+    covariance = np.linalg.inv(gram + np.diag(precision))
+    robust = _clustered(pool, fit, white, covariance)
+    precision[: pool.base] = pool.believing(DOUBTED * pool.link_error).precision[: pool.base]
+    doubting = np.linalg.inv(gram + np.diag(precision))
+    _, moved = parted(pool, fit)
+    result, start = [], pool.base
+    for chosen, span in zip(fit.terms, spans, strict=True):
+        term, coefficients = pool.terms[chosen], pool.coefficients(fit, chosen)
+        rows = np.concatenate([np.arange(start, start + len(pool.slots[chosen])), span]).astype(int)
+        start += len(pool.slots[chosen])
+        pick = np.eye(len(covariance))[rows]
+        if chosen in moved:
+            coefficients = coefficients + moved[chosen]
+            pick[0, pool.equations.rigid.shape[2]] = 1.0
+        beyond = widened(pool, chosen, coefficients, len(span))
+        third = doubting if term.effect.on_body else covariance
+        own, scattered, doubted = (pick @ one @ pick.T + beyond for one in (covariance, robust, third))
+        result.append(
+            Estimate(
+                term,
+                coefficients,
+                own,
+                scattered,
+                doubted,
+                acting_per_measured(pool, fit, chosen),
+                mirrored(pool, fit, term, coefficients),
+                _most(pool, term),
+            )
+        )
+    return result
+
+
+def _most(pool: Pool, term: Term) -> float:
+    """The largest effort that was measured at a term's joint [N·m]; infinite where it has none."""
+    effort = pool.equations.motion.signals.effort
+    return math.inf if effort is None or term.target < 0 else float(np.abs(effort[:, term.target]).max())
+
+
+def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """White columns of all unknowns (R, n, P), shapes last, the precision of their priors (P,), and each term's shape columns."""
+    tangents, spans = list[np.ndarray](), []
+    at = pool.base + sum(len(pool.slots[c]) for c in fit.terms)
+    for chosen in fit.terms:
+        term, coefficients = pool.terms[chosen], pool.coefficients(fit, chosen)
+        columns = [_tangent(pool, term, coefficients, name) for name, _ in term.shape]
+        tangents += columns
+        spans.append(np.arange(at, at + len(columns)))
+        at += len(columns)
+    index = pool.columns_of(fit.terms)
+    white = pool.white[:, :, index]
+    # what is incidental may be there, though it is likelier not to
+    precision = np.minimum(fit.precision, pool.precision[index])
+    if tangents:
+        extra = np.stack(tangents, axis=2)
+        white = np.concatenate([white, pool.equations.whiten(extra, pool.noise)], axis=2)
+        ranges = [span for c in fit.terms for span in _ranges(pool, pool.terms[c])]
+        precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
+    return white, precision, spans
+
+
+def excesses(pool: Pool) -> list[float]:
+    """How many standard deviations each law of a pool lies from the one it settles into; infinite where there is none.
+
+    By the noise model or by the scatter of blocks, whichever is less, shapes taken as they are: they mean nothing there.
+    """
+    fit = pool.whole
+    if all(term.effect.excess is None for term in pool.terms):
+        return [math.inf] * len(pool.terms)
+    index = pool.columns_of(fit.terms)
+    white = pool.white[:, :, index]
+    tall = white.reshape(-1, white.shape[2])
+    covariance = np.linalg.inv(tall.T @ tall + np.diag(pool.precision[index]))
+    robust = _clustered(pool, fit, white, covariance)
+    result, start = [], pool.base
+    for chosen in fit.terms:
+        rows = slice(start, start + len(pool.slots[chosen]))
+        start, weights = rows.stop, pool.terms[chosen].effect.excess
+        if weights is None:
+            result.append(math.inf)
+            continue
+        beyond = float(np.dot(weights, pool.coefficients(fit, chosen)))
+        variance = max(float(weights @ one[rows, rows] @ weights) for one in (covariance, robust))
+        result.append(abs(beyond) / math.sqrt(variance))
+    return result
+
+
+def _ranges(pool: Pool, term: Term) -> list[float]:
+    """Prior spread of each shape parameter; what is given is known.
+
+    A push begins and ends where no row counts, or by its own length about where it is found.
+    """
+    free = term.effect.shape_bounds if term.effect.kept is None else {}
+    usual = {name: abs(value) + 1e-6 for name, value in term.shape}
+    if term.effect.timed:
+        start, end = edges(term)
+        usual |= {name: gap or end - start for name, gap in unseen(pool, term).items()}
+        if distance(term, pool.equations.motion.robot) > 0.0:
+            usual |= dict.fromkeys(POINT, ABOUT)
+    return [usual[name] if name in free else GIVEN for name, _ in term.shape]
+
+
+def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Covariance of all unknowns (P, P) by the scatter of the blocks' pulls on them; white columns are (R, n, P)."""
+    pulls = np.einsum("rjp,rj->rp", white, pool.white_residual(fit))
+    block, blocks = pool.equations.block, pool.equations.blocks
+    by_block = np.zeros((blocks, pulls.shape[1]))
+    np.add.at(by_block, block, pulls)
+    by_block -= by_block.mean(axis=0)
+    moved = by_block @ covariance
+    return np.asarray(moved.T @ moved * blocks / max(blocks - 1, 1))
+
+
+def _tangent(pool: Pool, term: Term, coefficients: np.ndarray, name: str) -> np.ndarray:
+    """Change of the effort per unit of one shape parameter, rows (R, n)."""
+    shape = dict(term.shape)
+    motion = pool.equations.motion
+    timed = term.effect.timed and name in EDGES
+    step = 1.0 / motion.signals.rate if timed else 1e-2 * max(abs(shape[name]), 1e-3)
+
+    def effort(side: float) -> np.ndarray:
+        moved = {**shape, name: shape[name] + side * step}
+        return term.effect.columns(motion, term.target, moved, term.link) @ coefficients
+
+    change = (effort(1.0) - effort(-1.0)) / (2.0 * step)
+    return pool.equations.reduced(change, borne=not term.effect.at_sensor)

@@ -1,0 +1,64 @@
+"""What is not known of a term's parameters beside what noise and the scatter of blocks leave open."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import expit
+
+from bdnn_ros.diagnosis.pushes.pushes import unseen
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.leads import hold_spread
+
+TINY = 1e-300
+MOST_SEEN = 0.99
+"""Share of the rows that count in which less of a law is seen than is taken to be seen of it."""
+
+
+def widened(pool: Pool, chosen: int, coefficients: np.ndarray, shapes: int) -> np.ndarray:
+    """What a hold adds to a delay's covariance, unseen moments to a push's, and to a law's what of it is told by its tail.
+
+    Coefficients before shapes, (k, k).
+    """
+    term, count = pool.terms[chosen], len(pool.slots[chosen])
+    beyond = np.zeros((count + shapes, count + shapes))
+    beyond[0, 0] = hold_spread(pool, chosen) ** 2
+    if term.effect.timed:
+        told = count + np.arange(shapes)
+        spread = unseen(pool, term)
+        beyond[told, told] = [spread.get(name, 0.0) ** 2 / 3.0 for name, _ in term.shape]
+    if term.effect.excess is not None and shapes:
+        extra = np.arange(count)[term.effect.excess > 0.0]
+        beyond[extra, extra] += ((1.0 - _seen(pool, term)) * coefficients)[extra] ** 2 / 3.0
+    return beyond
+
+
+def _seen(pool: Pool, term: Term) -> np.ndarray:
+    """Share of the most that each coefficient of a law does along the motion which the rows that count show, (k,).
+
+    A static friction that is told from how friction begins to fall is an extrapolation, however exact that is seen.
+    """
+    equations = pool.equations
+    does = np.abs(term.effect.columns(equations.motion, term.target, dict(term.shape), term.link))
+    does = does[:, term.target]
+    counted = does[equations.rows][pool.sure[:, term.target]]
+    shown = np.quantile(counted, MOST_SEEN, axis=0) if len(counted) else 0.0
+    return np.asarray(np.clip(shown / np.maximum(does.max(axis=0), TINY), 0.0, 1.0))
+
+
+def mirrored(pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray) -> np.ndarray | None:
+    """Variance of each angle of a base (k,) by how likely it is the same to the other side; None of other terms.
+
+    Across the plane in which an arm moves a tilt takes of its weight alone, to whichever side.
+    """
+    if term.effect.on != "base":
+        return None
+    equations, left, result = pool.equations, pool.white_residual(fit), np.zeros(len(coefficients))
+    as_found = equations.made(term) @ coefficients
+    for one, angle in enumerate(coefficients):
+        turned = np.where(np.arange(len(coefficients)) == one, -coefficients, coefficients)
+        other = term.shaped(term.effect.relinearised(turned, dict(term.shape)))
+        moved = left + equations.whiten(as_found - equations.made(other) @ turned, pool.noise)
+        result[one] = (2.0 * angle) ** 2 * expit(0.5 * float(np.sum(left**2) - np.sum(moved**2)))
+    return result

@@ -1,0 +1,1 @@
+"""Where and when something pushed or touched: one place and time after another, looked for in the residual."""

@@ -1,0 +1,93 @@
+"""When and where exactly something pushed: times between rows, and a point of its own, by Gauss-Newton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from bdnn_ros.diagnosis.pushes.contact import distance
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.effects.environment import EDGES, POINT, ExternalWrench, Push, edge_rates, window
+from bdnn_ros.robot import Robot
+
+STEPS = 5
+"""Gauss-Newton steps, towards a point of contact or the times of a push."""
+AT_POINT = 2e-4
+"""A step towards a point that is small enough [m]."""
+NEAR = 0.1
+"""Times found between rows are nearer than this to where the search for them starts [s]."""
+EXACT = 1e-3
+"""A step of the times that is small enough [s]."""
+
+
+def between_rows(pool: Pool, fit: Fit, term: Term, robot: Robot) -> tuple[float, Term]:
+    """A push with its times between rows, and a point of its own, where they add most evidence to a fit, and how much that is.
+
+    What the fit has at its bounds is free to leave them.
+    """
+    fit = unbound(pool, fit)
+    here = _Here.of(pool, fit, term)
+    for _ in range(STEPS):
+        steps = here.steps(pool, fit, robot)
+        shape = dict(here.term.shape)
+        for name, by in steps.items():
+            shape[name] += by
+        if not term.effect.shape_allowed(shape):
+            break
+        there = _Here.of(pool, fit, term.shaped(shape))
+        if there.gain <= here.gain:
+            break
+        here = there
+        if all(abs(by) < (EXACT if name in EDGES else AT_POINT) for name, by in steps.items()):
+            break
+    return here.gain, here.term
+
+
+def unbound(pool: Pool, fit: Fit) -> Fit:
+    """A fit whose coefficients may leave their bounds: without a push among the terms they are held at what it does."""
+    moment = pool.total[1][pool.columns_of(fit.terms)]
+    return replace(fit, coefficients=cho_solve((fit.factor, True), moment))
+
+
+@dataclass(frozen=True)
+class _Here:
+    """A push as it is.
+
+    Attributes:
+        acting: its window, (N,).
+        columns: its rows, (R, n, k).
+        gain: what it adds to a fit [nats].
+        coefficients: of its columns, (k,).
+    """
+
+    term: Term
+    effect: Push
+    acting: np.ndarray
+    columns: np.ndarray
+    gain: float
+    coefficients: np.ndarray
+
+    @classmethod
+    def of(cls, pool: Pool, fit: Fit, term: Term) -> _Here:
+        """The push beside a fit."""
+        effect, shape = term.effect, dict(term.shape)
+        assert isinstance(effect, Push)
+        acting = window(pool.equations.motion, shape)
+        columns = pool.equations.pushed(term, acting, effect.mixing(shape))
+        return cls(term, effect, acting, columns, *pool.gain_of(fit, term, columns))
+
+    def steps(self, pool: Pool, fit: Fit, robot: Robot) -> dict[str, float]:
+        """A Gauss-Newton step of its times [s], and of its point [m] where it is none of the usual ones."""
+        equations, shape, own = pool.equations, dict(self.term.shape), self.columns
+        whole, names = self.effect.mixing(shape) @ self.coefficients[:, None], list(EDGES)
+        columns = [equations.pushed(self.term, rate, whole) for rate in edge_rates(equations.motion, shape).T]
+        if isinstance(self.effect, ExternalWrench) and distance(self.term, robot) > 0.0:
+            arms = equations.pushed(self.term, self.acting, self.effect.displaced(self.coefficients[:3]))
+            columns, own, names = [*columns, arms], own[..., :3], [*EDGES, *POINT]
+        found = pool.gain_of(fit, self.term, np.concatenate([*columns, own], axis=2))[1]
+        found[: len(EDGES)] = np.clip(found[: len(EDGES)], -NEAR, NEAR)
+        return dict(zip(names, found.tolist(), strict=False))

@@ -1,0 +1,212 @@
+"""Recordings that were low-passed before they were published, as those of a driver or of a data set often are.
+
+Steps of dry friction are then softer than the motion says, which passes for hysteresis, delay, viscous or Stribeck friction,
+and bodies no longer bear what the motion says, since what they bear is not linear in it. What low-pass it was is read off the
+efforts; what it let through is given back, and every sharp term is softened by what is left of it. Friction that gives way
+little by little is soft, too, but by how far a joint has moved, not by time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.checks.sampling import lowest, some, telling
+from bdnn_ros.diagnosis.recorded.leftover import NEW, basis, beyond, regret
+from bdnn_ros.diagnosis.regression.building import STICKING_WIDTHS, sticks
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+from bdnn_ros.signals.lowpasses import Lowpass, Response, Restored, Restoring, reach_of
+
+CUTOFFS = tuple(2.0 ** ((k - 1) / 2.0) for k in range(8))
+"""Gaussian low-passes tried [Hz]; wider ones soften less than a diagnosis' own."""
+ORDERS = (0, 1, 2, 3, 4)
+"""Orders of low-passes tried near the best Gaussian."""
+NEAR = tuple(1.15**k for k in range(-4, 5))
+"""Their cut-offs, per that of the Gaussian."""
+NEARER = tuple(1.03**k for k in range(-4, 5))
+"""Those tried in the end, per the best of these."""
+DECIDED_BEHIND = 3.5
+"""Low-passes are told from one another behind one of this [Hz]: noise of the position counts less there."""
+BETTER = 1.4
+"""Efforts are soft where so many times less of how fast they change is left unexplained by softened steps, mean of the joints."""
+TELLING = 2.0
+"""And so many times less than without any steps: what shows at the edges of where a joint rests is little, and any shape does."""
+CLEARLY = 1.1
+"""Efforts alone were low-passed where so many times less is left by motion as it was recorded than by restored motion."""
+UNLIKE = 0.1
+"""Where the joints regret the best low-pass more they are soft each in its own way: gears, not a low-pass."""
+ENOUGH = 60.0
+"""So much motion tells [s]."""
+LEAST = 2.0
+"""A joint that moves for less time tells nothing [s]."""
+MOST_ROWS = 3000
+TINY = 1e-30
+HARDLY, LITTLE = 0.01, 0.05
+"""Of a filter that reaches beyond a segment's ends, where low-passes are told from one another and where motion is compared."""
+COMPARED = 0.7
+"""Motion and effort are compared behind a low-pass at most this share of what is left of the one they had passed."""
+
+
+@dataclass(frozen=True)
+class Softness:
+    """What efforts had passed before they were recorded.
+
+    Attributes:
+        motion: the positions had passed it, too.
+    """
+
+    lowpass: Lowpass
+    motion: bool
+
+
+def softness(signals: Signals, robot: Robot) -> Softness | None:
+    """The low-pass that the efforts of a motion had passed, all alike; None where none shows."""
+    if signals.time[-1] - signals.time[0] > ENOUGH:
+        signals = signals.between(signals.time[0], signals.time[0] + ENOUGH)
+    if not telling(signals)[signals.interior].any():
+        return None
+    changes = _Changes(signals, robot)
+    if not len(changes.joints):
+        return None
+    left = np.array([changes.left(one) for one in (None, *(Lowpass(cutoff, 0) for cutoff in CUTOFFS))])
+    sharp, *soft = left.mean(axis=1)
+    if sharp - min(soft) <= np.log(BETTER) or regret(left).min() > UNLIKE:
+        return None
+    if changes.without.mean() - min(soft) <= np.log(TELLING):
+        return None
+    gaussian = Lowpass(CUTOFFS[0] * (CUTOFFS[1] / CUTOFFS[0]) ** lowest(regret(left[1:])), 0)
+    signals = replace(signals, cutoff=min(signals.cutoff, DECIDED_BEHIND))
+    found = [_refined(signals, robot, Softness(gaussian, motion)) for motion in (True, False)]
+    both, efforts = regret(np.array([_Changes(signals, robot, one).left(one.lowpass) for one in found]))
+    return found[int(both - efforts > np.log(CLEARLY))]
+
+
+def _refined(signals: Signals, robot: Robot, near: Softness) -> Softness:
+    """The low-pass, of those like a Gaussian, that leaves least: of each order the best cut-off, then finer about these."""
+    cutoffs = [near.lowpass.cutoff] * len(ORDERS)
+    changes = [_Changes(signals, robot, near)] * len(ORDERS)
+    for steps in (NEAR, NEARER):
+        each = zip(changes, ORDERS, cutoffs, strict=True)
+        tried = np.array([[own.left(Lowpass(c * k, order)) for k in steps] for own, order, c in each])
+        regrets = regret(tried.reshape(-1, tried.shape[-1])).reshape(tried.shape[:2])
+        ratio = steps[1] / steps[0]
+        cutoffs = [c * steps[0] * ratio ** lowest(row) for c, row in zip(cutoffs, regrets, strict=True)]
+        found = [replace(near, lowpass=Lowpass(c, order)) for c, order in zip(cutoffs, ORDERS, strict=True)]
+        if steps is NEAR:
+            changes = [_Changes(signals, robot, one) for one in found]
+    return found[int(np.argmin(regrets.min(axis=1)))]
+
+
+class _Changes:
+    """How fast efforts change, and what explains it.
+
+    Args:
+        own: what efforts had passed, so that what bodies bear has to; None: bodies as the motion says.
+    """
+
+    def __init__(self, signals: Signals, robot: Robot, own: Softness | None = None) -> None:
+        assert signals.effort is not None
+        self.signals = signals
+        motion = signals if own is None or not own.motion else _moved(signals, Restoring(own.lowpass))
+        self.signs = [signals.sign] if motion is signals else [signals.sign, motion.sign]
+        response = Lowpass(CUTOFFS[0], 0) if own is None else Restoring(own.lowpass)
+        moves = telling(signals) & signals.interior[:, None]
+        inside = moves.any(axis=1) & _untouched(signals, response, HARDLY)
+        self.rows = some(np.flatnonzero(inside if inside.any() else moves.any(axis=1)), MOST_ROWS)
+        # what a joint bears that stands still grows as slowly as it is asked to: that is no softness
+        free = ~sticks(signals, STICKING_WIDTHS)
+        # the same joints whatever is left out at the ends
+        self.joints = np.flatnonzero((moves & free).sum(axis=0) > LEAST * signals.rate)
+        self.seen = free[self.rows]
+        borne = robot.regressor(motion.position, motion.velocity, motion.acceleration)
+        drives = np.stack([motion.acceleration, motion.velocity], axis=2)
+        smooth = np.concatenate([borne, drives], axis=2)
+        changes = self._rates(smooth if own is None else signals.through(smooth, own.lowpass))
+        effort = self._rates(signals.effort)
+        self.others = [basis(changes[self.seen[:, j], j]) for j in self.joints]
+        each = zip(self.joints, self.others, strict=True)
+        self.target = [beyond(effort[self.seen[:, j], j], other) for j, other in each]
+
+    def _rates(self, values: np.ndarray) -> np.ndarray:
+        return np.asarray(np.gradient(self.signals.smooth(values), axis=0)[self.rows])
+
+    @property
+    def without(self) -> np.ndarray:
+        """The same as `left` of no steps at all, (J,)."""
+        return np.log([_left(target, np.zeros_like(target)) for target in self.target])
+
+    def left(self, lowpass: Lowpass | None) -> np.ndarray:
+        """Logarithm of the mean square that is left beside steps behind a low-pass, of each of the joints, (J,).
+
+        Steps turn where the motion as recorded does or as restored, whichever tells more of a joint: what is restored turns
+        at the right time, but shakes about rest.
+        """
+        return np.asarray(np.minimum.reduce([self._left(sign, lowpass) for sign in self.signs]))
+
+    def _left(self, sign: np.ndarray, lowpass: Lowpass | None) -> np.ndarray:
+        steps = self._rates(sign if lowpass is None else self.signals.through(sign, lowpass))
+        each = zip(self.joints, self.others, strict=True)
+        own = (beyond(steps[self.seen[:, j], j], other) for j, other in each)
+        return np.log([_left(t, s) for t, s in zip(self.target, own, strict=True)])
+
+
+def _moved(signals: Signals, response: Response) -> Signals:
+    """The signals with their motion behind one more filter."""
+    return replace(
+        signals,
+        position=signals.through(signals.position, response),
+        velocity=signals.through(signals.velocity, response),
+        acceleration=signals.through(signals.acceleration, response),
+    )
+
+
+def _untouched(signals: Signals, response: Response, share: float) -> np.ndarray:
+    """Samples on which a segment's ends tell by no more than a share of a filter, (N,) bool; of short segments half."""
+    reach = reach_of(response, signals.rate, share)
+    inside = np.zeros(len(signals), bool)
+    for rows in signals.segments:
+        margin = min(reach, (rows.stop - rows.start) // 4)
+        inside[rows.start + margin : rows.stop - margin] = True
+    return inside
+
+
+def softened(signals: Signals, own: Softness) -> Signals:
+    """The signals with what the low-pass let through given back, compared behind no wider one than what is left of it."""
+    restored, restoring = Restored(own.lowpass), Restoring(own.lowpass)
+    response = restoring if own.motion else restored
+    reported = signals.reported_velocity
+    whole = replace(
+        _moved(signals, response),
+        effort=None if signals.effort is None else signals.through(signals.effort, restoring),
+        reported_velocity=None if reported is None else signals.through(reported, response),
+        own=restored,
+        cutoff=min(signals.cutoff, COMPARED * restored.edge),
+    )
+    return whole.rows(_untouched(signals, restoring, LITTLE))
+
+
+def noted(recordings: Sequence[Recording], own: Softness) -> list[Recording]:
+    """The recordings with a note on the low-pass that their efforts had passed."""
+    return [replace(one, notes=(*one.notes, note(one, own))) for one in recordings]
+
+
+def note(recording: Recording, own: Softness) -> str:
+    """What a user should know of a recording whose efforts had passed a low-pass."""
+    what = "motion and efforts were" if own.motion else "efforts were"
+    return (
+        f"{recording.name}: {what} low-passed at about {own.lowpass.edge:.1f} Hz before they were recorded; what was let "
+        "through is given back, and no more is compared. Record them as they are measured: what is fast tells most about "
+        "friction and gears."
+    )
+
+
+def _left(target: np.ndarray, steps: np.ndarray) -> float:
+    """Mean square of a target (R,) that a positive multiple of steps (R,) leaves."""
+    common = max(float(target @ steps), 0.0)
+    square = float(target @ target)
+    left = max(square - common**2 / max(float(steps @ steps), TINY), NEW * square, TINY)
+    return left / len(target)

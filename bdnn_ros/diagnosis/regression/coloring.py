@@ -1,0 +1,59 @@
+"""Which noise a regression's residual is: its colour, its size, and how much of it is a joint that sticks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, rms, slipping, stable
+
+STEADY = 1e-3
+"""With less doubt of its direction a joint moves on."""
+LEAST_ROWS = 10 * ORDER
+"""So many rows tell how noise goes on."""
+
+
+def white_noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray) -> Noise:
+    """Noise of a residual (R, n) as if its rows were independent."""
+    std = np.array([rms(residual[equations.usable[:, j], j]) for j in range(equations.width)])
+    return Noise(np.zeros((equations.width, ORDER)), np.maximum(std, floor))
+
+
+def noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray, steady: bool = False) -> Noise:
+    """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
+    if steady:
+        residual = without_trends(equations, residual)
+    coefficients, full, doubt = np.zeros((equations.width, ORDER)), equations.full(), equations.doubtful()
+    for j in range(equations.width):
+        rows = np.flatnonzero(_steady(doubt[:, j], full[:, j]))
+        if len(rows) >= LEAST_ROWS:
+            y = residual[rows, j]
+            x = np.stack([residual[rows - lag, j] for lag in range(1, ORDER + 1)], axis=1)
+            ridge = 1e-3 * float(np.sum(y**2)) + 1e-18
+            coefficients[j] = stable(np.linalg.solve(x.T @ x + ridge * np.eye(ORDER), x.T @ y))
+    white = equations.whiten(residual, Noise(coefficients, np.ones(equations.width)))
+    std, slip = np.empty(equations.width), np.empty(equations.width)
+    for j in range(equations.width):
+        moving = _steady(doubt[:, j], equations.usable[:, j])
+        rest = equations.usable[:, j] & ~moving
+        std[j] = max(rms(white[moving, j]), floor[j])
+        slip[j] = slipping(white[rest, j], doubt[rest, j], std[j])
+    return Noise(coefficients, std, slip)
+
+
+def without_trends(equations: Equations, values: np.ndarray) -> np.ndarray:
+    """Rows (R, n) less a straight line in every block."""
+    result = values.astype(float).copy()
+    for b in range(equations.blocks):
+        rows = np.flatnonzero(equations.block == b)
+        if len(rows) > 4:
+            slope = np.linspace(-1.0, 1.0, len(rows))
+            result[rows] -= values[rows].mean(axis=0)
+            result[rows] -= np.outer(slope, slope @ result[rows] / (slope @ slope))
+    return result
+
+
+def _steady(doubt: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """The rows (R,) bool in which a joint moves on, or the steadiest where too few do."""
+    known = np.sort(doubt[rows])
+    return rows & (doubt <= max(STEADY, known[min(LEAST_ROWS, len(known)) - 1] if len(known) else 0.0))

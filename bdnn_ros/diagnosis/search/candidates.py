@@ -1,0 +1,287 @@
+"""Which effects are tried, where, and with which shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+from scipy.optimize import minimize
+
+from bdnn_ros.aside import in_two
+from bdnn_ros.diagnosis.pushes.pushes import best_push, piece_of, refined_push
+from bdnn_ros.diagnosis.regression.building import least_motion
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
+from bdnn_ros.diagnosis.regression.term import COMMON, Term
+from bdnn_ros.effects.base import Values
+from bdnn_ros.effects.motion import Motion
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.effects.registry import ALL, Installed
+from bdnn_ros.robot import Robot
+
+RELINEARISATIONS = 4
+CONSISTENT = 0.1
+"""Columns are exact enough where the shape they were made with is found again within this share."""
+CLOSELY, INDIFFERENT = 1e-3, 1e-2
+"""A shape fits best within this share of itself, and where no other adds more nats than this."""
+ANGLES = {"base_tilt", "position_offset"}
+"""One angle, where a joint turns about the axis that the base tilts about."""
+LIKE_WEIGHT = {*ANGLES, "effort_scale"}
+"""What does the same to a joint that moves alone as a body that it carries, without being one."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Every effect at every place of a robot."""
+
+    terms: tuple[Term, ...]
+    robot: Robot
+    since: Sequence[Installed] | None = None
+    """What an earlier model has beside its robot, and loads on it, where one takes the simulation's place."""
+
+    @classmethod
+    def of(cls, robot: Robot, bodies: bool = True) -> Candidates:
+        """All effects of the registry that act on the effort, at all joints and moving links of a robot.
+
+        Args:
+            bodies: with those that change what bodies seem to weigh or where gravity points.
+        """
+        terms: list[Term] = []
+        for effect in ALL:
+            of_weight = effect.on_body or effect.name in LIKE_WEIGHT
+            if effect.kinematic or (of_weight and not bodies):
+                continue
+            for target, link in effect.places(robot):
+                terms.append(Term(effect, target, link))
+        return cls(tuple(terms), robot)
+
+    @classmethod
+    def shown_by(cls, equations: Equations, since: Sequence[Installed] | None = None) -> Candidates:
+        """Those that a recording can tell from each other.
+
+        Of one joint that moves alone, nothing of bodies. Of joints that move now and then, or hardly longer than the low-pass,
+        nothing that changes with time or winds with the position: what differs between a few moves differs with where they
+        go, too. Nor what no shape would show along this motion.
+
+        Args:
+            since: effects that an earlier model has beside its robot, if one takes the simulation's place: the candidates
+                are changes from it, of which there may also be less.
+        """
+        motion = equations.motion
+        every = cls.of(motion.robot, bodies=equations.alone is None)
+        lasting, carries = equations.moving >= least_motion(motion.signals), every.robot.carries
+
+        def lasts(term: Term) -> bool:
+            shown_at = carries[:, term.target] if term.link else [term.target]
+            return bool(lasting[shown_at].any())
+
+        def shows(term: Term) -> bool:
+            effect, shapes = term.effect, term.shapes(motion)
+            if (effect.changing or effect.winding) and not lasts(term):
+                return False
+            allowed = [shape for shape in shapes if not effect.winding or effect.shape_allowed(shape)]
+            return any(effect.resolved(motion, term.target, shape) for shape in allowed)
+
+        kept = [term for term in every.terms if shows(term)]
+        return cls(tuple(_as_change(term, every.robot, since) for term in kept), every.robot, since)
+
+    def settled(self, term: Term, motion: Motion) -> Term | None:
+        """What a term settles into, as a change as all of them are; None where it is always itself."""
+        plain = term.settled(motion)
+        return None if plain is None else _as_change(plain, self.robot, self.since)
+
+    def common(self) -> list[Term]:
+        """The commonest effects on all joints."""
+        return [term for term in self.terms if term.effect.name in COMMON]
+
+    def shaped(self, equations: Equations, pool: Pool, fit: Fit) -> list[Term]:
+        """Each candidate that is not in the pool, with the shape that fits best beside the pool's terms.
+
+        Where something of the pool pushes it may do so once more.
+        """
+        present = {term.place for term in pool.terms}
+        free = (
+            next((one for one in _recurring(term) if one.place not in present), None) for term in self.terms
+        )
+        absent = [term for term in free if term is not None]
+        shapes = in_two(lambda term: self._best(equations, pool, fit, term).shape, absent)
+        return [replace(term, shape=shape) for term, shape in zip(absent, shapes, strict=True)]
+
+    def _best(self, equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
+        """A candidate with the shape that fits best beside a pool's terms."""
+        if term.effect.timed:
+            return best_push(pool, fit, term, self.robot)[1]
+        shapes = term.shapes(equations.motion)
+        if len(shapes) > 1:
+            return _best_of(pool, fit, term, shapes)[1]
+        beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
+        return _relinearised(equations, pool, beside, term.shaped(shapes[0]))
+
+    def anew(self, equations: Equations, pool: Pool, fit: Fit, one: int) -> Pool:
+        """The pool with the shape of one of its terms sought among all there are, beside a fit without it."""
+        term = pool.terms[one]
+        shapes = term.shapes(equations.motion)
+        if len(shapes) == 1:
+            return pool
+        gain, found = _best_of(pool, fit, term, shapes)
+        return pool.replacing({one: found}) if gain > pool.gain_of(fit, term)[0] else pool
+
+    def refined(self, equations: Equations, pool: Pool, fit: Fit, chosen: int) -> Term:
+        """A term of a fit with its shape moved to where it fits best beside the others, which keep their bounds."""
+        term = pool.terms[chosen]
+        if not term.shape:
+            return term
+        rest = pool.without(fit, [c for c in fit.terms if c == chosen or piece_of(pool.terms[c], term)])
+        term = _relinearised(equations, pool, rest, term)
+        if term.effect.timed:
+            return refined_push(pool, rest, term, self.robot)
+        bounds = term.effect.shape_bounds if term.effect.kept is None else {}
+        free = tuple(name for name in dict(term.shape) if name in bounds)
+        if not free:
+            return term
+        moved = _refined(equations, pool, rest, term, free)
+        before, after = (pool.replacing({chosen: one}).fit(fit.terms).evidence for one in (term, moved))
+        return moved if after > before else term
+
+    def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Effort that really acts by the fit, what drives take of it before the gear, at the working rate, (N, n) [N·m] each,
+        and how much acts per measured, (n,)."""
+        motion = equations.motion
+        links = equations.rigid.shape[2]
+        # what sticks turns round late: part of the load, so that a delay puts it ahead like all else
+        late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.sticking]
+        errors = motion.regressed(equations.relative @ fit.coefficients[:links])
+        base = equations.simulated + equations.passed(errors) + equations.passed(late)
+        drive = equations.drive + late
+        for chosen in fit.terms:
+            term = pool.terms[chosen]
+            if term.effect.at_sensor:
+                continue
+            coefficients = acting_per_measured(pool, fit, chosen) * pool.coefficients(fit, chosen)
+            part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
+            base += equations.passed(part)
+            if term.effect.in_drive:
+                drive += part
+        return np.asarray(base), drive, effort_scales(pool, fit)
+
+    def bodies(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[Robot, np.ndarray]:
+        """The robot as the fit has it, links corrected, payloads and scaled links on it, and the positions' offsets, (n,) [rad].
+
+        What tilts, bends or shifts such a robot does so with all its mass.
+        """
+        links = equations.rigid.shape[2]
+        errors = equations.relative @ fit.coefficients[:links]
+        plant = Plant(equations.motion.robot.with_inertials(self.robot.inertials.ravel() + errors))
+        for chosen in fit.terms:
+            term = pool.terms[chosen]
+            if term.effect.on_body or term.effect.name == "position_offset":
+                coefficients = pool.coefficients(fit, chosen)
+                values = term.effect.values(coefficients, dict(term.shape))
+                term.effect.install(plant, term.target, values, term.link)
+        return plant.robot, plant.position_offset
+
+
+def _recurring(term: Term) -> Iterator[Term]:
+    """A term and, if it acts for a time, the same once more, and once more."""
+    return (replace(term, again=again) for again in count()) if term.effect.timed else iter([term])
+
+
+def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:
+    """The effort scale of a term's joint in a fit if the term is in the drive or an offset, else 1.
+
+    What a drive takes is measured in its sensor's units: where the fit has a wrong effort scale there, it takes that
+    much more or less. An offset counts in the effort that acts.
+    """
+    term = pool.terms[chosen]
+    measured = term.effect.in_drive or term.effect.name == "effort_offset"
+    return float(effort_scales(pool, fit)[term.target]) if measured else 1.0
+
+
+def effort_scales(pool: Pool, fit: Fit) -> np.ndarray:
+    """The effort scale of each joint in a fit, 1 where it has none, (n,)."""
+    result = np.ones(pool.equations.width)
+    for chosen in fit.terms:
+        term = pool.terms[chosen]
+        if term.effect.name == "effort_scale":
+            result[term.target] = term.effect.values(pool.coefficients(fit, chosen), {})["scale"]
+    return result
+
+
+def _as_change(term: Term, robot: Robot, since: Sequence[Installed] | None) -> Term:
+    """A term as a change from what is described, or from what an earlier model has at its place, in its robot and beside it."""
+    if since is None:
+        return replace(term, effect=term.effect.against(robot, term.target))
+    held: dict[str, list[Values]] = {}
+    for one in since:
+        effect, everywhere = one.effect, one.target < 0 <= term.target and one.effect.on == "all"
+        steady = not (effect.timed or effect.changing or effect.kinematic)
+        if steady and (everywhere or (one.target, one.link) == (term.target, term.link)):
+            held.setdefault(effect.name, []).append(one.values)
+    return replace(term, effect=term.effect.since(robot, term.target, term.link, held))
+
+
+def _best_of(pool: Pool, fit: Fit, term: Term, shapes: Sequence[dict[str, float]]) -> tuple[float, Term]:
+    """The term with the one of some shapes that adds most evidence to a fit, and how much that is."""
+    tried = [term.shaped(shape) for shape in shapes]
+    gains = pool.gains_of_shapes(fit, tried)
+    best = int(np.argmax(gains))
+    return float(gains[best]), tried[best]
+
+
+def _elsewhere(term: Term, other: Term) -> bool:
+    """Whether another term is what this one may have to stand for: the same on another link, a tilt for a joint's zero."""
+    same = term.link is not None and term.effect.name == other.effect.name
+    return same or {term.effect.name, other.effect.name} == ANGLES
+
+
+def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
+    """The term with columns that are exact where they fit best beside a fit; what they gain elsewhere is not real."""
+    if not term.shape:
+        return term
+    ends = [_consistent(pool, fit, start) for start in (term, *_generally(equations, pool, fit, term))]
+    return ends[0] if len(ends) == 1 else max(ends, key=lambda end: pool.gain_of(fit, end)[0])
+
+
+def _generally(equations: Equations, pool: Pool, fit: Fit, term: Term) -> list[Term]:
+    """Where something more general than the term would have its shape; empty where there is no such thing."""
+    body = term.effect.general(equations.motion.robot, term.link) if term.link else None
+    if body is None:
+        return []
+    _, coefficients = pool.gain_of(fit, term, equations.of_body(*body))
+    return [term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))]
+
+
+def _consistent(pool: Pool, fit: Fit, term: Term) -> Term:
+    """The term whose columns are made with the shape that is found with them."""
+    for _ in range(RELINEARISATIONS):
+        _, coefficients = pool.gain_of(fit, term)
+        moved = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
+        before, after = (np.array([value for _, value in one.shape]) for one in (term, moved))
+        if np.linalg.norm(after - before) <= CONSISTENT * np.linalg.norm(after):
+            break
+        term = moved
+    return term
+
+
+def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term, names: Sequence[str]) -> Term:
+    """The term with its free shape parameters where they add most evidence to a fit."""
+    fixed, motion = dict(term.shape), equations.motion
+    start = np.array([fixed[name] for name in names])
+    scale = np.where(np.abs(start) > 1e-9, np.abs(start), 1.0)
+
+    def moved(x: np.ndarray) -> dict[str, float]:
+        return {**fixed, **dict(zip(names, (x * scale).tolist(), strict=True))}
+
+    def loss(x: np.ndarray) -> float:
+        shape = moved(x)
+        if not (term.effect.shape_allowed(shape) and term.effect.resolved(motion, term.target, shape)):
+            return 1e9
+        return -pool.gain_of(fit, term.shaped(shape))[0]
+
+    first = loss(start / scale)
+    options = {"maxfev": 30 * len(names), "xatol": CLOSELY, "fatol": INDIFFERENT}
+    best = minimize(loss, start / scale, method="Nelder-Mead", options=options)
+    return term.shaped(moved(best.x)) if best.fun < first else term

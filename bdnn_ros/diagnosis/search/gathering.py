@@ -1,0 +1,51 @@
+"""What pushes once is told once: of one link, from its start to its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from bdnn_ros.diagnosis.pushes.contact import distance
+from bdnn_ros.diagnosis.pushes.pushes import follows, lasting, nearest, pushes_but, reshaped, together, toss
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.search.moves import BETTER
+from bdnn_ros.diagnosis.search.parting import parted
+from bdnn_ros.robot import Robot
+
+Score = Callable[[Pool, Sequence[int]], float]
+
+
+def gathered(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple[Pool, list[int]]:
+    """Give the place of pushes at one time to a single one, on whatever link explains most beside all else.
+
+    Args:
+        score: of a set of a pool's terms, see `Moves.score`.
+    """
+    pool, chosen = parted(pool, chosen, robot, score)
+    pool, chosen = _joined(pool, chosen, robot, score)
+    for one in [c for c in chosen if pool.terms[c].effect.timed]:
+        if one not in chosen:
+            continue
+        rest = [c for c in chosen if not together(pool.terms[c], pool.terms[one])]
+        other = reshaped(pool, rest, robot, [c for c in chosen if c not in rest])
+        pushes = pushes_but(other, rest, one)
+        scores, without = {c: score(other, [*rest, c]) for c in pushes}, score(other, rest)
+        best = nearest(other, scores, without, robot)
+        better = scores[best] - score(pool, chosen)
+        if distance(other.terms[best], robot) < distance(pool.terms[one], robot):
+            better += toss(other.terms[best], scores[best] - without)
+        if better > BETTER:
+            pool, chosen = pool.replacing({best: other.terms[best]}), [*rest, best]
+    return pool, chosen
+
+
+def _joined(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple[Pool, list[int]]:
+    """Give the place of two pushes that follow each other to either, as long as both, where that scores better.
+
+    Before its point is found a push looks shorter than it is, and what is left of it like another.
+    """
+    for pair in [(a, b) for a in chosen for b in chosen if follows(pool.terms[a], pool.terms[b])]:
+        if set(pair) <= set(chosen):
+            rest = [c for c in chosen if c not in pair]
+            sets = [(lasting(pool, rest, pair, c, robot), [*rest, c]) for c in pair]
+            pool, chosen = max([(pool, chosen), *sets], key=lambda one: score(*one))
+    return pool, chosen

@@ -1,0 +1,289 @@
+"""The moves of a search, add, replace and drop, and what it takes for a set of effects to be the better one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import partial
+
+import numpy as np
+
+from bdnn_ros.aside import first_in_two
+from bdnn_ros.diagnosis.pushes.pushes import leftover, toss
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.odds import contains, having_each, log_odds, near, unbelievable
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.settling import refined
+
+ABSURD = 1e9
+"""Log odds against an effect that cannot be."""
+MOST_ROUNDS = 4
+RIVALS_TRIED = 6
+UNSURE = 30.0
+"""A rival's gain is found with the others' bounds left as they are: by so much it may be too low."""
+BETTER = 0.5
+"""A rival must score so much better to take a term's place."""
+WORSE = 1.01
+"""What raises the plain error by this factor does not pay, however white it makes the rest."""
+SURELY = 1.645
+"""Standard deviations by which a gain must exceed nothing."""
+WINS = 0.6
+"""Share of held-out blocks (of those that change) that must gain."""
+PARTNERS_TRIED = 3
+FEW_BLOCKS = 3
+"""A push that acts in no more blocks is hardly known to the others once one of them is held out."""
+
+
+class Moves:
+    """How a search over the candidates of one regression goes on."""
+
+    def __init__(self, equations: Equations, candidates: Candidates) -> None:
+        self.equations, self.candidates = equations, candidates
+
+    def descend(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
+        """Add, replace and drop terms until nothing changes; once only where weak terms have to wait.
+
+        A wrong term gives way first: what is added to mend it would keep it. What no rival was better for is not asked again.
+        """
+        given, chosen = chosen, self._replace(pool, chosen)
+        for _ in range(1 if least else MOST_ROUNDS):
+            before = {pool.terms[c].place for c in chosen}
+            stays = chosen if chosen is given else None
+            pool, given = self._add(pool, chosen, least)
+            chosen = given if given is stays else self._replace(pool, given)
+            pool, chosen = self._regrow(pool, chosen, least)
+            chosen = self._drop(pool, chosen)
+            if {pool.terms[c].place for c in chosen} == before:
+                break
+        return pool, chosen
+
+    # -- moves --------------------------------------------------------------------------------------------------
+
+    def _add(
+        self,
+        pool: Pool,
+        chosen: list[int],
+        least: float,
+        barred: Sequence[int] = (),
+        wanted: float = -np.inf,
+    ) -> tuple[Pool, list[int]]:
+        """Add what pays, the best first, as long as it may still come to a wanted score."""
+        refused, largest = set(barred), 0.0
+        while True:
+            fit = pool.fit(chosen)
+            open_ = [c for c in self.open_to(pool, chosen) if c not in refused]
+            if not open_ or pool.most([*chosen, *open_]) < wanted:
+                return pool, chosen
+            gains = pool.gains(fit, open_) - self.costs(pool, chosen, open_)
+            best = int(np.argmax(gains))
+            largest = max(largest, float(gains[best]))
+            if gains[best] <= least * largest:
+                return pool, chosen
+            candidate = open_[best]
+            trial, grown = self._grown(pool, chosen, candidate)
+            found = (trial, grown) if self.pays(trial, grown, candidate) else None
+            if found is None and gains[best] > UNSURE and self._worse(trial, grown, chosen):
+                found = self._with_partner(trial, grown, chosen)
+            if found is None:
+                refused.add(candidate)
+            else:
+                pool, chosen = found
+
+    def _grown(self, pool: Pool, chosen: Sequence[int], *added: int) -> tuple[Pool, list[int]]:
+        """The chosen with others, their shapes sought anew, in place of what these contain."""
+        kept = [c for c in chosen if not any(contains(pool.terms[one], pool.terms[c]) for one in added)]
+        grown = [*kept, *added]
+        return refined(self.candidates, self.equations, pool, grown, added), grown
+
+    def _with_partner(
+        self, pool: Pool, grown: Sequence[int], chosen: Sequence[int]
+    ) -> tuple[Pool, list[int]] | None:
+        """The last of the grown beside another at its joint where both pay only together; None without.
+
+        Friction that a delay shifts makes plain errors larger as long as it is where it would be without the delay.
+        """
+        candidate, joint = grown[-1], pool.terms[grown[-1]].target
+        open_ = [c for c in self.open_to(pool, grown) if pool.terms[c].target == joint]
+        if joint < 0 or not open_ or not self.predicts_better(pool, grown, chosen):
+            return None
+        gains = pool.gains(pool.fit(grown), open_) - self.costs(pool, grown, open_)
+        for k in np.argsort(-gains)[:PARTNERS_TRIED]:
+            trial, both = self._grown(pool, chosen, candidate, open_[k])
+            pay = all(self.pays(trial, both, one) for one in (candidate, open_[k]))
+            if pay and not self._worse(trial, both, chosen):
+                return trial, both
+        return None
+
+    def _replace(self, pool: Pool, chosen: list[int], late: bool = False) -> list[int]:
+        """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better.
+
+        Args:
+            late: only to what says no more than a term did, and not to or from pushes, whose times belong to what they were
+                found beside.
+        """
+        groups: list[tuple[int, ...]] = [(c,) for c in chosen]
+        groups += [
+            (a, b)
+            for i, a in enumerate(chosen)
+            for b in chosen[i + 1 :]
+            if pool.terms[a].target == pool.terms[b].target
+        ]
+        while found := first_in_two(partial(self._instead, pool, chosen, late), groups):
+            at, chosen = found
+            groups = groups[at + 1 :]
+        return chosen
+
+    def _instead(self, pool: Pool, chosen: list[int], late: bool, group: tuple[int, ...]) -> list[int] | None:
+        """The chosen with a rival in the place of a group of them, see `_replace`; None where none scores better."""
+        if not set(group) <= set(chosen):
+            return None
+        rest = [c for c in chosen if c not in group]
+        now = self.score(pool, chosen)
+        better = BETTER + toss(pool.terms[group[0]], now - self.score(pool, rest))
+        for rival, behind in self.rivals(pool, chosen, *group)[:RIVALS_TRIED]:
+            if behind >= UNSURE:
+                break
+            grown = [*(c for c in rest if not contains(pool.terms[rival], pool.terms[c])), rival]
+            if late and not self._plainer(pool, chosen, group, rival):
+                continue
+            worth = self.score_beside(pool, grown[:-1], rival)
+            if worth > now + better and self.pays(pool, grown, rival):
+                return grown
+        return None
+
+    def _plainer(self, pool: Pool, chosen: list[int], group: Sequence[int], rival: int) -> bool:
+        richer = any(contains(pool.terms[rival], pool.terms[c]) for c in chosen)
+        return not (richer or any(pool.terms[c].effect.timed for c in (*group, rival)))
+
+    def _regrow(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
+        """Give the place of what acts on several joints to as many terms as it takes: one body may pass for many rotors."""
+        for wide in [c for c in chosen if pool.terms[c].effect.on_body or pool.terms[c].target < 0]:
+            rest = [c for c in chosen if c != wide]
+            wanted = self.score(pool, chosen) + BETTER
+            other, grown = self._add(pool, rest, least, [wide], wanted)
+            if self.score(other, grown) > wanted:
+                pool, chosen = other, grown
+        return pool, chosen
+
+    def _drop(self, pool: Pool, chosen: list[int]) -> list[int]:
+        while chosen:
+            score = self.score(pool, chosen)
+            losses = [score - self.score(pool, [c for c in chosen if c != out]) for out in chosen]
+            weakest = int(np.argmin(losses))
+            without = [c for c in chosen if c != chosen[weakest]]
+            if losses[weakest] > 0.0 and self.pays(pool, chosen, chosen[weakest]):
+                return chosen
+            chosen = without
+        return chosen
+
+    def reconsidered(self, pool: Pool, chosen: list[int]) -> list[int]:
+        """The chosen where other rows than those of a search have a say: replaced or dropped, nothing is added."""
+        return self._drop(pool, self._replace(pool, chosen, late=True))
+
+    def rivals(self, pool: Pool, chosen: Sequence[int], *group: int) -> list[tuple[int, float]]:
+        """What could stand where some of the chosen do, the best first, and by how much it seems to score less."""
+        rest = [c for c in chosen if c not in group]
+        fit = pool.fit(rest)
+        kept = self.score(pool, chosen) - self.score(pool, rest)
+        where = near(pool.terms[group[0]])
+        spots = {pool.terms[c].spot for c in group}  # the same once more is no rival
+        found = [c for c in self.open_to(pool, rest, where) if pool.terms[c].spot not in spots]
+        if not found:
+            return []
+        scores = pool.gains(fit, found) - self.costs(pool, rest, found)
+        return [(found[k], kept - float(scores[k])) for k in np.argsort(-scores)]
+
+    # -- judgements ---------------------------------------------------------------------------------------------
+
+    def score(self, pool: Pool, chosen: Sequence[int]) -> float:
+        """Log evidence of a set less the log prior odds against it."""
+        fit = pool.fit(chosen)
+        against = ABSURD * unbelievable(pool, fit)
+        return fit.evidence - against - float(self.costs(pool, chosen, chosen).sum())
+
+    def score_beside(self, pool: Pool, rest: Sequence[int], one: int) -> float:
+        """Score of some terms and one more that stands where others did.
+
+        A load that holds the effort of those would let a scale or a delay of the load explain it once more.
+        """
+        term, equations = pool.terms[one], self.equations
+        if term.effect.of_load:
+            load = equations.motion.with_load(*self.candidates.load(equations, pool, pool.fit(rest)))
+            pool = pool.replacing({one: term}, equations.made(term, load))
+        return self.score(pool, [*rest, one])
+
+    def costs(self, pool: Pool, company: Sequence[int], of: Sequence[int]) -> np.ndarray:
+        """Log prior odds against each of some terms beside some company, (len(of),)."""
+        having, carried = having_each(pool, company), self.candidates.robot.carried
+        return np.array([log_odds(pool.terms[one], having, carried) for one in of])
+
+    def open_to(self, pool: Pool, chosen: Sequence[int], where: int = -1) -> list[int]:
+        """Candidates that may join the chosen: not at the same place, nor contained in one of them, nor kept apart from one.
+
+        Args:
+            where: only those that can stand for an effect at this joint, what moves bodies anywhere; -1 for all.
+        """
+        taken = {pool.terms[c].place for c in chosen}
+        each = [(pool.terms[c].effect, pool.terms[c].target) for c in chosen]
+        barred = {(name, at) for effect, at in each for name in (*effect.contains, *effect.without)}
+        return [
+            c
+            for c, term in enumerate(pool.terms)
+            if (where < 0 or term.target in (where, -1) or term.link or term.effect.of_bodies)
+            and term.place not in taken
+            and (term.effect.name, term.target) not in barred
+        ]
+
+    def pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:
+        """Whether a term pays on blocks it was not fitted to.
+
+        Links that bend beyond belief to stand in for it predict held-out blocks as well, so belief is weighed, too.
+        """
+        if unbelievable(pool, pool.fit(grown)) or leftover(pool, grown, candidate):
+            return False
+        without = [c for c in grown if c != candidate]
+        if self._worse(pool, grown, without) and not self._for_belief(pool, grown, without):
+            return False
+        return self.predicts_better(pool, grown, without)
+
+    def _worse(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
+        """Whether one set leaves more of the effort than another does, with all frequencies counted alike."""
+        return self._left(pool, one) > WORSE * self._left(pool, other)
+
+    def _for_belief(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
+        """Whether what speaks for one set against another is what it lets the links be, more than the errors that it leaves."""
+        whiter = float(np.sum(pool.held_out(other) - pool.held_out(one)))
+        return pool.disbelief(other) - pool.disbelief(one) > whiter
+
+    def predicts_better(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
+        """Whether one set predicts blocks that it was not fitted to surely better than another, belief weighed in.
+
+        A single block in which something else happened, as when a recording begins, has no veto. Nor have those of a push that
+        both sets have and that hardly any other block knows.
+        """
+        gained = pool.held_out(other) - pool.held_out(one)
+        gained += (pool.disbelief(other) - pool.disbelief(one)) / len(gained)
+        gained = gained[~self._briefly_pushed(pool, set(one) & set(other))]
+        often = bool((gained > 0).mean() >= WINS)
+        if gained.sum() > 0.0:
+            return often or _surely(gained)
+        return often and _surely(np.delete(gained, np.argmin(gained)))
+
+    def _briefly_pushed(self, pool: Pool, chosen: Iterable[int]) -> np.ndarray:
+        """Blocks in which one of some pushes acts that acts in few of them, (B,) bool; none where that leaves too few."""
+        block, pushed = self.equations.block, np.zeros(self.equations.blocks, bool)
+        for one in chosen:
+            if pool.terms[one].effect.timed:
+                acts = np.unique(block[self.equations.columns(pool.terms[one]).any(axis=(1, 2))])
+                pushed[acts] |= len(acts) <= FEW_BLOCKS
+        return pushed & (2 * pushed.sum() < len(pushed))
+
+    def _left(self, pool: Pool, chosen: Sequence[int]) -> float:
+        """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""
+        residual = pool.residual(pool.fit(chosen)) / self.equations.effort_scale
+        return float(np.sum(np.where(pool.sure, residual, 0.0) ** 2))
+
+
+def _surely(gained: np.ndarray) -> bool:
+    """Whether a sum of gains (B,) is hardly chance."""
+    return bool(gained.sum() > SURELY * gained.std() * np.sqrt(len(gained)))

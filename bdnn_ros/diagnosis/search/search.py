@@ -1,0 +1,320 @@
+"""The search for the set of effects the data supports: add, replace, drop, until nothing changes.
+
+A term enters only if the evidence pays its prior cost, if held-out blocks gain from it, and if it is large enough to matter.
+A first choice is never final: every term is compared again with its rivals once the others are in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from bdnn_ros.aside import first_in_two, in_two
+from bdnn_ros.diagnosis.pushes.pushes import leftover
+from bdnn_ros.diagnosis.regression.coloring import noise_of, white_noise_of
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.odds import COST, contains, doubt, related
+from bdnn_ros.diagnosis.regression.term import Shape, Term, new_shapes, of_shapes
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.gathering import gathered
+from bdnn_ros.diagnosis.search.leads import DELAY, moved
+from bdnn_ros.diagnosis.search.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves
+from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
+
+LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
+"""Spreads of the links' relative errors that are tried; the evidence chooses."""
+DOUBTS = (0.01, 0.02, 0.05, 0.1)
+"""The same where links were identified before: one to ten standard deviations of that."""
+NOISE_FLOOR = 1e-4
+"""Smallest noise as a share of the effort's spread."""
+OUTSTANDING = 0.1
+"""What brings less than this share of the largest gain waits until noise and load are known better."""
+FALLS = 0.8
+"""Search again while a joint's noise falls below this share of the last estimate: it may have hidden an effect."""
+HIDDEN_TRIED = 3
+"""So many effects, or sets of them, are tried at their own noise."""
+FAINT = 3.0
+"""What white noise shows no more of than this, prior costs left out, is not tried."""
+
+Progress = Callable[[str], None]
+
+
+def _bends(term: Term) -> bool:
+    """Whether a term moves the robot's bodies as the load has them that all terms make together."""
+    return term.effect.of_load and term.effect.of_bodies
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The set of effects that was found, with everything needed to judge it.
+
+    Attributes:
+        pool: candidates at the final noise model; `chosen` are indices into it.
+        fit: posterior of the chosen terms.
+    """
+
+    pool: Pool
+    chosen: tuple[int, ...]
+    fit: Fit
+
+    @property
+    def terms(self) -> list[Term]:
+        """The chosen terms."""
+        return [self.pool.terms[c] for c in self.chosen]
+
+    @property
+    def places(self) -> frozenset[tuple[str, str, int, str | None, int]]:
+        """What they are and where, whatever their shapes."""
+        return frozenset(term.place for term in self.terms)
+
+
+class Search(Moves):
+    """One search over the candidates of one regression."""
+
+    def __init__(
+        self,
+        equations: Equations,
+        candidates: Candidates,
+        progress: Progress,
+        link_errors: Sequence[float] = LINK_ERRORS,
+    ) -> None:
+        super().__init__(equations, candidates)
+        self.progress = progress
+        self.link_errors = tuple(link_errors)
+        self.link_error = self.link_errors[2]
+        self.floor = NOISE_FLOOR * equations.effort_scale
+
+    def first(self) -> Selection:
+        """A first look: what stands out at the noise that the commonest causes leave."""
+        noise, worn = self._start()
+        return self._select(noise, worn, OUTSTANDING)
+
+    def run(self, selection: Selection) -> Selection:
+        """The best set of effects, from a first look on."""
+        for round_ in range(MOST_ROUNDS):
+            self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
+            previous, noise = selection.places, selection.pool.noise.std
+            settled = self._at_own_noise(selection.pool, selection.chosen, self.candidates.common())
+            selection = self._select(settled.noise, settled.terms)
+            falls = (settled.noise.std < FALLS * noise).any()
+            if selection.places == previous and not falls:
+                break
+        now = self._at_own_noise(selection.pool, selection.chosen)
+        for hidden in (self._by_delays, self._without, self._in_noise, self._behind_rivals):
+            found = hidden(selection, now)
+            if found is not None:
+                selection, now = self._from(found)
+        return selection
+
+    def _from(self, found: Pool) -> tuple[Selection, Pool]:
+        """The best set from some terms on, and it at its own noise: those terms alone where what it adds proves worse there."""
+        motion = self.equations.motion
+        selection = self._select(found.noise, found.terms)
+        now = self._at_own_noise(selection.pool, selection.chosen)
+        places = {term.place: c for c, term in enumerate(selection.pool.terms)}
+        alone = tuple(places[term.place] for term in found.terms)
+        if not set(alone) <= set(selection.chosen) or self._worth(now) >= self._worth(found):
+            return selection, now
+        self.equations.take(motion)
+        pool = selection.pool
+        for one, term in zip(alone, found.terms, strict=True):  # with what it added they had other shapes
+            pool = pool.replacing({one: term})
+        return Selection(pool, alone, pool.fit(alone)), found
+
+    def _worth(self, pool: Pool, chosen: Sequence[int] | None = None) -> float:
+        """Score of some terms of a pool, of all if not told, with the links' errors that it believes in."""
+        return self.score(pool, range(len(pool.terms)) if chosen is None else chosen) - doubt(pool)
+
+    def _by_delays(self, selection: Selection, now: Pool) -> Pool | None:
+        """The terms with a delay that fits the effort better than what it and the others agreed on; None without.
+
+        Args:
+            now: the selection at its own noise.
+        """
+        pool, chosen = selection.pool, selection.chosen
+        late = [c for c in chosen if pool.terms[c].effect.name == DELAY]
+        sets = [partial(moved, self.candidates, pool, chosen, delay, self.floor) for delay in late]
+        return self._first_better(now, sets)
+
+    def _without(self, selection: Selection, now: Pool) -> Pool | None:
+        """The terms but one that the others need only as they were found beside it; None where they need each.
+
+        What a soft gear bends with is the load that all have, and a shape that a joint's other terms led astray keeps them. The
+        gear itself may be told by the noise that it takes away alone, which is smaller then: at its own it has to pay.
+        """
+        pool, chosen, likely = selection.pool, selection.chosen, []
+        for one in chosen:
+            rest = [c for c in chosen if c != one]
+            other = self._shaped_anew(pool, rest, pool.terms[one].target)
+            behind = self.score(pool, chosen) - self.score(other, rest)
+            terms = [other.terms[c] for c in rest]
+            if _bends(pool.terms[one]):
+                likely.append((-np.inf, terms))
+            elif any(map(_bends, terms)) or (other is not pool and behind < UNSURE):
+                likely.append((behind, terms))
+        return self._likeliest(now, pool.noise, likely)
+
+    def _shaped_anew(self, pool: Pool, chosen: Sequence[int], joint: int) -> Pool:
+        """The pool with the shapes of a joint's chosen terms sought from the start beside the others."""
+        for one in chosen:
+            term = pool.terms[one]
+            if term.target == joint and not term.effect.timed and term.link is None:
+                beside = pool.fit([c for c in chosen if c != one])
+                pool = self.candidates.anew(self.equations, pool, beside, one)
+        return pool
+
+    def _in_noise(self, selection: Selection, now: Pool) -> Pool | None:
+        """The terms and one more that white noise shows and its own noise confirms; None without.
+
+        What is constant or acts for a time can make the noise look slow, and slow noise then explains it.
+        """
+        chosen = range(len(now.terms))
+        noise = white_noise_of(self.equations, now.residual(now.whole), self.floor)
+        pool = Pool(self.equations, noise, now.terms, self.link_error)
+        shaped = self.candidates.shaped(self.equations, pool, pool.fit(chosen))
+        pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
+        open_ = self.open_to(pool, chosen)
+        shown = pool.gains(pool.fit(chosen), open_)
+        order = np.argsort(self.costs(pool, chosen, open_) - shown)
+        likely = [pool.terms[open_[k]] for k in order if shown[k] > FAINT][:HIDDEN_TRIED]
+        sets = ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
+        return self._first_better(now, [partial(self._pool, noise, terms) for terms in sets])
+
+    def _behind_rivals(self, selection: Selection, now: Pool) -> Pool | None:
+        """The terms with a rival in one's place that its own noise proves the better one; None without.
+
+        Noise is what the terms leave: with the wrong one among them it holds what the right one would explain. And beside the
+        wrong one a joint's other terms have other shapes.
+        """
+        pool = selection.pool
+        likely, shapely = list[tuple[float, list[Term]]](), list[tuple[float, list[Term]]]()
+        own = self.score(pool, selection.chosen)
+        for one in selection.chosen:
+            rest = [c for c in selection.chosen if c != one]
+            for rival, behind in self.rivals(pool, selection.chosen, one):
+                if behind >= UNSURE or related(pool.terms[rival], pool.terms[one]):
+                    continue
+                # where another is at a bound a rival seems ahead of all that would have it leave that bound
+                behind = own - self.score_beside(pool, rest, rival)
+                if behind < UNSURE:
+                    target = pool.terms[one].target
+                    mates = (pool.terms[c] for c in rest if pool.terms[c].target == target)
+                    sets = shapely if any(map(_shaped, mates)) else likely
+                    sets.append((behind, [*(pool.terms[c] for c in rest), pool.terms[rival]]))
+        found = self._likeliest(now, pool.noise, likely)
+        return found or self._likeliest(now, pool.noise, shapely, RIVALS_TRIED)
+
+    def _likeliest(
+        self, now: Pool, noise: Noise, sets: list[tuple[float, list[Term]]], most: int = HIDDEN_TRIED
+    ) -> Pool | None:
+        """The first better one of some sets of terms, those first that seem to score the least behind; None without."""
+        nearest = sorted(sets, key=lambda pair: pair[0])[:most]
+        return self._first_better(now, [partial(self._pool, noise, terms) for _, terms in nearest])
+
+    def _first_better(self, now: Pool, others: Sequence[Callable[[], Pool]]) -> Pool | None:
+        """The first pool of some that are made which scores better than another, each at its own noise; None without.
+
+        Its last term has to pay. Of two pushes at one time either may be what the other leaves.
+        """
+        motion, worth = self.equations.motion, self._worth(now)
+
+        def at_own_noise(one: int) -> Pool:
+            pool = others[one]()
+            return self._at_own_noise(pool, range(len(pool.terms)))
+
+        def better(one: int) -> bool | None:
+            trial = at_own_noise(one)
+            every = range(len(trial.terms))
+            found = self._worth(trial) > worth + BETTER and self.pays(trial, every, every[-1])
+            found = found and not any(leftover(trial, every, one) for one in every)
+            self.equations.take(motion)
+            return found or None
+
+        found = first_in_two(better, range(len(others)))
+        return None if found is None else at_own_noise(found[0])
+
+    def _pool(self, noise: Noise, terms: Sequence[Term]) -> Pool:
+        return Pool(self.equations, noise, terms, self.link_error)
+
+    def _at_own_noise(self, pool: Pool, chosen: Sequence[int], beside: Sequence[Term] = ()) -> Pool:
+        terms = [pool.terms[c] for c in chosen]
+        alone = Pool(self.equations, pool.noise, terms, pool.link_error)
+        return at_own_noise(self.candidates, self.equations, alone, self.floor, beside)
+
+    def _start(self) -> tuple[Noise, list[Term]]:
+        """Noise of what the commonest causes on every joint would leave, and which of them are worn in.
+
+        Trends are left out so that a push or a drift is not taken for slow noise before it could be named. The load is
+        estimated with all of them.
+        """
+        equations, common = self.equations, self.candidates.common()
+        noise = Noise(np.zeros((equations.width, 1)), equations.effort_scale * 0.1)
+        for _ in range(2):
+            pool = Pool(equations, noise, common, self.link_errors[-1])
+            fit = pool.fit(range(len(common)))
+            noise = noise_of(equations, pool.residual(fit), self.floor, steady=True)
+        equations.relieve(*self.candidates.load(equations, pool, fit))
+        return noise, self._worn(Pool(equations, noise, common, self.link_errors[-1]))
+
+    def _worn(self, pool: Pool) -> list[Term]:
+        """The commonest causes that each bring more than its price beside all others, where most joints have some.
+
+        What is hidden in a worn robot is large only beside its wear. A robot with one cause is searched from nothing.
+        """
+        every = range(len(pool.terms))
+        whole = pool.whole.evidence
+        kept = [
+            pool.terms[c] for c in every if whole - pool.fit([o for o in every if o != c]).evidence > COST
+        ]
+        return kept if len({term.target for term in kept}) > 0.5 * self.equations.width else []
+
+    def _select(self, noise: Noise, start: Sequence[Term], least: float = 0.0) -> Selection:
+        """Best set at one noise model, starting from some terms.
+
+        Args:
+            least: share of the largest gain that a term must bring.
+        """
+        pool, every = Pool(self.equations, noise, start, self.link_error), range(len(start))
+        pool = anew(self.candidates, self.equations, pool)
+        pool = refined(self.candidates, self.equations, pool, every)
+        shaped = self.candidates.shaped(self.equations, pool, pool.fit(every))
+        pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
+        pool, begun = gathered(pool, list(every), self.candidates.robot, self.score)
+
+        def descended(error: float) -> tuple[float, float, list[int], dict[int, Shape]]:
+            found, chosen = self.descend(pool.believing(error), begun, least)
+            return self._worth(found, chosen), error, chosen, new_shapes(found.terms, pool.terms)
+
+        found = in_two(descended, self._beliefs(noise, start))
+        _, self.link_error, chosen, shapes = max(found, key=lambda one: one[0])
+        pool = pool.believing(self.link_error).replacing(of_shapes(pool.terms, shapes))
+        return Selection(pool, tuple(chosen), pool.fit(chosen))
+
+    def _beliefs(self, noise: Noise, start: Sequence[Term]) -> list[float]:
+        """Spreads of the links' errors worth a search: the likeliest beside what is known, and the next smaller one.
+
+        A single link far off makes all links look worse than they are; the smaller spread lets it be named. So does any
+        cause that is not known yet: what a first look believes is no guide for a second one.
+        """
+        places = {term.place for term in start}
+        known = [*start, *(term for term in self.candidates.common() if term.place not in places)]
+        pool = Pool(self.equations, noise, known, self.link_errors[-1])
+        scores = [other.whole.evidence - doubt(other) for other in map(pool.believing, self.link_errors)]
+        best = int(np.argmax(scores))
+        return list(self.link_errors[max(best - 1, 0) : best + 1])
+
+    def beliefs_of(self, pool: Pool) -> list[Pool]:
+        """A pool as it is, and with the next larger spread of the links' errors."""
+        larger = [error for error in self.link_errors if error > pool.link_error]
+        return [pool, *(pool.believing(error) for error in larger[:1])]
+
+
+def _shaped(term: Term) -> bool:
+    """Whether a search moves a shape of a term."""
+    return not term.effect.timed and any(name in term.effect.shape_bounds for name, _ in term.shape)

@@ -1,0 +1,74 @@
+"""What would settle the ties: a motion, a look at the robot, or a known load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Sequence
+
+from bdnn_ros.diagnosis.judging.identifiability import TIE, Judgement, same_physics
+from bdnn_ros.diagnosis.judging.lookalikes import in_words, looked_for
+from bdnn_ros.diagnosis.judging.posterior import Estimate
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.effects.rigid import Armature
+from bdnn_ros.robot import Robot
+from bdnn_ros.robot.axes import spins
+
+WIDER = "of all joints together, over wider ranges, slow and fast; `bdnn excite` makes such a motion."
+MORE = f"No cause stands out in this motion: record more {WIDER}"
+MORE_SINCE = f"Identify the earlier model from more motion, and record more to compare with it, {WIDER}"
+"""What there is to do where nothing can be told, and nothing is in doubt that a motion of its own would settle."""
+
+
+def advice(
+    found: Sequence[Estimate],
+    judgements: Sequence[Judgement],
+    robot: Robot,
+    places: Callable[[Term], str],
+    unnamed: Container[int] = (),
+) -> list[str]:
+    """A sentence or two for each tie: what would settle it.
+
+    Args:
+        places: the name of a term's joint or link.
+        unnamed: which of the found are no findings: `bdnn excite` plans no motion for them.
+    """
+    sentences, causes = [], [one.term for one in found]
+    for k, (one, judgement) in enumerate(zip(found, judgements, strict=True)):
+        term = one.term
+        close = [rival for rival, p in judgement.rivals if p >= TIE and not same_physics(term, rival)]
+        values = one.values if term.effect.name == "payload" else {}
+        looks, close = looked_for(term, values, close, causes, robot, places)
+        sentences += looks
+        passed = [rival for rival in close if rival.effect.timed is not term.effect.timed]
+        lasting = [rival for rival in close if rival not in passed]
+        sentences += [
+            _to_tell(term, some, robot, places, k not in unnamed) for some in (passed, lasting) if some
+        ]
+    return list(dict.fromkeys(sentences))
+
+
+def _to_tell(
+    term: Term, close: Sequence[Term], robot: Robot, places: Callable[[Term], str], named: bool
+) -> str:
+    """What tells a term from its rivals: as a rule a motion, which `bdnn excite` makes where the term is named.
+
+    What a rival has beyond the term that it settles into is shown by a motion that the rival needs.
+    """
+    place = places(term)
+    names = in_words(_with_place(r, places) if places(r) != place else r.title for r in close)
+    told = f"{_with_place(term, places)} from {names}"
+    push = next((one for one in (term, *close) if one.effect.timed), None)
+    if push is not None:  # it is over: other motions show what lasts, none shows what pushed then
+        return f"To tell {told}, record {push.effect.shown_by}."
+    inertias = all(one.effect.on_body or one.effect.name == Armature.name for one in (term, *close))
+    if inertias and spins(robot, term.target):
+        return f"No motion of this robot tells {told}: {place} only turns about an upright axis, as a rotor does."
+    if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
+        return f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
+    made = "; `bdnn excite --for diagnosis.json` makes such a motion" if named else ""
+    beyond = [r.effect for r in close if (r.effect.settles_into, r.target) == (term.effect.name, term.target)]
+    return f"To tell {told}, record {(*beyond, term.effect)[0].shown_by}{made}."
+
+
+def _with_place(term: Term, places: Callable[[Term], str]) -> str:
+    """A term's name and place; what is of the base, or of all joints, needs none."""
+    return term.title if term.target < 0 else f"{term.title} at {places(term)}"

@@ -1,0 +1,106 @@
+"""Links that are all off by one factor: efforts in another unit do the same, and no motion tells which."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
+from bdnn_ros.diagnosis.result import Finding, Rival
+from bdnn_ros.diagnosis.search.search import LINK_ERRORS
+from bdnn_ros.effects.actuation import EffortScale
+from bdnn_ros.effects.rigid import LinkInertia
+
+LIKELIER = 3.0
+"""One factor of all efforts beside the links' errors is told where it is likelier than those without it by so much [nats]."""
+FEWEST = 3
+"""So many links that are named with about the same factor may all be right, and the efforts' unit wrong."""
+AGREES = 2.0
+"""A link's factor is about the common one within so many standard deviations of both."""
+ALIKE = (
+    "What the links are off by is nearly one factor, {factor:.2f} ± {std:.1g}. Efforts that are reported {factor:.2f} times as "
+    "large as they act would do the same: an effort_scale of {scale:.2f} at all joints, as of a wrong torque constant or unit."
+)
+SETTLED = (
+    "Whether all links weigh {factor:.2f} times what the model says or all efforts are reported {factor:.2f} times as large as "
+    "they act, no motion shows: weigh a link or hang a known mass at the flange, and check torque constants and units."
+)
+
+
+@dataclass(frozen=True)
+class Common:
+    """How many times as large as simulated all efforts are, with its standard deviation."""
+
+    factor: float
+    std: float
+
+    def said(self, sentence: str) -> str:
+        """A sentence with its values."""
+        return sentence.format(factor=self.factor, std=self.std, scale=1.0 / self.factor)
+
+
+def common(equations: Equations, fitted: Pool) -> Common | None:
+    """One factor of all efforts that is likelier than as many links' errors, with or without those named; None without one."""
+    pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
+    rest = [c for c, term in enumerate(pool.terms) if term.effect.name != LinkInertia.name]
+    alone, best = -math.inf, (-math.inf, 0.0, 0.0)
+    for each in map(pool.believing, LINK_ERRORS):
+        fit = each.fit(rest)
+        alone, best = max(alone, fit.evidence, each.whole.evidence), max(best, _beside(each, fit))
+    evidence, more, std = best
+    return Common(1.0 + more, std) if evidence > alone + LIKELIER else None
+
+
+def _beside(pool: Pool, fit: Fit) -> tuple[float, float, float]:
+    """Evidence of one factor beside a fit, how much more than one it is, and its standard deviation.
+
+    Links that all are off by it are believed in their place, and what the simulation has beside them, its friction, comes on top:
+    as a column of its own, the links' are nearly the same, it would be lost in rounding.
+    """
+    equations, believed = pool.equations, EffortScale.coefficient_spread**-2.0
+    links = equations.masses.astype(float)
+    beside = equations.reduced(equations.simulated, borne=False) - equations.rigid @ links
+    white = equations.whiten(beside, pool.noise)
+    pull = fit.precision * np.pad(links, (0, len(fit.precision) - len(links)))
+    known = pool.white[:, :, pool.columns_of(fit.terms)]
+    across = np.einsum("rjp,rj->p", known, white) - pull
+    own = float(np.sum(white**2)) + float(pull[: len(links)] @ links) + believed
+    own = max(own - float(across @ fit.covariance @ across), believed)
+    left = float(np.sum(white * pool.white_residual(fit))) + float(pull @ fit.coefficients)
+    return fit.evidence + 0.5 * (left**2 / own - math.log(own / believed)), left / own, own**-0.5
+
+
+def tied(findings: Sequence[Finding], alike: Common | None) -> list[Finding]:
+    """Findings with the efforts' unit as a rival of links that agree on one factor: even odds, as the motion says nothing."""
+    agree = [one for one in findings if alike is not None and _agrees(one, alike)]
+    if len(agree) < FEWEST:
+        return list(findings)
+    return [_tossed(one) if one in agree else one for one in findings]
+
+
+def untold(findings: Sequence[Finding]) -> bool:
+    """Whether the efforts' unit is a rival of some of them."""
+    return any(everywhere(rival.effect, rival.joint) for one in findings for rival in one.rivals)
+
+
+def everywhere(effect: str, joint: str | None) -> bool:
+    """Whether what is named at a joint, or at None, is the unit of all efforts: no motion tells it from the links."""
+    return effect == EffortScale.name and joint is None
+
+
+def _agrees(one: Finding, alike: Common) -> bool:
+    if one.effect != LinkInertia.name:
+        return False
+    scale = one.parameters["scale"]
+    return abs(scale.value - alike.factor) <= AGREES * math.hypot(scale.std, alike.std)
+
+
+def _tossed(one: Finding) -> Finding:
+    half = 0.5 * one.probability
+    unit = Rival(EffortScale.name, None, None, half)
+    return replace(one, probability=half, rivals=(unit, *one.rivals))

@@ -1,0 +1,49 @@
+"""Pushes that are not seen to begin or not seen to end: another cause that changed meanwhile would do the same."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bdnn_ros.diagnosis.judging.posterior import Estimate
+from bdnn_ros.diagnosis.recorded.joining import stretches
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.telling.notes import DOWN
+from bdnn_ros.effects.base import SHOWN
+from bdnn_ros.effects.environment import EDGES, FORCE
+
+UNSEEN = (
+    "That the push on {where} {edge} is not seen: what changes once, or creeps, as the zero of a sensor that gets warm, would do "
+    "the same."
+)
+"""What is said of a push that may be no push."""
+
+
+def endless(estimate: Estimate, where: str, equations: Equations) -> list[str]:
+    """The note on a push that a recording does not show to begin, or to end, and that is no load; else none.
+
+    A load that is put down was there before, and one that is taken up may stay: both pull as a weight does.
+
+    Args:
+        where: the name of its joint or link.
+    """
+    if not estimate.term.effect.timed or _pulls_down(estimate, equations):
+        return []
+    start, end = (estimate.quantities[edge] for edge in EDGES)
+    pieces = stretches(equations.motion.time[equations.rows], equations.motion.signals.begun)
+    # what is between two recordings is before the later one, and after the earlier
+    begins = any(first < start.value - start.std <= start.value <= last for first, last in pieces)
+    ends = any(first <= end.value <= end.value + end.std < last for first, last in pieces)
+    unseen = ["begins"] * (not begins) + ["ends"] * (not ends)
+    return [UNSEEN.format(where=where, edge=" or ".join(unseen))] * bool(unseen)
+
+
+def _pulls_down(estimate: Estimate, equations: Equations) -> bool:
+    """Whether a push is a force that may be a weight, as well as it is known."""
+    if estimate.term.link is None:
+        return False
+    force, std = np.array([(q.value, q.std) for q in (estimate.quantities[axis] for axis in FORCE)]).T
+    gravity = equations.motion.robot.gravity_vector
+    down = gravity / max(float(np.linalg.norm(gravity)), 1e-9)
+    weight = float(force @ down)
+    sideways = (np.abs(force - weight * down) > SHOWN * std).any()
+    return weight > (DOWN * float(np.linalg.norm(force)) if sideways else 0.0)

@@ -1,0 +1,274 @@
+"""What is said of a diagnosis: which terms are findings, the verdict, the gain, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bdnn_ros.diagnosis.pushes.pushes import pushing
+from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
+from bdnn_ros.diagnosis.regression.building import least_motion
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.gains import gain_of
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference, remaining
+from bdnn_ros.diagnosis.telling.advice import MORE, MORE_SINCE, advice
+from bdnn_ros.diagnosis.telling.alike import ALIKE, FEWEST, SETTLED, Common, common, tied, untold
+from bdnn_ros.diagnosis.telling.case import Case
+from bdnn_ros.diagnosis.telling.endless import endless
+from bdnn_ros.diagnosis.telling.naming import Doubts, Named, beyond_links, name_of, named
+from bdnn_ros.diagnosis.telling.notes import (
+    AT_AN_END,
+    AT_REST,
+    FAR_OFF,
+    MOST,
+    SLIGHT,
+    THROUGHOUT,
+    haunted,
+    leading,
+    loads,
+    mended,
+    mostly_links,
+    of_recording,
+    one_clock,
+    uncompared,
+    unknown,
+    unnamed,
+)
+from bdnn_ros.diagnosis.telling.unexplained import Remainder
+from bdnn_ros.effects.rigid import LinkInertia
+from bdnn_ros.errors import listed
+from bdnn_ros.recording import Recording
+
+MUCH_LEFT = 0.5
+"""What leaves this share of a joint's error says little of it: of a joint that moves now and then its causes may stand for
+what changes with time there, and a push that is constant would leave no more than noise."""
+TOLD = 2.0
+"""What is so many times the noise floor is said to be left there, though too small a share of the effort to matter."""
+GROWS = 1.02
+"""What is larger by no more than this factor may as well be the same."""
+
+
+def told(case: Case, cutoff: float | None = None) -> Diagnosis:
+    """The diagnosis, its errors and its gain on rows that the search has not seen.
+
+    Args:
+        cutoff: low-pass that was asked for [Hz].
+    """
+    robot, equations, attempt, since = case.robot, case.equations, case.attempt, case.since
+    near = case.near(case.extended)
+    unfit = _unfit(equations, case.simulation, case.extended, near)
+    doubts = Doubts(unfit, _poor(case.simulation, case.extended, near), case.told)
+    names = named(robot, equations, attempt, case.found, doubts, case.at_ends | case.always)
+    alike = _alike(case, names.findings)
+    before = None if since is None else since.velocity_cutoff
+    # a filtered velocity is no cause of an effort's error, and says nothing of what else is one
+    causes, of_velocity = (
+        sorted(some, key=lambda finding: -finding.share)
+        for some in (tied(names.findings, alike), reported_velocity(case.recordings, cutoff, before))
+    )
+    findings = [*causes, *of_velocity]
+    changing = any(judgement.changing for judgement in attempt.judgements)
+    said = names.unsaid <= MOST and not changing and not _unseen(case, names)
+    of_effort = _verdict(causes, _unclear(case, names), bool(near.all()), said)
+    pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
+    gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
+    above = _above(robot.joints, near, case.left)
+    slight = _above(robot.joints, ~near | (case.extended <= TOLD * case.floor), case.left)
+    return Diagnosis(
+        source=_source(case.recordings, equations),
+        verdict="explained" if of_effort == "nothing_wrong" and findings else of_effort,
+        findings=tuple(findings),
+        effort_rmse={"simulation": case.simulation, "extended": case.extended, "noise_floor": case.floor},
+        gain=gain,
+        gain_interval=interval,
+        unexplained_share=case.share_left,
+        unexplained_depends_on=tuple(case.remainder.depends_on(above or slight))[:6],
+        unexplained_sentence=_unexplained_sentence(
+            case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight
+        ),
+        advice=(*_advice(case, names, of_effort), *_settling(alike, findings)),
+        notes=_notes(case, names, findings, of_effort, interval[0], alike),
+        above=above,
+        slight=slight,
+        endless=bool(_unseen(case, names)),
+        also=("links",) * (case.by_links > MOST) + ("stamps",) * bool(_led(case)),
+    )
+
+
+def _alike(case: Case, causes: Sequence[Finding]) -> Common | None:
+    """One factor of all that links are off by, where they are told: named, or as most of what the extended model mends."""
+    named = sum(one.effect == LinkInertia.name for one in causes)
+    told = case.by_links > (MOST if causes else SLIGHT)
+    if case.since is not None or case.equations.alone is not None or not (told or named >= FEWEST):
+        return None
+    return common(case.equations, case.attempt.fitted)
+
+
+def _settling(alike: Common | None, findings: Sequence[Finding]) -> list[str]:
+    """What settles whether links or the efforts' unit are wrong."""
+    return [alike.said(SETTLED)] if alike is not None and untold(findings) else []
+
+
+def _advice(case: Case, names: Named, of_effort: Verdict) -> tuple[str, ...]:
+    """What to do about the terms that are large enough for a name, or where nothing can be told."""
+    told = advice(
+        [case.found[one] for one in names.weighty],
+        [case.attempt.judgements[one] for one in names.weighty],
+        case.robot,
+        lambda term: name_of(case.robot, term),
+        [k for k, one in enumerate(names.weighty) if one in (*names.silent, *names.unknown)],
+    )
+    if of_effort == "cannot_tell" and not told:
+        told = [MORE_SINCE if case.since else MORE]
+    return tuple(told)
+
+
+def _notes(
+    case: Case,
+    names: Named,
+    findings: Sequence[Finding],
+    of_effort: Verdict,
+    least: float,
+    alike: Common | None,
+) -> tuple[str, ...]:
+    """What is said beside findings and a verdict, where the gain is `least` at least."""
+    robot, equations, since = case.robot, case.equations, bool(case.since)
+    error = case.attempt.fitted.link_error
+    # what dry friction is named for may hold any effort at rest
+    at_rest = () if names.findings else case.remainder.resting
+    silent, unknowns = (
+        [(case.found[one], name_of(robot, case.found[one].term)) for one in some]
+        for some in (names.silent, names.unknown)
+    )
+    return (
+        *(note for recording in case.recordings for note in recording.notes),
+        *of_recording(robot, equations),
+        *uncompared(robot, equations.usable, case.held),
+        *one_clock(case.recordings, findings),
+        *[AT_AN_END] * bool(case.at_ends),
+        *[THROUGHOUT] * bool(case.always),
+        *([] if since else haunted(robot, findings)),
+        *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
+        *_unseen(case, names),
+        *unnamed([(one.term, place) for one, place in silent], names.unsaid, since),
+        *unknown(
+            [(one, place, beyond_links(equations, error, one, but_rotor=True)) for one, place in unknowns]
+        ),
+        *[FAR_OFF] * case.far_off,
+        *(mostly_links(case.by_links, case.far_off, since) if names.findings else ()),
+        *(_mended(case, least) if of_effort == "nothing_wrong" else _led(case)),
+        *([] if alike is None else [alike.said(ALIKE)]),
+        *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
+    )
+
+
+def _unseen(case: Case, names: Named) -> list[str]:
+    """The notes on named pushes that another cause which changed may be."""
+    told = (case.found[one] for one in names.weighty if one not in (*names.silent, *names.unknown))
+    return [note for one in told for note in endless(one, name_of(case.robot, one.term), case.equations)]
+
+
+def _mended(case: Case, least: float) -> list[str]:
+    """What the extended model mends that has no name, `least` of the squared error for sure."""
+    return mended(least, case.by_links, case.by_lead, case.lead, case.equations.hold, bool(case.since))
+
+
+def _led(case: Case) -> list[str]:
+    """The note on a lead of the efforts that makes up most of what the extended model mends beside causes."""
+    if case.by_lead <= max(MOST * case.gained, SLIGHT):
+        return []
+    return leading(case.by_lead, case.lead, case.equations.hold, bool(case.since))
+
+
+def _unfit(
+    equations: Equations, simulation: np.ndarray, extended: np.ndarray, near: np.ndarray
+) -> np.ndarray:
+    """Joints of which nothing is named, (n,) bool: what was found does not say what happens there.
+
+    That is all of them where held-out errors grow above the noise, by share of each joint's effort or in all, and a
+    joint that moves now and then where much of its error is left: its causes may stand for a push or a drift.
+
+    Args:
+        simulation, extended: held-out errors of either model, (n,) [N·m].
+        near: whether the extended one's is near the noise, (n,) bool.
+    """
+    scaled = (np.sum((error / equations.effort_scale) ** 2) for error in (simulation, extended))
+    plain = (GROWS**2 * np.sum(simulation**2), np.sum(extended**2))
+    seldom = equations.moving < least_motion(equations.motion.signals)
+    # what acted outside the held-out rows alone leaves them as they were, at the noise
+    worse = any(after > before for before, after in (scaled, plain)) and not near.all()
+    return np.asarray((seldom & _poor(simulation, extended, near)) | worse)
+
+
+def _poor(simulation: np.ndarray, extended: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Joints where much of the error is left above the noise, (n,) bool; see `_unfit`."""
+    return np.asarray(~near & (extended > MUCH_LEFT * simulation))
+
+
+def _unclear(case: Case, names: Named) -> bool:
+    """Whether something may be wrong, though nothing is named."""
+    of_weight = case.equations.alone is not None and not case.near(case.simulation).all()
+    unsure = names.doubtful or bool(names.unknown) or bool(case.always)
+    return unsure or case.far_off or of_weight or bool(case.remainder.resting)
+
+
+def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool, said: bool) -> Verdict:
+    """That on the effort. Where something large is likely without being sure, nobody can say that nothing is wrong.
+
+    Args:
+        causes: findings that are of the effort.
+        near: whether the extended model's error is no more than the noise.
+        said: whether most of what the extended model mends is not without a name.
+    """
+    if causes:
+        return "explained" if near and said else "partly_explained"
+    return "nothing_wrong" if near and not doubtful else "cannot_tell"
+
+
+def _above(joints: Sequence[str], near: np.ndarray, left: np.ndarray) -> tuple[str, ...]:
+    """Where the extended model errs by more than the noise, most first, by what is left, (n,) [(N·m)²]."""
+    return tuple(joints[j] for j in np.argsort(-left, kind="stable") if not near[j])
+
+
+def _unexplained_sentence(
+    share: float,
+    remainder: Remainder,
+    above: Sequence[str],
+    reference: str,
+    named: bool = True,
+    slight: Sequence[str] = (),
+) -> str:
+    if share > 1.0:
+        return f"What was found predicts the motion that was held out worse than the {reference} does."
+    much = remaining(share).capitalize()
+    there = above or slight
+    where = f", at {listed(there)}" if there else ""
+    left = f"{much} of the {reference}'s squared error is left above the noise{where}"
+    if not named and not above:  # all of a small error may well be left
+        left = "What is left is hardly more than noise"
+        if slight:
+            left = f"What is left is small, but more than twice the noise at {listed(slight)}"
+    inputs = remainder.depends_on(there)
+    if inputs:
+        of_these = [joint for joint in there if joint in remainder.inputs]
+        it = f"at {listed(of_these)} it" if len(of_these) < len(there) else "it"
+        return f"{left}; {it} depends on {', '.join([*inputs][:3])}."
+    if remainder.bursts:
+        return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, acceleration, load or time predicts it."
+    if there:
+        return f"{left}; no position, velocity, acceleration, load or time predicts it."
+    return "What is left looks like noise: no position, velocity, acceleration, load or time predicts it."
+
+
+def _source(recordings: Sequence[Recording], equations: Equations) -> dict[str, object]:
+    signals = equations.motion.signals
+    return {
+        "bags": [recording.name for recording in recordings],
+        "duration": round(sum(recording.recorded for recording in recordings), 3),
+        "samples": sum(len(recording) for recording in recordings),
+        "rate": round(signals.raw_rate, 3),
+        "cutoff": round(signals.cutoff, 3),
+        "urdf": "",
+        "joints": list(signals.joints),
+    }

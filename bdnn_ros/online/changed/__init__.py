@@ -1,0 +1,1 @@
+"""Notices that a robot has changed while it moves, and says what."""
