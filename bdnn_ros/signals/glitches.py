@@ -6,12 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording, moving
 
 WINDOW = 5
-"""The median of so many samples, see `_median`, bridges a glitch of two; a step stays a step."""
+"""The median of so many samples bridges a glitch of two; a step stays a step."""
 STANDS_OUT = 20.0
 """A glitch is further from the median than so many times what nine of ten readings around it are."""
 AROUND = 25
@@ -59,7 +60,7 @@ def _bridged(
     values: np.ndarray, share: float, segments: list[slice], moves: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values (N, n) without glitches, and how many each column had, (n,); where nothing moves (n,) it does not matter."""
-    usual = np.concatenate([_median(values[rows]) for rows in segments])
+    usual = np.concatenate([median_filter(values[rows], (WINDOW, 1), mode="nearest") for rows in segments])
     apart = np.abs(values - usual)
     low, high = np.percentile(values, [0.5, 99.5], axis=0)
     least = np.where(moves, share * (high - low), np.inf)
@@ -74,16 +75,6 @@ def _bridged(
             clean[row, joint] = usual[row, joint]
             counts[joint] += 1
     return clean, counts
-
-
-def _median(values: np.ndarray) -> np.ndarray:
-    """Median of each value of (N, n) and its two neighbours on either side; the ends go on beyond themselves."""
-    padded = np.concatenate([values[:1], values[:1], values, values[-1:], values[-1:]])
-    a, b, c, d, e = (padded[k : k + len(values)] for k in range(WINDOW))
-    # of the first four neither the least nor the greatest is the median of all five
-    lower = np.maximum(np.minimum(a, b), np.minimum(c, d))
-    upper = np.minimum(np.maximum(a, b), np.maximum(c, d))
-    return np.maximum(np.minimum(lower, upper), np.minimum(np.maximum(lower, upper), e))
 
 
 def resolution(readings: np.ndarray) -> float:

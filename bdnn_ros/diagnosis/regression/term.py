@@ -11,7 +11,9 @@ from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get
 
-COMMON = ("armature", "viscous_friction", "coulomb_friction", "effort_offset")
+WEAR = ("armature", "viscous_friction", "coulomb_friction")
+"""What every joint has, whatever else happens there."""
+COMMON = (*WEAR, "effort_offset")
 """What almost every drive has, and an identified model knows of each joint, in the order of `physical.parameters.JOINT_NAMES`."""
 Shape = tuple[tuple[str, float], ...]
 NOTHING = 1e-4

@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.judging.posterior import CLEAR, Estimate
 from bdnn_ros.diagnosis.pushes.pushes import leftover, together
 from bdnn_ros.diagnosis.regression.equations import USUAL_MASS_ERROR, Equations
 from bdnn_ros.diagnosis.regression.gains import removed, squares
+from bdnn_ros.diagnosis.regression.term import WEAR
 from bdnn_ros.diagnosis.result import Finding, Rival
 from bdnn_ros.diagnosis.telling.unexplained import LARGE_ERROR
 from bdnn_ros.effects.actuation import EffortDelay
@@ -31,8 +32,6 @@ DOUBTFUL = 0.1
 likely as this beside what could stand in its place."""
 UNLIKELY = 0.5
 """What has no name is told as a doubt only where nothing at all is no likelier than this."""
-WEAR = ("armature", "viscous_friction", "coulomb_friction")
-"""What every joint has, whatever else happens there."""
 OF_THIS_FORM = 2.0
 """Any other law removes so many times what is left that inputs predict: else they do something there that has not its form."""
 CHANGES = " Its force changes meanwhile, or where it acts: this is the constant push that comes nearest."

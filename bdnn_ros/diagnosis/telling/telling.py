@@ -69,7 +69,8 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     )
     findings = [*causes, *of_velocity]
     changing = any(judgement.changing for judgement in attempt.judgements)
-    said = names.unsaid <= MOST and not changing and not _unseen(case, names)
+    unseen = _unseen(case, names)
+    said = names.unsaid <= MOST and not changing and not unseen
     of_effort = _verdict(causes, _unclear(case, names), bool(near.all()), said)
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
     gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
@@ -88,10 +89,10 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
             case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight
         ),
         advice=(*_advice(case, names, of_effort), *_settling(alike, findings)),
-        notes=_notes(case, names, findings, of_effort, interval[0], alike),
+        notes=_notes(case, names, findings, of_effort, interval[0], alike, unseen),
         above=above,
         slight=slight,
-        endless=bool(_unseen(case, names)),
+        endless=bool(unseen),
         also=("links",) * (case.by_links > MOST) + ("stamps",) * bool(_led(case)),
     )
 
@@ -131,6 +132,7 @@ def _notes(
     of_effort: Verdict,
     least: float,
     alike: Common | None,
+    unseen: Sequence[str],
 ) -> tuple[str, ...]:
     """What is said beside findings and a verdict, where the gain is `least` at least."""
     robot, equations, since = case.robot, case.equations, bool(case.since)
@@ -150,7 +152,7 @@ def _notes(
         *[THROUGHOUT] * bool(case.always),
         *([] if since else haunted(robot, findings)),
         *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
-        *_unseen(case, names),
+        *unseen,
         *unnamed([(one.term, place) for one, place in silent], names.unsaid, since),
         *unknown(
             [(one, place, beyond_links(equations, error, one, but_rotor=True)) for one, place in unknowns]
