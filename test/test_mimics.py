@@ -10,6 +10,7 @@ import pytest
 from bag_cases import JOINT_STATE, STRING, joint_state, text, write_bag
 
 from bdnn_ros import bags
+from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.cli.main import main
 from bdnn_ros.excitation import choice
 from bdnn_ros.extension.extended import ExtendedModel
@@ -18,6 +19,7 @@ from bdnn_ros.models import load_model
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import held_mimics, with_mimics
+from bdnn_ros.signals import prepare
 
 ARM = Robot.bundled("arm2")
 FOLLOWS = "right mimics left"
@@ -56,6 +58,24 @@ def test_they_are_joints_of_the_robot_only_where_they_are_named() -> None:
     pose = np.array([0.3, -0.4, 0.02])
     held = named.mass_matrix(np.append(pose, 0.01))[:3, :3]  # at the limit that is nearest to zero
     np.testing.assert_allclose(robot.mass_matrix(pose), held, atol=1e-12)
+
+
+@pytest.mark.parametrize("led", [True, False])
+def test_fingers_that_balance_are_in_no_other_unit(led: bool) -> None:
+    named, time = Robot.from_urdf(with_fingers(), ALL), np.arange(0.0, 20.0, 0.01)
+    rates = np.array([1.3, 2.1, 3.7])
+    waves = np.stack([np.sin(rates * time[:, None]), rates * np.cos(rates * time[:, None])])
+    acceleration = -(rates**2) * waves[0]
+    size = np.array([0.8, 0.9, 0.003])
+    moving = [part * size for part in (*waves, acceleration)]
+    moving[0][:, 2] += 0.005
+    every = [np.concatenate([part, part[:, 2:]], axis=1) for part in moving]
+    effort = named.inverse_dynamics(*every) + 0.005 * np.random.default_rng(1).standard_normal((len(time), 4))
+    effort[:, 2] += 0.3 * moving[2][:, 2] + 0.02 * np.sign(moving[1][:, 2]) + effort[:, 3]
+    recording = Recording(time, FREE, moving[0], velocity=None, effort=effort[:, :3])
+    robot = Robot.from_urdf(with_fingers() if led else with_fingers(""), FREE)
+    said = [remark.problem for remark in breaches(prepare(recording), robot)]
+    assert any("effort of left holds only" in one for one in said) != led
 
 
 def test_a_robot_of_nothing_else_keeps_them() -> None:

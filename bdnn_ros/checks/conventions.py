@@ -19,6 +19,7 @@ from bdnn_ros.checks.sampling import loud, some, telling
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.remark import Remark
 from bdnn_ros.robot import Robot
+from bdnn_ros.robot.mimics import held_mimics
 from bdnn_ros.signals import Signals
 
 MOST_ROWS = 2000
@@ -160,7 +161,11 @@ def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
         return
     borne = Borne.of(signals, robot)
     found = list(_turned(borne, signals.joints)) or list(misread(signals, robot))
-    found = found or list(_overdriven(signals, robot)) or list(_hardly_borne(borne, signals.joints))
+    found = (
+        found
+        or list(_overdriven(signals, robot))
+        or list(_hardly_borne(borne, signals.joints, {*held_mimics(robot).values()}))
+    )
     if not found and _gravity_left_out(borne):
         found = [weightless()]
     yield from found or _out_of_proportion(borne)
@@ -214,15 +219,17 @@ def _overdriven(signals: Signals, robot: Robot) -> Iterator[Remark]:
         )
 
 
-def _hardly_borne(borne: Borne, joints: tuple[str, ...]) -> Iterator[Remark]:
+def _hardly_borne(borne: Borne, joints: tuple[str, ...], leading: set[str]) -> Iterator[Remark]:
     """Joints, fewer than half, that surely bear a small part only of their gravity, and as small a one of others' motion.
 
-    A spring takes the gravity alone, and a light link is felt by the joints before it.
+    A spring takes the gravity alone, and a light link is felt by the joints before it. The two fingers of a hand that one
+    drive moves, of which one leads, balance each other.
     """
     _, coupled, gravity, _ = np.abs(borne.apart.coefficients)
     sure = np.abs(borne.apart.certainty[1:3])
     most = np.array([coupled, gravity]) * (1.0 + 5.0 / np.maximum(sure, 1e-9))
     hardly = ((most < HARDLY) & (sure > 0.0)).all(axis=0)
+    hardly &= ~np.isin(joints, list(leading))
     if hardly.any() and hardly.sum() < 0.5 * len(hardly):
         named = listed(joint for joint, one in zip(joints, hardly, strict=True) if one)
         yield Remark(
