@@ -1,6 +1,7 @@
 """What the data cannot tell or does oddly: each remark on data made for it, and silence on good data."""
 
 import re
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,10 @@ import pytest
 from scipy.signal import lfilter
 
 from bdnn_ros.checks import data
+from bdnn_ros.checks.believed import further_off
 from bdnn_ros.checks.velocities import odd_velocity
 from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.physical.parameters import Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -60,6 +63,21 @@ def model(robot, recording):
 @pytest.mark.parametrize("name", ["arm2", "arm6", "arm7"])
 def test_good_data_is_not_remarked_on(name):
     assert remarks(Robot.bundled(name), good(Robot.bundled(name))) == []
+
+
+@pytest.mark.parametrize(("shift", "times"), [(0.05, None), (0.5, "times as far from the description")])
+def test_bodies_further_off_than_believed_are_told(robot, recording, shift, times):
+    urdf = ElementTree.fromstring(robot.urdf)
+    origin = urdf.find(f".//link[@name='{robot.moving_link(robot.joints[2])}']/inertial/origin")
+    x, y, z = map(float, origin.get("xyz").split())
+    origin.set("xyz", f"{x + shift} {y} {z}")
+    other = Robot.from_urdf(ElementTree.tostring(urdf, encoding="unicode"))
+    found = list(further_off(other, Identifier(other).fit([recording])))
+    assert len(found) == bool(times)
+    if times:
+        assert times in found[0].problem and "--spread inertial=" in found[0].remedy
+        wider = Spread(inertial=float(found[0].remedy.partition("inertial=")[2].split()[0]))
+        assert list(further_off(other, Identifier(other, spread=wider).fit([recording]), wider)) == []
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from itertools import chain
 
 import numpy as np
 
+from bdnn_ros.checks.believed import further_off
 from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.checks.efforts import braked, saturated, unread
@@ -69,6 +70,7 @@ def check(
         *doubts(robot),
         *tilted(model),
         *zeros_off(model),
+        *further_off(robot, model, spread),
         *unexcited(robot, model, spread),
         *conditioned(value),
     ]

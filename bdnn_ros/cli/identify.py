@@ -18,7 +18,7 @@ from bdnn_ros.cli import fitness, loading, options, outputs
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.models import Model, load_model, save_model
-from bdnn_ros.physical.parameters import Spread
+from bdnn_ros.physical.parameters import WIDEST_SPREAD, Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Scores, described_effort, score_description, score_model
@@ -34,7 +34,6 @@ MOST_REMARKS = 8
 
 HOLDOUT = 0.2
 """Share of each bag that is kept out of training, unless another is asked for."""
-WIDEST_SPREAD = 10.0
 
 
 class Told(NamedTuple):

@@ -16,6 +16,8 @@ INERTIAL_NAMES = ("mass", "mass_x", "mass_y", "mass_z", "Ixx", "Ixy", "Iyy", "Ix
 JOINT_NAMES = ("armature", "viscous", "coulomb", "offset")
 """[kg·m²], [N·m·s/rad], [N·m], [N·m] of each joint."""
 PER_JOINT = len(JOINT_NAMES)
+WIDEST_SPREAD = 10.0
+"""Beyond, a spread says nothing any more."""
 
 
 @dataclass(frozen=True)
