@@ -209,8 +209,8 @@ class Effect(ABC):
         return True
 
     def strength(self, unit: np.ndarray, usual: np.ndarray) -> np.ndarray:
-        """What units of the coefficients do (n, k) of the usual efforts (n,), at the joint where that is most, (k,)."""
-        return np.asarray((unit / usual[:, None]).max(axis=0))
+        """What units of the coefficients do (n, k) of the usual efforts (n, k), at the joint where that is most, (k,)."""
+        return np.asarray((unit / usual).max(axis=0))
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         """Prior standard deviations of the coefficients (k,): what the effect's nature tells of them.

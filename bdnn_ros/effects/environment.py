@@ -106,7 +106,7 @@ class ExternalWrench(Push):
 
     def strength(self, unit: np.ndarray, usual: np.ndarray) -> np.ndarray:
         # who pushes a link does not mind how weak the last joints are: as a share of what all joints do together
-        return np.asarray(np.linalg.norm(unit, axis=0) / np.linalg.norm(usual))
+        return np.asarray(np.linalg.norm(unit, axis=0) / np.linalg.norm(usual, axis=0))
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         return np.minimum(typical, MOST_APART * typical.min())

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
-from bdnn_ros.diagnosis.regression.equations import Equations, moved
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.noise import moved
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.links import relative_inertials

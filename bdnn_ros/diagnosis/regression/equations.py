@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from bdnn_ros.diagnosis.regression.echo import Echo
 from bdnn_ros.diagnosis.regression.later import later, later_spread
-from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, past, whitened
+from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, moved, past, whitened
 from bdnn_ros.diagnosis.regression.pushing import Pushing
 from bdnn_ros.diagnosis.regression.term import COMMON, Term
 from bdnn_ros.effects.environment import Push, window
@@ -24,6 +24,8 @@ from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots
 from bdnn_ros.robot import Robot
 
+STEADY = 0.9
+"""A column of which the mean makes so much of the mean square hardly changes."""
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
 USUAL_MASS_ERROR = 0.05
@@ -262,8 +264,12 @@ class Equations:
 
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
-        squares = np.einsum("rn,rnk,rnk->nk", self.ever_usable.astype(float), columns, columns)
-        usual = self.effort_size if term.effect.constant else self.effort_scale
+        counted = self.ever_usable.astype(float)
+        squares = np.einsum("rn,rnk,rnk->nk", counted, columns, columns)
+        means = np.einsum("rn,rnk->nk", counted / np.sqrt(np.maximum(counted.sum(axis=0), 1.0)), columns)
+        # what hardly changes is no smaller where the effort hardly changes, as friction of a joint that moves one way
+        steady = (means**2 > STEADY * squares) | term.effect.constant
+        usual = np.where(steady, self.effort_size[:, None], self.effort_scale[:, None])
         strongest = term.effect.strength(np.sqrt(squares / len(columns)), usual)
         typical = TYPICAL_SHARE / np.maximum(strongest, max(HARDLY_SEEN * strongest.max(), 1e-9))
         return np.maximum(term.effect.spread(typical, self.motion, term.target), term.gone)
@@ -310,8 +316,3 @@ class Equations:
         if order not in self._pasts:
             self._pasts[order] = past(self.usable, self.doubt, self.runs, order)
         return self._pasts[order]
-
-
-def moved(rows: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """How long each joint moves by the rows that count, (R, n) bool, at their times (R,) [s], (n,) [s]."""
-    return np.asarray(rows.sum(axis=0) * np.median(np.diff(time)))

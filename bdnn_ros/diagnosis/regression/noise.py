@@ -134,3 +134,8 @@ def slipping(values: np.ndarray, doubt: np.ndarray, std: float) -> float:
 
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def moved(rows: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """How long each joint moves by the rows that count, (R, n) bool, at their times (R,) [s], (n,) [s]."""
+    return np.asarray(rows.sum(axis=0) * np.median(np.diff(time)))

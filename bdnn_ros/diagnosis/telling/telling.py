@@ -36,6 +36,7 @@ from bdnn_ros.diagnosis.telling.notes import (
     unnamed,
 )
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
+from bdnn_ros.diagnosis.telling.with_time import with_time
 from bdnn_ros.effects.rigid import LinkInertia
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
@@ -166,9 +167,10 @@ def _notes(
 
 
 def _unseen(case: Case, names: Named) -> list[str]:
-    """The notes on named pushes that another cause which changed may be."""
+    """The notes on what is named that another cause which changed meanwhile may be."""
     told = (case.found[one] for one in names.weighty if one not in (*names.silent, *names.unknown))
-    return [note for one in told for note in endless(one, name_of(case.robot, one.term), case.equations)]
+    placed = [(one, name_of(case.robot, one.term), case.equations) for one in told]
+    return [note for each in placed for note in (*endless(*each), *with_time(*each))]
 
 
 def _mended(case: Case, least: float) -> list[str]:

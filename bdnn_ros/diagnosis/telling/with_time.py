@@ -1,0 +1,35 @@
+"""Laws that go along with time, of recordings too short to look for what changes with time: that would do the same."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bdnn_ros.diagnosis.judging.posterior import Estimate
+from bdnn_ros.diagnosis.regression.building import least_motion
+from bdnn_ros.diagnosis.regression.equations import Equations
+
+ALIKE = 0.9
+"""What a trend in time explains so much of the changes of goes along with time."""
+GOES_ALONG = (
+    "What is named at {where} grows with time as it does with the motion, which goes one way: a drift would do the same, and "
+    "none is looked for in so short a recording. Move to and fro, and longer."
+)
+
+
+def with_time(estimate: Estimate, where: str, equations: Equations) -> list[str]:
+    """The note on what a joint's law does just as time goes on, where no drift was looked for; else none.
+
+    Args:
+        where: the name of its joint or link.
+    """
+    joint = estimate.term.target
+    if joint < 0 or estimate.term.effect.timed:
+        return []
+    rows = equations.usable[:, joint]
+    if not rows.any() or equations.moving[joint] >= least_motion(equations.motion.signals):
+        return []
+    does = (equations.columns(estimate.term)[rows, joint] @ estimate.coefficients).astype(float)
+    time = equations.motion.time[equations.rows][rows]
+    varies = does.std() > np.finfo(float).eps * np.abs(does).max() * len(does)
+    goes = varies and np.corrcoef(time, does)[0, 1] ** 2 > ALIKE
+    return [GOES_ALONG.format(where=where)] * bool(goes)
