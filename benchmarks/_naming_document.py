@@ -91,7 +91,7 @@ def write(results: Path, sources: str) -> None:
         HEAD,
         f"{len(records)} [blind draws](#what-is-drawn-and-what-is-counted), {now} of them by the sources as they stand, "
         f"{len(last)} by those that were measured last.\n",
-        "## Promised and measured\n\nRich motion of at least 30 s.\n",
+        "## Promised and measured\n\nRich motion of at least 30 s. What falls short is in bold.\n",
         markdown(side_by_side(shows(records), shows(last))),
         TERMS,
         "## What was named in place of what\n",

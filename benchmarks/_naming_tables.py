@@ -240,7 +240,7 @@ def shows(records: Sequence[Record]) -> Rows:
     worn_one = Totals([r for r in worn if r["draw"]["hidden"] == 1 and r["draw"]["wrong"] <= 0.05])
     worn_none = Totals([r for r in worn if r["draw"]["hidden"] == 0])
     every = Totals(rich)
-    return [
+    rows = [
         ["what", "wanted", "measured", "draws"],
         ["one effect, links 5 % off: named first", "≥ 95 %", *_of(single, single.named("first"))],
         ["of those that the data can tell", "", *_of_tellable(single)],
@@ -261,6 +261,17 @@ def shows(records: Sequence[Record]) -> Rows:
         ["95 % intervals that hold the truth", "≥ 90 %", *_of(every, every.covered())],
         ["extended model within 1.2 noise floors", "≥ 90 %", *_of(every, every.near_floor())],
     ]
+    return [_with_miss(*row) for row in rows]
+
+
+def _with_miss(what: str, wanted: str, measured: str, draws: str) -> list[str]:
+    """A row of what is promised, its measured share in bold where it falls short."""
+    bound, _, limit = ("≤ " + wanted if wanted == "0 %" else wanted).partition(" ")
+    if bound in ("≥", "≤") and not measured.startswith("-"):
+        apart = float(measured.split()[0]) - float(limit.split()[0])
+        if apart < 0.0 if bound == "≥" else apart > 0.0:
+            measured = f"**{measured}**"
+    return [what, wanted, measured, draws]
 
 
 def side_by_side(every: Rows, last: Rows) -> Rows:
