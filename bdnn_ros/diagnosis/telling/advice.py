@@ -62,7 +62,7 @@ def _to_tell(
     inertias = all(one.effect.on_body or one.effect.name == Armature.name for one in (term, *close))
     if inertias and spins(robot, term.target):
         return f"No motion of this robot tells {told}: {place} only turns about an upright axis, as a rotor does."
-    if term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
+    if inertias and term.effect.on_body and robot.slides[robot.carries[:, term.target]].all():
         return f"No motion of this robot tells {told}: {place} never turns. Move it with a known load on it."
     made = "; `bdnn excite --for diagnosis.json` makes such a motion" if named else ""
     beyond = [r.effect for r in close if (r.effect.settles_into, r.target) == (term.effect.name, term.target)]
