@@ -6,10 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_cases import equations_of, term
+from diagnosis_cases import equations_of, term, white
 
 from bdnn_ros.diagnosis.judging import attempt as module
 from bdnn_ros.diagnosis.judging.attempt import SURPRISING, Attempt, completed, surprise
+from bdnn_ros.diagnosis.judging.harmless import harmless
+from bdnn_ros.diagnosis.judging.posterior import estimates
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.gains import gain_of
 from bdnn_ros.diagnosis.regression.noise import ORDER, Noise
@@ -104,3 +106,18 @@ def test_a_push_between_the_held_out_blocks_is_held_out_by_a_fifth(when, more):
     assert found.test[test].all() and (found.extended[test] == attempt.extended[test]).all()
     assert gain_of(equations, found.extended, whole & found.test[:, None])[0] > 0.95
     assert (equations.usable == whole).all()
+
+
+def test_terms_that_do_harm_are_given_up() -> None:
+    equations = equations_of(["viscous_friction@arm2_joint1:viscous=3"])
+    noise, model = white(equations, 0.02)
+    equations.target = equations.target + noise
+    one, _ = term("viscous_friction@arm2_joint1:viscous=3", Robot.bundled("arm2"))
+    pool = Pool(equations, model, [one], 1e-3)
+    test = equations.block % 5 == 2
+    found = estimates(pool, pool.whole)
+    for left, kept in ((0.1 * equations.target, 1), (1.5 * equations.target, 0)):
+        attempt = Attempt(test, [], pool, left)
+        new, plain, told = harmless(equations, attempt, pool, found)
+        assert (len(plain.terms), len(told), len(new.fitted.terms)) == (kept, kept, kept)
+    assert np.sum(new.extended**2) < np.sum((1.5 * equations.target) ** 2)

@@ -10,6 +10,7 @@ import numpy as np
 from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.checks.description import require_mass
 from bdnn_ros.diagnosis.judging.attempt import EVERY_TEST_BLOCK, Looks, best_attempt, completed
+from bdnn_ros.diagnosis.judging.harmless import harmless
 from bdnn_ros.diagnosis.judging.plainly import plainly
 from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.recorded.compared import Compared
@@ -122,7 +123,7 @@ def examine(
     if not equations.usable[attempt.test].any():
         raise _too_short(recordings, cutoff, signals.cutoff)
     attempt, pool, found = plainly(looks.candidates, equations, attempt)
-    attempt = completed(equations, attempt)
+    attempt, pool, found = harmless(equations, completed(equations, attempt), pool, found)
     equations.count(pool.sure)
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])

@@ -72,9 +72,10 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     changing = any(judgement.changing for judgement in attempt.judgements)
     unseen = _unseen(case, names)
     said = names.unsaid <= MOST and not changing and not unseen
-    of_effort = _verdict(causes, _unclear(case, names), bool(near.all()), said)
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
     gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
+    unclear = _unclear(case, names, 1.0 - (1.0 - min(interval[0], 1.0)) ** 2)
+    of_effort = _verdict(causes, unclear, bool(near.all()), said)
     above = _above(robot.joints, near, case.left)
     slight = _above(robot.joints, ~near | (case.extended <= TOLD * case.floor), case.left)
     return Diagnosis(
@@ -210,10 +211,15 @@ def _poor(simulation: np.ndarray, extended: np.ndarray, near: np.ndarray) -> np.
     return np.asarray(~near & (extended > MUCH_LEFT * simulation))
 
 
-def _unclear(case: Case, names: Named) -> bool:
-    """Whether something may be wrong, though nothing is named."""
+def _unclear(case: Case, names: Named, least: float) -> bool:
+    """Whether something may be wrong, though nothing is named.
+
+    Args:
+        least: share of the squared error that the extended model surely mends.
+    """
     of_weight = case.equations.alone is not None and not case.near(case.simulation).all()
     unsure = names.doubtful or bool(names.unknown) or bool(case.always)
+    unsure |= min(names.unsaid, least) > SLIGHT
     return unsure or case.far_off or of_weight or bool(case.remainder.resting)
 
 
