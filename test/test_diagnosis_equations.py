@@ -24,7 +24,9 @@ from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
@@ -401,3 +403,14 @@ def test_masses_of_a_description_are_believed_half_as_well_as_shapes_until_both_
         assert plain.link_spread(error) == pytest.approx(np.where(masses, of_masses, error))
     known = build(plain.motion.signals, robot, covariance=np.eye(robot.width * PER_LINK))
     assert known.link_spread(0.02) == pytest.approx(np.full(robot.width * PER_LINK, 0.02))
+
+
+def test_links_are_off_by_shares_of_their_own_beneath_a_load():
+    robot = Robot.bundled("arm2")
+    (load,) = (parse_spec("payload@arm2_link2:mass=3,com_x=0.1,com_y=0,com_z=0", robot),)
+    model = ExtendedModel(robot, (load,), np.ones(2))
+    known = model.compared()
+    assert known.unloaded is not None
+    assert known.robot.inertials[1, 0] == pytest.approx(robot.inertials[1, 0] + 3.0)
+    equations = build(signals_of(), known.robot, unloaded=known.unloaded)
+    np.testing.assert_allclose(equations.relative, relative_inertials(robot))

@@ -223,7 +223,9 @@ def _looks(
     """
     signals = measured.signals
     ratios = _load_ratios(known.held, known.robot.width)
-    equations = build(signals, known.robot, measured.predicted, known.covariance, tilt, ratios)
+    equations = build(
+        signals, known.robot, measured.predicted, known.covariance, tilt, ratios, known.unloaded
+    )
     equations.lead = known.lead
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:

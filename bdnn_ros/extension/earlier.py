@@ -67,7 +67,7 @@ def compared(model: ExtendedModel) -> Compared:
     held = (*acting.beside_robot, *loads, *(effect for effect, _ in sensors))
     sensed = plant.scale, plant.delay, plant.velocity_cutoff
     lead, creep = acting.lead - acting.lag, np.array(acting.creep) if acting.creep else None
-    return Compared(acting, acting.robot, *sensed, held, lead=lead, creep=creep)
+    return Compared(acting, acting.robot, *sensed, held, lead=lead, creep=creep, unloaded=acting.bare)
 
 
 def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, str]:

@@ -57,6 +57,7 @@ class Compared:
         covariance: of an identified model's parameters, else None.
         lead: how far the recorded effort is known to be ahead of the motion [s].
         creep: how dry friction is known to come on, as `Signals.creep`, else None.
+        unloaded: the robot without the loads that the model found on it: its links are off by shares of their own; None for none.
     """
 
     model: Predictor | None
@@ -68,6 +69,7 @@ class Compared:
     covariance: np.ndarray | None = None
     lead: float = 0.0
     creep: np.ndarray | None = None
+    unloaded: Robot | None = None
 
     @classmethod
     def of(cls, model: Predictor | None, robot: Robot) -> Compared:

@@ -41,6 +41,7 @@ def build(
     covariance: np.ndarray | None = None,
     tilt: tuple[float, float] | None = None,
     ratios: np.ndarray | float = 0.0,
+    unloaded: Robot | None = None,
 ) -> Equations:
     """The regression of a motion against a robot's simulation.
 
@@ -54,6 +55,7 @@ def build(
         tilt: roll and pitch [rad] at which the base seems to stand, beyond what the robot says: what its bodies' errors
             weigh is counted as they hang then. None where nothing is known of one.
         ratios: of the friction in proportion to the load that the simulation has at each joint, (n,).
+        unloaded: whose links may be off, where the robot carries loads that were found on it; None for the robot.
 
     Raises:
         RecordingError: no joint moves, or no effort.
@@ -68,7 +70,7 @@ def build(
     if tilt is not None:
         standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
         motion = replace(motion, robot=standing, level=robot)
-    relative, jointwise = _errors(robot, covariance)
+    relative, jointwise = _errors(unloaded or robot, covariance)
     usable = _usable(signals, resting, rows)
     spread, size = _usual(signals.smooth(signals.effort)[rows])
     return Equations(
