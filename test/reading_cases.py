@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,4 +38,21 @@ def dropped(recording: Recording) -> Recording:
 def without_effort(recording: Recording, joint: int) -> Recording:
     effort = recording.require_effort().copy()
     effort[:, joint] = 0.0
+    return replace(recording, effort=effort)
+
+
+def repeating(recording: Recording, joint: int, spans: Sequence[tuple[int, int]]) -> Recording:
+    """All readings of a joint stay as they are at the first of rows [start, stop)."""
+    fields = {"position": recording.position, "velocity": recording.velocity, "effort": recording.effort}
+    held = {name: values.copy() for name, values in fields.items() if values is not None}
+    for values in held.values():
+        for start, stop in spans:
+            values[start:stop, joint] = values[start, joint]
+    return replace(recording, **held)
+
+
+def held_effort(recording: Recording, joint: int, rows: slice) -> Recording:
+    """One joint's effort stays as it is at the first of some rows."""
+    effort = recording.require_effort().copy()
+    effort[rows, joint] = effort[rows.start, joint]
     return replace(recording, effort=effort)

@@ -103,7 +103,8 @@ def test_efforts_are_held_where_they_stay_longer_than_usual(each):
 def test_an_effort_that_never_changes_is_none():
     effort = np.stack([np.zeros(50), np.sin(np.arange(50.0))], axis=1)
     assert absent(effort).tolist() == [True, False]
-    np.testing.assert_array_equal(unmeasured(effort), [[True, False]] * 50)
+    recording = Recording(np.arange(50.0), ("a", "b"), effort, None, effort)
+    np.testing.assert_array_equal(unmeasured(recording), [[True, False]] * 50)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from bdnn_ros.physical.remark import Remark
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals.powerless import powerless, usual_effort
-from bdnn_ros.signals.unmeasured import absent, at_limit, held
+from bdnn_ros.signals.unmeasured import absent, at_limit, held, held_alone
 
 SATURATED = 0.01
 """Share of saturated samples that is worth a word."""
@@ -38,6 +38,14 @@ def unread(recording: Recording) -> Iterator[Remark]:
             f"{recording.name}: all efforts stand still for {seconds:.2g} s, longer than usual.",
             "If the robot moved meanwhile, check the driver; such moments do not count.",
         )
+    alone = (held_alone(recording) & ~held(effort)[:, None]).sum(axis=0) / max(recording.rate, 1e-9)
+    for joint, seconds in zip(recording.joints, alone, strict=True):
+        if seconds > HELD_SECONDS:
+            yield Remark(
+                joint,
+                f"{recording.name}: the effort of {joint} stands still for {seconds:.2g} s while the joint moves.",
+                "Check its driver and the bus; such moments of it do not count.",
+            )
 
 
 def braked(recording: Recording, robot: Robot) -> Iterator[Remark]:

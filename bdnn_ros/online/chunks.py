@@ -11,6 +11,7 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.signals import Signals, prepare, suitable_cutoff, without_copies
 from bdnn_ros.signals.kernels import KERNEL_WIDTHS, gaussian_std
 from bdnn_ros.signals.repeats import without_repeats
+from bdnn_ros.signals.stuck import stuck
 
 CHUNK_SECONDS = 1.0
 CHUNK_SAMPLES = 40
@@ -42,6 +43,7 @@ class Chunks:
         self._length: float | None = None
         self._margin = self._start = 0.0
         self._due = np.inf
+        self._stuck_at = np.full(len(joints), np.nan)  # positions that a drive repeats, as far as is known
 
     def add(
         self, time: np.ndarray, position: np.ndarray, effort: np.ndarray
@@ -72,6 +74,7 @@ class Chunks:
             while self._start <= last:
                 yield self._next()
         self._pending, self._length, self._due = [], None, np.inf
+        self._stuck_at[:] = np.nan
 
     def _settled(self, final: bool) -> bool:
         """Fix the length of chunks by the first second of samples; False while there are too few."""
@@ -105,11 +108,21 @@ class Chunks:
         keep = int(np.searchsorted(time, end - self._margin - CONTEXT_SECONDS))
         self._pending = [(time[keep:], recording.position[keep:], recording.require_effort()[keep:])]
         self._start, self._due = end, end + self._length + self._margin
-        recording = without_repeats(without_copies(recording.part(known)))
+        recording = self._unstuck(without_repeats(without_copies(recording.part(known))))
         chunk = self._signals(recording.between(start - self._margin, end + self._margin), start, end)
         if chunk is None:
             self.left_out += int(np.count_nonzero((time >= start) & (time < end)))
         return chunk
+
+    def _unstuck(self, recording: Recording) -> Recording:
+        """Without what a drive repeats, as it may since before the samples that are kept."""
+        samples = stuck(recording)
+        same = recording.position == self._stuck_at
+        since = np.logical_or.accumulate(same, axis=0)
+        samples |= since & ~np.logical_or.accumulate(since & ~same, axis=0)
+        if len(samples):
+            self._stuck_at = np.where(samples[-1], recording.position[-1], np.nan)
+        return recording.part(~samples.any(axis=1)) if samples.any() else recording
 
     def _signals(self, window: Recording, start: float, end: float) -> tuple[Signals, np.ndarray] | None:
         if len(window) < 4:

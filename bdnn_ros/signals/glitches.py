@@ -23,6 +23,18 @@ OFTEN, SAME = 5, 1.01
 """Changes of a reading from sample to sample that are as small as any, within this, are the sensor's resolution if so many."""
 RESOLUTIONS = 1.5
 """And than so many times the sensor's resolution: a joint that stands still flips a reading's last digit now and then."""
+BEYOND = 1.0
+"""What happens more often is a glitch where it is further from the median than this share of the range that medians cover:"""
+PASSES = 3
+"""so many rounds, as one that others are close to is seen when they are gone,"""
+WIDE = 11
+"""by the median of so many: three of five may be wrong then, and more than one in ten around,"""
+MOST = {WINDOW: 90.0, WIDE: 75.0}
+"""so that it is compared with that of three in four, not of nine in ten, in percent."""
+JUMPS, MUCH = 0.3, 0.01
+"""Readings that are this share of that range from the median jump, and are told where so many do, ..."""
+UNUSUAL = 10.0
+"""... if they are so many times as far from it as half of the readings are: noise jumps no further."""
 SHARES = {"position": 0.01, "velocity": 0.5, "effort": 0.5}
 """And than this share of the range that the readings cover: nothing jumps, but an impact in a gear is felt for a sample."""
 
@@ -31,7 +43,8 @@ def without_glitches(recording: Recording) -> Recording:
     """The recording with every reading that stands out alone replaced by the median of five around it.
 
     One wrong reading among thousands passes for a push, and a low-pass spreads it. What lasts three samples is kept: so
-    brief a contact is real, as far as anyone can tell; and so is what happens often.
+    brief a contact is real, as far as anyone can tell; and so is what happens often, unless nothing else comes near it. What
+    then is left that jumps is told.
     """
     found: dict[str, int] = {}
     mended: dict[str, Any] = {}
@@ -45,36 +58,82 @@ def without_glitches(recording: Recording) -> Recording:
             mended[field] = clean
             for joint, count in zip(recording.joints, counts, strict=True):
                 found[joint] = found.get(joint, 0) + int(count)
-    if not mended:
-        return recording
-    joints = listed(joint for joint, count in found.items() if count)
-    readings = "1 reading" if sum(found.values()) == 1 else f"{sum(found.values())} readings"
-    note = (
-        f"{recording.name}: {readings} of {joints} stood out alone ({listed(mended)}); "
-        "replaced by the median of the readings around. Check the driver and its bus."
-    )
-    return replace(recording, **mended, notes=(*recording.notes, note))
+    told = []
+    if mended:
+        joints = listed(joint for joint, count in found.items() if count)
+        readings = "1 reading" if sum(found.values()) == 1 else f"{sum(found.values())} readings"
+        told.append(
+            f"{recording.name}: {readings} of {joints} stood out alone ({listed(mended)}); "
+            "replaced by the median of the readings around. Check the driver and its bus."
+        )
+        recording = replace(recording, **mended)
+    told += [note for note in jumping(recording) if note not in recording.notes]
+    return replace(recording, notes=(*recording.notes, *told)) if told else recording
+
+
+def jumping(recording: Recording) -> list[str]:
+    """What there is to say of joints that move, and whose positions or efforts jump to and fro for a sample or two."""
+    found, moves = [], moving(recording)
+    for field in ("position", "effort"):
+        values = getattr(recording, field)
+        if values is None or len(values) <= 2 * AROUND:
+            continue
+        apart, usual = _apart(values, recording.segments())
+        least = np.maximum(JUMPS * _range(usual), UNUSUAL * np.median(apart, axis=0))
+        for joint in np.flatnonzero(moves & ((apart > least).mean(axis=0) > MUCH)):
+            share = np.mean(apart[:, joint] > max(least[joint], RESOLUTIONS * resolution(values[:, joint])))
+            if share > MUCH:
+                found.append(
+                    f"{recording.name}: {100.0 * share:.2g} % of the {field}s of {recording.joints[joint]} jump to and fro for "
+                    "a sample or two: nothing sure can be said with them. Check the driver and its bus."
+                )
+    return found
+
+
+def _apart(values: np.ndarray, segments: list[slice], window: int = WINDOW) -> tuple[np.ndarray, np.ndarray]:
+    """How far values (N, n) are from the median of those around, and that median, (N, n) each."""
+    usual = np.concatenate([median_filter(values[rows], (window, 1), mode="nearest") for rows in segments])
+    return np.abs(values - usual), usual
+
+
+def _range(values: np.ndarray) -> np.ndarray:
+    """What values (N, n) cover but for the few most extreme, (n,)."""
+    low, high = np.percentile(values, [0.5, 99.5], axis=0)
+    return np.asarray(high - low)
 
 
 def _bridged(
     values: np.ndarray, share: float, segments: list[slice], moves: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values (N, n) without glitches, and how many each column had, (n,); where nothing moves (n,) it does not matter."""
-    usual = np.concatenate([median_filter(values[rows], (WINDOW, 1), mode="nearest") for rows in segments])
-    apart = np.abs(values - usual)
-    low, high = np.percentile(values, [0.5, 99.5], axis=0)
-    least = np.where(moves, share * (high - low), np.inf)
-    clean, counts = values, np.zeros(values.shape[1], int)
-    for joint in np.flatnonzero((apart > least).any(axis=0)):  # seldom any: the rest is asked of these alone
-        rare, finest = np.percentile(apart[:, joint], 99.0), resolution(values[:, joint])
-        least[joint] = max(least[joint], RARE * rare, RESOLUTIONS * finest)
-    for row, joint in np.argwhere(apart > least):
-        around = apart[max(row - AROUND, 0) : row + AROUND + 1, joint]
-        if apart[row, joint] > STANDS_OUT * np.percentile(around, 90.0):
-            clean = values.copy() if clean is values else clean
-            clean[row, joint] = usual[row, joint]
-            counts[joint] += 1
+    wrong, usual, often = _standing_out(values, share, segments, moves)
+    if not wrong.any():
+        return values, np.zeros(values.shape[1], int)
+    wrong &= ~often
+    clean, counts = np.where(wrong, usual, values), wrong.sum(axis=0)
+    for _ in range(PASSES if often.any() else 0):
+        wrong, usual, _ = _standing_out(clean, share, segments, moves & often, WIDE)
+        clean = np.where(wrong, usual, clean)
+        counts += wrong.sum(axis=0)
     return clean, counts
+
+
+def _standing_out(
+    values: np.ndarray, share: float, segments: list[slice], moves: np.ndarray, window: int = WINDOW
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where values (N, n) stand out alone, (N, n) bool, the median of those around, (N, n), and whose do often, (n,) bool."""
+    apart, usual = _apart(values, segments, window)
+    least = np.where(moves, share * _range(values), np.inf)
+    beyond = np.where(moves, BEYOND * _range(usual), np.inf)
+    wrong, often = np.zeros(values.shape, bool), np.zeros(len(moves), bool)
+    for joint in np.flatnonzero((apart > np.minimum(least, beyond)).any(axis=0)):  # seldom any
+        rare, finest = np.percentile(apart[:, joint], 99.0), RESOLUTIONS * resolution(values[:, joint])
+        seldom, ever = max(least[joint], RARE * rare, finest), max(beyond[joint], finest)
+        for row in np.flatnonzero(apart[:, joint] > min(seldom, ever)):
+            around = apart[max(row - AROUND, 0) : row + AROUND + 1, joint]
+            wrong[row, joint] = apart[row, joint] > STANDS_OUT * np.percentile(around, MOST[window])
+        often[joint] = (wrong[:, joint] & (apart[:, joint] <= seldom)).any()
+    return wrong, usual, often
 
 
 def resolution(readings: np.ndarray) -> float:

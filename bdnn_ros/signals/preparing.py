@@ -22,6 +22,7 @@ from bdnn_ros.signals.powerless import powerless
 from bdnn_ros.signals.rattling import rattling
 from bdnn_ros.signals.repeats import without_repeats
 from bdnn_ros.signals.signals import Signals
+from bdnn_ros.signals.stuck import without_stuck
 from bdnn_ros.signals.unmeasured import unmeasured
 from bdnn_ros.signals.wraps import without_wraps
 
@@ -38,7 +39,8 @@ MINIMUM_SAMPLES = 20
 
 def mended(recording: Recording) -> Recording:
     """The recording as `prepare` takes it: without what its driver said twice, read wrong or stamped late, each with a note."""
-    return without_jitter(without_glitches(without_repeats(without_copies(without_wraps(recording)))))
+    single = without_repeats(without_copies(without_wraps(recording)))
+    return without_stuck(without_jitter(without_glitches(single)))
 
 
 def prepare(recording: Recording, cutoff: float | None = None, working: float | None = None) -> Signals:
@@ -96,7 +98,7 @@ def _unmeasured(recording: Recording, time: np.ndarray) -> np.ndarray | None:
     if recording.effort is None:
         return None
     none = np.asarray(rattling(recording).any(axis=1)) | powerless(recording)
-    nothing = unmeasured(recording.effort) | none[:, None]
+    nothing = unmeasured(recording) | none[:, None]
     return nothing[np.searchsorted(recording.time, time)]
 
 

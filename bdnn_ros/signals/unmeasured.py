@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bdnn_ros.recording import Recording, further, position_noise
+
 PLATEAU = 5
 """So many equal samples in a row at a joint's extreme effort are a plateau: the effort was cut off."""
 CROWDED = 5.0
@@ -14,14 +16,19 @@ FEW = 10
 """An effort of fewer values, none of them seldom, goes in steps throughout, as commands may: no extreme of it is a limit."""
 HELD = 3.0
 """Efforts of all joints that stay for so many times as long as they usually do are held by their driver."""
+OTHERS = 99.0
+"""That of a single joint is where it stays so many times as long as all but the longest of its runs do, in percent,"""
+HELD_SECONDS = 0.1
+"""and for so long at least [s], while the joint moves."""
 
 AT_LIMIT = 0.98
 """Efforts this near a limit are at it."""
 
 
-def unmeasured(effort: np.ndarray) -> np.ndarray:
-    """Samples of an effort (N, n) at which it was not measured, (N, n) bool."""
-    return cut_off(effort) | held(effort)[:, None] | absent(effort)
+def unmeasured(recording: Recording) -> np.ndarray:
+    """Samples of a recording with effort at which it was not measured, (N, n) bool."""
+    effort = recording.require_effort()
+    return cut_off(effort) | held(effort)[:, None] | held_alone(recording) | absent(effort)
 
 
 def absent(effort: np.ndarray) -> np.ndarray:
@@ -38,7 +45,7 @@ def cut_off(effort: np.ndarray) -> np.ndarray:
         values, counts = np.unique(column[np.isfinite(column)], return_counts=True)
         if len(values) < 2 or (len(values) < FEW and counts.min() >= PLATEAU):
             continue
-        first, lasts = _runs(column[:, None])
+        first, lasts = runs(column[:, None])
         beyond = (lasts >= PLATEAU) & (lasts > LASTING * _around(lasts))
         for at, beside in ((0, 1), (-1, -2)):
             if counts[at] > CROWDED * counts[beside]:
@@ -48,13 +55,30 @@ def cut_off(effort: np.ndarray) -> np.ndarray:
 
 def held(effort: np.ndarray) -> np.ndarray:
     """Samples that repeat the efforts of all joints for much longer than is usual here, (N,) bool."""
-    first, lasts = _runs(effort)
+    first, lasts = runs(effort)
     if lasts.max() <= PLATEAU:
         return np.zeros(len(effort), bool)
     usual = np.percentile(lasts[:-1], 90.0) if len(first) > 1 else len(effort)
     result = np.repeat(lasts > max(PLATEAU, HELD * usual), lasts)
     result[first] = False
     return result
+
+
+def held_alone(recording: Recording) -> np.ndarray:
+    """Samples that repeat a joint's own effort for much longer than ever else although the joint moves, (N, n) bool."""
+    effort = recording.require_effort()
+    result = np.zeros(effort.shape, bool)
+    least, noise = max(PLATEAU, HELD_SECONDS * recording.rate), position_noise(recording)
+    for joint in range(recording.width):
+        first, lasts = runs(effort[:, joint : joint + 1])
+        if lasts.max() <= least or len(first) < 2:
+            continue
+        usual = float(np.percentile(lasts, OTHERS, method="lower"))
+        long = lasts > max(least, HELD * usual)
+        for start, stop in zip(first[long], first[long] + lasts[long], strict=True):
+            own = recording.position[start:stop, joint : joint + 1]
+            result[start + 1 : stop, joint] = further(own, noise[joint])[0]
+    return result & ~cut_off(effort) if result.any() else result
 
 
 def at_limit(effort: np.ndarray, limits: np.ndarray) -> np.ndarray:
@@ -66,7 +90,7 @@ def at_limit(effort: np.ndarray, limits: np.ndarray) -> np.ndarray:
     return (cut_off(effort) & ~stopped) | (np.abs(effort) >= AT_LIMIT * limits)
 
 
-def _runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First row and length of each run of equal rows of (N, k), (K,) each."""
     first = np.flatnonzero(np.append(True, (np.diff(values, axis=0) != 0.0).any(axis=1)))
     return first, np.diff(np.append(first, len(values)))

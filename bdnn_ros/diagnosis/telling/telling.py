@@ -40,6 +40,7 @@ from bdnn_ros.diagnosis.telling.with_time import with_time
 from bdnn_ros.effects.rigid import LinkInertia
 from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
+from bdnn_ros.signals.glitches import jumping, without_glitches
 
 MUCH_LEFT = 0.5
 """What leaves this share of a joint's error says little of it: of a joint that moves now and then its causes may stand for
@@ -72,10 +73,11 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     changing = any(judgement.changing for judgement in attempt.judgements)
     unseen = _unseen(case, names)
     said = names.unsaid <= MOST and not changing and not unseen
+    jumps = [note for recording in case.recordings for note in jumping(without_glitches(recording))]
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
     gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
     unclear = _unclear(case, names, 1.0 - (1.0 - min(interval[0], 1.0)) ** 2)
-    of_effort = _verdict(causes, unclear, bool(near.all()), said)
+    of_effort = _verdict(causes, unclear, bool(near.all()) and not jumps, said)
     above = _above(robot.joints, near, case.left)
     slight = _above(robot.joints, ~near | (case.extended <= TOLD * case.floor), case.left)
     return Diagnosis(
@@ -91,7 +93,9 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
             case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight
         ),
         advice=(*_advice(case, names, of_effort), *_settling(alike, findings)),
-        notes=_notes(case, names, findings, of_effort, interval[0], alike, unseen),
+        notes=tuple(
+            dict.fromkeys((*jumps, *_notes(case, names, findings, of_effort, interval[0], alike, unseen)))
+        ),
         above=above,
         slight=slight,
         endless=bool(unseen),
