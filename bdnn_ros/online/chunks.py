@@ -122,7 +122,7 @@ class Chunks:
         samples |= since & ~np.logical_or.accumulate(since & ~same, axis=0)
         if len(samples):
             self._stuck_at = np.where(samples[-1], recording.position[-1], np.nan)
-        return recording.part(~samples.any(axis=1)) if samples.any() else recording
+        return recording.part(~np.asarray(samples.any(axis=1))) if samples.any() else recording
 
     def _signals(self, window: Recording, start: float, end: float) -> tuple[Signals, np.ndarray] | None:
         if len(window) < 4:

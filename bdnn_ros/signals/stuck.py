@@ -43,8 +43,10 @@ def without_stuck(recording: Recording) -> Recording:
     samples = stuck(recording)
     if not samples.any():
         return recording
-    lost = samples.any(axis=1)
-    joints = [joint for joint, some in zip(recording.joints, samples.any(axis=0), strict=True) if some]
+    lost = np.asarray(samples.any(axis=1))
+    joints = [
+        joint for joint, some in zip(recording.joints, np.asarray(samples.any(axis=0)), strict=True) if some
+    ]
     who, their = listed(joints), "its driver" if len(joints) == 1 else "their drivers"
     if lost[1:].all():
         raise RecordingError(
