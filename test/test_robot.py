@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import errno
 import gc
 import os
 import threading
@@ -428,6 +429,33 @@ def test_what_others_write_while_a_description_is_read_comes_out(capfd: pytest.C
     with _overheard(said):
         os.write(2, b"a log line\nError:   a complaint\n         at line 7 in model.cpp\nhalf")
     assert said == ["a complaint"] and capfd.readouterr().err == "a log line\nhalf"
+
+
+def test_a_description_is_read_where_no_file_can_be_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A disk without room ended every command and the node."""
+    with monkeypatch.context() as patch:  # pytest itself needs files later
+        patch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
+        assert Robot.from_urdf(two_link() + "<!-- on no disk -->").joints == ("one", "two")
+        with pytest.raises(RobotError, match="No link elements"):
+            Robot.from_urdf("<robot name='on_no_disk'/>")
+    assert capfd.readouterr().err == ""
+
+
+def test_without_any_file_a_description_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_left(*_: object) -> int:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(os, "memfd_create", none_left)
+    with pytest.raises(RobotError, match=r"cannot be read \(Too many open files\)"):
+        Robot.from_urdf(two_link() + "<!-- no file left -->")
+
+
+def test_a_system_without_files_in_memory_takes_one_on_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "memfd_create")
+    with pytest.raises(RobotError, match="No link elements"):
+        Robot.from_urdf("<robot name='on_disk'/>")
 
 
 def test_a_description_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
+from typing import IO
 
 import numpy as np
 import pinocchio as pin
@@ -137,6 +138,11 @@ def _parsed(urdf: str) -> pin.Model:
             f"The robot description is not a usable URDF ({reasons[0].rstrip('.')}).",
             "Check it with check_urdf.",
         ) from None
+    except OSError as error:
+        raise RobotError(
+            f"The robot description cannot be read ({error.strerror or error}).",
+            "Have other programs leave it files and memory.",
+        ) from None
 
 
 def free_joints(urdf: str) -> list[str]:
@@ -175,13 +181,24 @@ def _without(model: pin.Model, lock: list[int], rest: np.ndarray) -> pin.Model:
     return reduced
 
 
+def _unnamed() -> IO[bytes]:
+    """A file without a name: in memory, as a disk may be full or not to be written on; on a disk where the system has no such.
+
+    Raises:
+        OSError: no file can be had.
+    """
+    if hasattr(os, "memfd_create"):
+        return open(os.memfd_create("bdnn_complaints"), "w+b")
+    return tempfile.TemporaryFile()
+
+
 @contextmanager
 def _overheard(said: list[str]) -> Iterator[None]:
     """Collects what the URDF parser complains about: it writes to the process's stderr instead of raising.
 
     What others wrote meanwhile is passed on afterwards.
     """
-    with _STDERR, tempfile.TemporaryFile() as heard:
+    with _STDERR, _unnamed() as heard:
         stderr = os.dup(2)
         os.dup2(heard.fileno(), 2)
         try:
