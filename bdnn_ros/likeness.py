@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.robot import Robot
@@ -71,7 +72,12 @@ def require_arm(model: Dynamics, robot: Robot, name: str) -> None:
 
 
 def description_of(model: object) -> Robot | None:
-    """The robot that a model holds, or that its prior does; None where there is none."""
+    """The robot that a model holds, or that its prior does; None where there is none, or one learned from motion alone.
+
+    Links and axes of such a one are its own: they move as the arm does, but need not sit where the arm's do.
+    """
+    if type(model) is BDNN:
+        return None
     for held in (model, getattr(model, "robot", None)):
         if isinstance(held, Robot):
             return held

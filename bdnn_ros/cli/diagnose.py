@@ -98,8 +98,8 @@ def run(args: argparse.Namespace) -> int:
         robot = getattr(earlier, "robot", None)
         if not isinstance(robot, Robot):
             raise UsageError(
-                f"{args.model} is a black box without a robot description.",
-                "Identify the earlier recording with --prior urdf.",
+                f"{args.model} holds networks, of which nobody knows how sure they are.",
+                "Identify the earlier recording with --prior urdf and without --architecture.",
             )
     if robot is None:
         raise UsageError("There is no simulation to compare with.", "Give --urdf FILE or --robot NAME.")

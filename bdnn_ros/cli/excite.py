@@ -19,6 +19,7 @@ from bdnn_ros.excitation.bounds import Bounds
 from bdnn_ros.excitation.choice import DECISIVE, Excitation, excite
 from bdnn_ros.excitation.rivals import Case, joints_of, read_case
 from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.likeness import description_of
 from bdnn_ros.models import Model, load_model
 from bdnn_ros.robot import BUNDLED, Robot
 from bdnn_ros.robot.mimics import held_mimics
@@ -199,8 +200,8 @@ def _given(args: argparse.Namespace) -> tuple[Robot, Model | None]:
     loading.require_joints(args, joints, "diagnosis")
     if args.model:
         model = load_model(args.model)
-        robot = getattr(model, "robot", None)
-        if not isinstance(robot, Robot):
+        robot = description_of(model)
+        if robot is None:
             raise UsageError(
                 f"{args.model} is a black box: it does not know the robot's limits.", "Give --urdf instead."
             )

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
-from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from bdnn_ros.bdnn.modelfile import model_place
-from bdnn_ros.checks.description import GIVE_MASS, require_mass
-from bdnn_ros.cli import fitness, loading, options, outputs
+from bdnn_ros.cli import fitness, learning, loading, options, outputs
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
-from bdnn_ros.errors import BdnnError, UsageError, listed
+from bdnn_ros.errors import BdnnError
 from bdnn_ros.models import Model, load_model, save_model
-from bdnn_ros.physical.parameters import WIDEST_SPREAD, Spread
+from bdnn_ros.physical.parameters import Spread
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Scores, described_effort, score_description, score_model
-from bdnn_ros.signals import Signals, prepare, usual_cutoff
+from bdnn_ros.signals import Signals, usual_cutoff
 
 if TYPE_CHECKING:
     from bdnn_ros.physical.agreement import Agreement
@@ -51,31 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="DIR",
-        help="directory for model.bdnn, metrics.json, effort.png and, with the URDF as prior, parameters.json; "
+        help="directory for model.bdnn, metrics.json, effort.png and, of physical parameters, parameters.json; "
         "or a .bdnn file, with the others beside it",
     )
-    parser.add_argument(
-        "--prior",
-        choices=("urdf", "none"),
-        default="urdf",
-        help="start from the URDF's rigid bodies, or learn everything from the data (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--spread",
-        metavar="NAME=SHARE",
-        action="append",
-        default=[],
-        help="how far the real robot may be from the URDF, repeatable: "
-        + ", ".join(f"{name}={share:g}" for name, share in asdict(Spread()).items())
-        + " (these are the defaults; docs/identification.md says of what)",
-    )
-    parser.add_argument(
-        "--budget",
-        metavar="SECONDS",
-        type=float,
-        default=60.0,
-        help="seconds of training with --prior none (default: %(default)s)",
-    )
+    learning.add_arguments(parser)
     parser.add_argument(
         "--holdout",
         metavar="SHARE",
@@ -84,26 +60,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="last share of each bag's motion, without pauses and rests, that is kept out of training and scored "
         "(default: %(default)s)",
     )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        help="seed of the training with --prior none (default: %(default)s)",
-    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Identify, score on what was held out, write the model."""
-    if not 0.0 < args.budget < float("inf"):
-        raise UsageError(f"--budget {args.budget:g} is not a time.", "Give seconds above zero.")
-    if args.seed < 0:
-        raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
     outputs.require_model_place(args.out)
-    spread = _spread(args.spread)
-    if spread is not None and args.prior == "none":
-        raise UsageError(
-            "--spread is about the URDF, which --prior none leaves out.", "Leave one of them out."
-        )
+    spread = learning.checked_spread(args)
     recordings, robot = loading.load(args, needs_robot=args.prior == "urdf")
     if robot is None:
         loading.say_unusable(recordings)
@@ -121,23 +83,17 @@ def run(args: argparse.Namespace) -> int:
         fitness.prepared(first, whole, alike, "what is left to learn from")
         for whole, first in zip(recordings, training, strict=True)
     ]
-    if args.prior == "none":
-        model = _from_nothing(training, args)
-    elif robot is None:
-        raise UsageError(
-            "There is no URDF to start from.", "Give --urdf FILE or --robot NAME, or --prior none."
-        )
-    else:
-        model = _from_prior(robot, training, args.cutoff, spread)
+    model = learning.learned(args, robot, training, spread)
     metrics = {"held_out": score_model(model, tested), "training": score_model(model, seen)}
     if robot is not None:
         metrics["simulation"] = score_description(robot, tested)
     path, told = model_place(args.out), None
-    outdated = args.prior == "none" and _are_parameters_of(path, path.with_name(PARAMETERS))
+    has_parameters = learning.has_parameters(args)
+    outdated = not has_parameters and _are_parameters_of(path, path.with_name(PARAMETERS))
     with outputs.written_together(path.parent) as place:
         save_model(place / path.name, model)
         _write(place / "metrics.json", {key: value.as_json() for key, value in metrics.items()})
-        if args.prior == "urdf" and robot is not None:
+        if has_parameters and robot is not None:
             disturbed = loading.disturbed(args, recordings, robot)
             content, told = _parameters(robot, model, training, args.cutoff, spread, disturbed)
             _write(place / PARAMETERS, content)
@@ -152,48 +108,6 @@ def run(args: argparse.Namespace) -> int:
         options.say(sentence)
     _print(metrics, alike, path, robot)
     return 0
-
-
-def _spread(given: Sequence[str]) -> Spread | None:
-    """The spread that --spread asks for, None where it is not given."""
-    names = [field.name for field in fields(Spread)]
-    chosen: dict[str, float] = {}
-    for text in given:
-        name, _, share = text.partition("=")
-        try:
-            chosen[name] = float(share)
-        except ValueError:
-            chosen[name] = float("nan")
-        if name not in names or not 0.0 < chosen[name] <= WIDEST_SPREAD:
-            raise UsageError(
-                f"--spread {text} is no spread.",
-                f"Give NAME=SHARE with one of {listed(names)} and a share above 0, at most {WIDEST_SPREAD:g}.",
-            )
-    return Spread(**chosen) if chosen else None
-
-
-def _from_prior(
-    robot: Robot, training: Sequence[Recording], cutoff: float | None, spread: Spread | None
-) -> Model:
-    from bdnn_ros.online.identifier import Identifier
-
-    require_mass(robot, f"{GIVE_MASS[:-1]}, or pass --prior none.")
-    return Identifier(robot, cutoff, spread).fit(training, progress=_progress)
-
-
-def _from_nothing(training: Sequence[Recording], args: argparse.Namespace) -> Model:
-    from bdnn_ros.bdnn.training import identify
-
-    parts = [(one, fitness.split(one, prepare(one, args.cutoff), 0.2)) for one in training]
-    first, last = (
-        [
-            fitness.prepared(part[side], whole, args.cutoff, "a part of what is left to learn from")
-            for whole, part in parts
-        ]
-        for side in (0, 1)
-    )
-    model: Model = identify(first, last, budget=args.budget, seed=args.seed, progress=_progress)
-    return model
 
 
 def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) -> None:
@@ -287,10 +201,3 @@ def _print(metrics: dict[str, Scores], cutoff: float, path: Path, robot: Robot |
     print(row + (f"   {cell(simulation.nrmse_mean, 12, '.3f')}" if simulation else ""))
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")
     print(f"model: {path}\npicture: {path.with_name('effort.png')}")
-
-
-def _progress(share: float, what: str) -> None:
-    """Progress on a terminal only: a log wants none of it."""
-    if sys.stderr.isatty():
-        end = "" if share < 1.0 else "\n"
-        print(f"\r{100.0 * share:3.0f} % {what:40.40}", end=end, file=sys.stderr, flush=True)
