@@ -125,6 +125,17 @@ def test_what_needs_a_description_names_the_bag_and_the_remedy(
     assert capsys.readouterr().err.endswith(error)
 
 
+@pytest.mark.parametrize("verb", ["identify", "simulate", "excite"])
+def test_a_file_that_is_no_urdf_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str
+) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text("arm")
+    bag = [str(bag_of(tmp_path / "bag", recording()))] if verb == "identify" else []
+    assert main([verb, *bag, "--urdf", str(urdf), "--out", str(tmp_path / "out")]) == 2
+    assert f"error: {urdf}: {PROBLEM}" in capsys.readouterr().err
+
+
 def test_a_robot_that_may_roam_is_looked_at_where_its_arm_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -100,7 +100,9 @@ def test_places_hold_where_the_specification_puts_it(spec):
         ("coulomb_friction:coulomb=1", "does not say where"),
         ("coulomb_friction@elbow:coulomb=1", "arm7_joint1"),
         ("coulomb_friction@arm7_joint1", "leaves out coulomb"),
-        ("coulomb_friction@arm7_joint1:coulomb=-1", "between 0 and inf"),
+        ("coulomb_friction@arm7_joint1:coulomb=-1", "out of bounds. It is 0 N·m or more."),
+        ("effort_scale@arm7_joint1:scale=9e9", "out of bounds. It lies between"),
+        ("effort_offset@arm7_joint1:offset=nan", "It is a number."),
         ("coulomb_friction@arm7_joint1:coulomb=nan", "out of bounds"),
         ("joint_elasticity@arm7_joint1:stiffness=0", "out of bounds"),
         ("coulomb_friction@arm7_joint1:coulomb=much", "not a number"),
@@ -111,7 +113,11 @@ def test_places_hold_where_the_specification_puts_it(spec):
         ("payload@arm7_link0:mass=1", "does not move"),
         ("link_inertia@arm7_link4", "leaves out"),
         ("link_inertia@arm7_link4:mass=5,scale=1.2", "contradicts itself"),
-        ("link_inertia@arm7_link4:mass=0.01", "scale=0.0027"),
+        (
+            "link_inertia@arm7_link4:mass=0.01",
+            "mass=0.01 in 'link_inertia@arm7_link4:mass=0.01' makes scale 0.00278715, which is out of bounds. "
+            "It lies between 0.05 and 10.",
+        ),
         ("drift@arm7_joint1:of=mood,start_value=1,end_value=2", "no variant"),
         ("effort_delay@arm7_link1:delay=0.01", "acts on all or a joint"),
     ],

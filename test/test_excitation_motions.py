@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -101,20 +102,20 @@ def test_a_narrow_range_is_kept(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    "options",
+    ("options", "says"),
     [
-        {"margin": 0.6},
-        {"velocity": 0.0},
-        {"effort": 1.5},
-        {"acceleration": -1.0},
-        {"ranges": {"elbow": (0, 1)}},
-        {"ranges": {"arm2_joint1": (1, 1)}},
-        {"ranges": {"arm2_joint1": (math.nan, 1)}},
-        {"ranges": {"arm2_joint1": (0, math.nan)}},
+        ({"margin": 0.6}, "A margin of 0.6 makes no sense. Use a share from 0 to 0.49."),
+        ({"velocity": 0.0}, "A velocity of 0 makes no sense. Use a share above 0, at most 1."),
+        ({"effort": 1.5}, "An effort of 1.5 makes no sense. Use a share above 0, at most 1."),
+        ({"acceleration": -1.0}, "An acceleration of -1"),
+        ({"ranges": {"elbow": (0, 1)}}, "elbow"),
+        ({"ranges": {"arm2_joint1": (1, 1)}}, "The range 1 to 1"),
+        ({"ranges": {"arm2_joint1": (math.nan, 1)}}, "The range nan"),
+        ({"ranges": {"arm2_joint1": (0, math.nan)}}, "to nan"),
     ],
 )
-def test_limits_that_make_no_sense_are_refused(options: dict) -> None:
-    with pytest.raises(UsageError):
+def test_limits_that_make_no_sense_are_refused(options: dict, says: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(says)):
         Bounds.of(Robot.bundled("arm2"), **options)
 
 

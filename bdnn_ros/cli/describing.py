@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from bdnn_ros.cli.options import say
 from bdnn_ros.errors import RobotError, UsageError, listed
@@ -11,6 +12,20 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mimics import held_mimics, standing_still, with_mimics
 from bdnn_ros.robot.urdf import Held, free_joints, refuse_free
+from bdnn_ros.robot.urdf_file import text_of
+
+
+def robot_of_file(path: Path, joints: Sequence[str] = ()) -> Robot:
+    """As `Robot.from_file`, whatever is wrong with it told of the file.
+
+    Raises:
+        RobotError: the file cannot be read, or its robot cannot be used.
+    """
+    text = text_of(path)
+    try:
+        return Robot.from_urdf(text, joints)
+    except RobotError as error:
+        raise RobotError(f"{path}: {error.problem}", error.remedy) from None
 
 
 def described_robot(

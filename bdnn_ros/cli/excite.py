@@ -11,6 +11,7 @@ import numpy as np
 
 from bdnn_ros.bdnn.modelfile import FILE_NAME
 from bdnn_ros.cli import loading, options, outputs
+from bdnn_ros.cli.describing import robot_of_file
 from bdnn_ros.cli.tables import csv_header
 from bdnn_ros.diagnosis.judging.identifiability import TIE
 from bdnn_ros.diagnosis.recorded.excerpts import ENOUGH
@@ -215,7 +216,7 @@ def _given(args: argparse.Namespace) -> tuple[Robot, Model | None]:
     if args.robot is not None or (not given and source in BUNDLED):
         return Robot.bundled(source if args.robot is None else args.robot, joints), None
     if args.urdf or (not given and source and Path(source).is_file() and Path(source).suffix == ".urdf"):
-        return Robot.from_file(args.urdf or source, joints), None
+        return robot_of_file(args.urdf or Path(source), joints), None
     raise UsageError(
         "There is no robot.", "Give MODEL (a diagnosis's directory), --urdf FILE or --robot NAME."
     )

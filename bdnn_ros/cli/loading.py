@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from bdnn_ros import bags
-from bdnn_ros.cli.describing import acting, described_robot, unusable, with_joints, without_led
+from bdnn_ros.cli.describing import acting, described_robot, robot_of_file, unusable, with_joints, without_led
 from bdnn_ros.cli.fitness import require_distinct, require_measured, require_motion
 from bdnn_ros.cli.options import progress, say, say_unread_commands
 from bdnn_ros.efforts import EffortConvention
@@ -181,12 +181,12 @@ def _robot(args: argparse.Namespace, needed: bool, chosen: bool) -> Robot | None
     """The robot of --urdf, else of the bags, else of --robot; it says which joints joint states are then read for.
 
     Raises:
-        BdnnError: as `Robot.from_file` and `describing.described_robot`, or a bag cannot be read.
+        BdnnError: as `describing.robot_of_file` and `describing.described_robot`, or a bag cannot be read.
     """
     if args.robot is not None:
         Robot.bundled(args.robot)
     if args.urdf:
-        robot = Robot.from_file(args.urdf)
+        robot = robot_of_file(args.urdf)
         if not chosen:
             refuse_free(robot.urdf)
         return robot

@@ -11,6 +11,7 @@ import yaml
 from bdnn_ros import bags
 from bdnn_ros.checks.description import require_mass
 from bdnn_ros.cli import options, outputs
+from bdnn_ros.cli.describing import robot_of_file
 from bdnn_ros.cli.options import counted
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import UsageError, listed
@@ -195,7 +196,7 @@ def _robot(args: argparse.Namespace) -> Robot:
     if args.urdf and args.robot is not None:
         raise UsageError("Both --urdf and --robot are given.", "Give one of them.")
     if args.urdf:
-        return Robot.from_file(args.urdf, args.joints)
+        return robot_of_file(args.urdf, args.joints)
     if args.robot is not None:
         return Robot.bundled(args.robot, args.joints)
     raise UsageError(

@@ -141,16 +141,37 @@ def refuse_odd(
 ) -> None:
     """Refuses a value that is out of bounds or contradicts what was given."""
     value = values[parameter.name]
-    _refuse_outside(spec, parameter, value, slack)
+    _refuse_outside(spec, parameter, value, slack, None if parameter.name in given else given)
     if abs(given.get(parameter.name, value) - value) > 1e-6:
         raise UsageError(
             f"{spec!r} contradicts itself or the robot.", "Leave out all but one of mass and scale."
         )
 
 
-def _refuse_outside(spec: str, parameter: Parameter, value: float, slack: float = 0.0) -> None:
-    if not (parameter.lower - slack <= value <= parameter.upper + slack) or math.isnan(value):
-        raise UsageError(
-            f"{parameter.name}={value:g} in {spec!r} is out of bounds.",
-            f"It lies between {parameter.lower:g} and {parameter.upper:g} {parameter.unit}.",
-        )
+def _refuse_outside(
+    spec: str,
+    parameter: Parameter,
+    value: float,
+    slack: float = 0.0,
+    given: Mapping[str, float] | None = None,
+) -> None:
+    """Refuses a value that is out of bounds; where it is not `given` itself, it says what made it so."""
+    if parameter.lower - slack <= value <= parameter.upper + slack and not math.isnan(value):
+        return
+    if given is None:
+        problem = f"{parameter.name}={value:g} in {spec!r} is out of bounds."
+    else:
+        by = listed(f"{key}={number:g}" for key, number in given.items())
+        problem = f"{by} in {spec!r} makes {parameter.name} {value:g}, which is out of bounds."
+    raise UsageError(problem, f"It {_range(parameter)}.")
+
+
+def _range(parameter: Parameter) -> str:
+    """Where a parameter lies, for a message."""
+    lower, upper = parameter.lower, parameter.upper
+    unit = "" if parameter.unit == "-" else " " + parameter.unit.replace("*", "·")
+    if math.isfinite(lower) and math.isfinite(upper):
+        return f"lies between {lower:g} and {upper:g}{unit}"
+    if math.isfinite(lower):
+        return f"is {lower:g}{unit} or more"
+    return f"is {upper:g}{unit} or less" if math.isfinite(upper) else "is a number"

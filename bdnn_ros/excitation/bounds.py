@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bdnn_ros.dynamics import Dynamics
-from bdnn_ros.errors import UsageError, listed
+from bdnn_ros.errors import UsageError, article, listed
 from bdnn_ros.robot import Robot
 from bdnn_ros.simulation.excitation import ACCELERATION_PER_VELOCITY, Trajectory
 
@@ -61,7 +61,11 @@ class Bounds:
         """
         for name, share, most in (("margin", margin, 0.49), ("velocity", velocity, 1), ("effort", effort, 1)):
             if not (0.0 <= share <= most and (share > 0.0 or name == "margin")):
-                raise UsageError(f"A {name} of {share:g} makes no sense.", f"Use a share up to {most}.")
+                from_where = "from 0 to" if name == "margin" else "above 0, at most"
+                raise UsageError(
+                    f"{article(name).capitalize()} of {share:g} makes no sense.",
+                    f"Use a share {from_where} {most}.",
+                )
         if acceleration is not None and not acceleration > 0.0:
             raise UsageError(f"An acceleration of {acceleration:g} makes no sense.", "Use rad/s² above zero.")
         low, high = robot.limits.lower.copy(), robot.limits.upper.copy()
