@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.bags.cdr import decode_float64_multi_array
+from bdnn_ros.bags.cdr import MalformedMessage, decode_float64_multi_array
 from bdnn_ros.bags.joint_states import Samples
 from bdnn_ros.bags.storage import MULTI_ARRAY, Topic
 from bdnn_ros.efforts import COMMAND_AGE, in_force
-from bdnn_ros.errors import RecordingError, UsageError, listed
+from bdnn_ros.errors import BagError, RecordingError, UsageError, listed
 
 
 def commands_among(topics: Sequence[Topic]) -> list[str]:
@@ -20,7 +20,11 @@ def commands_among(topics: Sequence[Topic]) -> list[str]:
 
 
 class Commands:
-    """Effort commands against the time of their recording."""
+    """Effort commands against the time of their recording.
+
+    Attributes:
+        malformed: why messages are left out that cannot be decoded, one each.
+    """
 
     def __init__(self, name: str, topic: str | None, available: Sequence[Topic]) -> None:
         suitable = commands_among(available)
@@ -32,11 +36,34 @@ class Commands:
         self.topic: str = str(topic)
         self._logs: list[int] = []
         self._values: list[np.ndarray] = []
+        self.malformed: list[MalformedMessage] = []
 
     def add(self, log: int, data: bytes) -> None:
         """Takes one message: its log time [ns] and its bytes."""
-        self._values.append(decode_float64_multi_array(data))
+        try:
+            values = decode_float64_multi_array(data)
+        except MalformedMessage as error:
+            self.malformed.append(error)
+            return
+        self._values.append(values)
         self._logs.append(log)
+
+    def checked(self) -> list[str]:
+        """What there is to say of messages that cannot be decoded, once all are taken: a sentence, or none.
+
+        Raises:
+            BagError: no message can be decoded.
+        """
+        if not self.malformed:
+            return []
+        first = self.malformed[0]
+        why = first.problem.rstrip(".")
+        if not self._values:
+            raise BagError(f"{self.name}: no message on {self.topic} can be decoded ({why}).", first.remedy)
+        every = len(self.malformed) + len(self._values)
+        return [
+            f"{self.name}: {len(self.malformed)} of {every} commands on {self.topic} cannot be decoded ({why}); left out."
+        ]
 
     @property
     def _widths(self) -> set[int]:

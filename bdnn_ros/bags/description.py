@@ -8,7 +8,6 @@ from pathlib import Path
 
 from bdnn_ros.bags.cdr import MalformedMessage, decode_string
 from bdnn_ros.bags.storage import STRING, Storage, Topic
-from bdnn_ros.errors import BagError
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 
@@ -25,10 +24,27 @@ class Descriptions:
         there = {topic.name for topic in available if topic.type == STRING}
         self.topics = [name for name in names if name in there]
         self._found: dict[str, str] = {}
+        self._malformed: dict[str, MalformedMessage] = {}
 
     def add(self, topic: str, data: bytes) -> None:
-        """Takes one message: the last that is not empty counts."""
-        self._found[topic] = decode_string(data) or self._found.get(topic, "")
+        """Takes one message: the last counts that is not empty and can be decoded."""
+        try:
+            text = decode_string(data)
+        except MalformedMessage as error:
+            self._malformed[topic] = error
+        else:
+            self._found[topic] = text or self._found.get(topic, "")
+
+    def notes(self, name: str) -> list[str]:
+        """What there is to say of messages that cannot be decoded, a sentence for each topic that holds some.
+
+        Args:
+            name: the bag's.
+        """
+        return [
+            f"{name}: a robot description on {topic} cannot be decoded ({error.problem.rstrip('.')}); left out."
+            for topic, error in self._malformed.items()
+        ]
 
     @property
     def theirs(self) -> str | None:
@@ -46,10 +62,7 @@ def read_description(path: str | Path, joint_states: str = "/joint_states") -> s
     with Storage(Path(path)) as storage:
         descriptions = Descriptions(joint_states, storage.topics)
         for topic, _, data in storage.messages(descriptions.topics):
-            try:
-                descriptions.add(topic, data)
-            except MalformedMessage as error:
-                raise BagError(f"{path}: {topic} cannot be decoded.", error.problem) from None
+            descriptions.add(topic, data)
     return descriptions.theirs
 
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from bdnn_ros.bags.cdr import MalformedMessage
 from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.reading import recording_of, samples_of
 from bdnn_ros.bags.storage import Storage
 from bdnn_ros.efforts import COMMAND_AGE
-from bdnn_ros.errors import BagError, RecordingError
+from bdnn_ros.errors import RecordingError
 from bdnn_ros.recording import Recording
 
 
@@ -49,7 +48,9 @@ def read_to_play(
     recording, rows = recording_of(str(path), samples, urdf, True, notes)
     if not effort_commands or not len(recording):
         return Played(recording, [], np.zeros(0, int), np.zeros(0))
-    times, values = _commands(Path(path), effort_commands)
+    commands = _commands(Path(path), effort_commands)
+    recording = replace(recording, notes=(*recording.notes, *commands.checked()))
+    times, values = commands.recorded()
     played = _placed(recording, samples.log[rows], times, values)
     if not played.commands:
         raise RecordingError(
@@ -59,16 +60,13 @@ def read_to_play(
     return played
 
 
-def _commands(path: Path, topic: str) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Log times [ns] of the commands on a topic, (M,) in order, and their values."""
+def _commands(path: Path, topic: str) -> Commands:
+    """The commands on a topic."""
     with Storage(path) as storage:
         commands = Commands(str(path), topic, storage.topics)
         for _, log, data in storage.messages({topic}):
-            try:
-                commands.add(log, data)
-            except MalformedMessage as error:
-                raise BagError(f"{path}: {topic} cannot be decoded.", error.problem) from None
-    return commands.recorded()
+            commands.add(log, data)
+    return commands
 
 
 def _placed(

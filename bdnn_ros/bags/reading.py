@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from bdnn_ros.bags.cdr import MalformedMessage
 from bdnn_ros.bags.clock import begun, stamped
 from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.description import Descriptions, movable_joints
@@ -112,7 +111,8 @@ def samples_of(
         UsageError, BagError: as `read`.
     """
     name = str(path)
-    states, commands, urdf = collected(path, joint_states, effort_commands, effort, progress)
+    states, commands, descriptions = collected(path, joint_states, effort_commands, effort, progress)
+    urdf = descriptions.theirs
     old = states.joints
     new = renamed(old, rename)
     described = tuple(robot_joints) or movable_joints(urdf)
@@ -125,14 +125,16 @@ def samples_of(
     if commands is None:
         samples, more = reported_effort(name, samples)
     else:
+        said = commands.checked()
         samples, more = commands.aligned(samples, [tuple(joints), described, main], every)
-    return samples, urdf, [*notes, *more]
+        more = said + more
+    return samples, urdf, [*descriptions.notes(name), *notes, *more]
 
 
 def collected(
     path: str | Path, joint_states: str, effort_commands: str | None, effort: str, progress: Progress | None
-) -> tuple[JointStates, Commands | None, str | None]:
-    """The joint states of a bag, at least one; the commands, where they are the effort; the robot description.
+) -> tuple[JointStates, Commands | None, Descriptions]:
+    """The joint states of a bag, at least one; the commands, where they are the effort; the robot descriptions.
 
     Raises:
         UsageError, BagError: as `read`.
@@ -144,35 +146,31 @@ def collected(
         available = storage.topics
         _require_joint_states(name, joint_states, available)
         commands = Commands(name, effort_commands, available) if effort == "command" else None
-        states, urdf = _collect(storage, joint_states, commands, progress)
+        states, descriptions = _collect(storage, joint_states, commands, progress)
     if not states.joints:
         raise _none(name, states, joint_states)
-    return states, commands, urdf
+    return states, commands, descriptions
 
 
 def _collect(
     storage: Storage, joint_states: str, commands: Commands | None, progress: Progress | None
-) -> tuple[JointStates, str | None]:
+) -> tuple[JointStates, Descriptions]:
     states, descriptions = JointStates(), Descriptions(joint_states, storage.topics)
     wanted = {joint_states, *descriptions.topics} | ({commands.topic} if commands else set())
     total = sum(t.count for t in storage.topics if t.name in wanted)
     for count, (topic, log, data) in enumerate(storage.messages(wanted)):
         if topic == joint_states:
             states.add(log, data)
+        elif commands is not None and topic == commands.topic:
+            commands.add(log, data)
         else:
-            try:
-                if commands is not None and topic == commands.topic:
-                    commands.add(log, data)
-                else:
-                    descriptions.add(topic, data)
-            except MalformedMessage as error:
-                raise BagError(f"{storage.path}: {topic} cannot be decoded.", error.problem) from None
+            descriptions.add(topic, data)
         if progress is not None and count % REPORT_EVERY == 0:
             progress(count, total)
     states.flush()
     if progress is not None:
         progress(total, total)
-    return states, descriptions.theirs
+    return states, descriptions
 
 
 def _require_joint_states(name: str, topic: str, available: Sequence[Topic]) -> None:
