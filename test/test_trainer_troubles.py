@@ -177,3 +177,18 @@ def test_what_takes_long_is_no_silence(beside, monkeypatch):
     beside.begin()
     beside.send(motion(REAL, 4.5, 100.0), 10**18)
     assert beside.trainer._learn() and len(beats) >= 1 + 3
+
+
+@pytest.mark.parametrize("wrong", [{"urdf": "<robot/>"}, {"resume": {"joints": list(ARM.joints)}}])
+def test_a_start_that_cannot_be_is_told_and_leaves_nothing_open(beside, wrong):
+    """The stream before goes on, and the trainer lives."""
+    beside.learn()
+    (message,) = beside.session._introduce()
+    handed = tuple(os.dup(d) for d in message.descriptors)
+    learning = beside.trainer.learning
+    beside.trainer._begin(replace(message, info=message.info | wrong, descriptors=handed))
+    assert [told.kind for told in beside.learn()] == ["trouble"]
+    assert beside.trainer.learning is learning
+    for descriptor in handed:
+        with pytest.raises(OSError):
+            os.fstat(descriptor)

@@ -48,7 +48,6 @@ class Trainer:
         self.training = True
         self.feed: Feed | None = None
         self.learning: Learning | None = None
-        self.robot: Robot | None = None
         self.epoch = 0
         self._silent = np.zeros(0, bool)
         self.analyst = Analyst(self.say)
@@ -183,31 +182,33 @@ class Trainer:
     def _begin(self, message: Message) -> None:
         """Take over a stream: its robot and its rings, from the sample `start` on."""
         info = message.info
-        rings = [Ring.received(descriptor) for descriptor in message.descriptors]
+        settings = Settings(effort_factors=tuple(info["effort_factors"]), add_gravity=info["add_gravity"])
         try:
-            self.robot = Robot.from_urdf(info["urdf"], info["joints"])
+            robot = Robot.from_urdf(info["urdf"], info["joints"])
+            convention = settings.convention(robot)
+            resume = PhysicalModel.from_state(message.arrays, info["resume"]) if "resume" in info else None
         except BdnnError as error:
+            close_all(message)
             self.say(Message("trouble", {"reason": str(error)}))
             return
-        resume = PhysicalModel.from_state(message.arrays, info["resume"]) if "resume" in info else None
+        rings = [Ring.received(descriptor) for descriptor in message.descriptors]
         self.training = bool(info["training"])
         self.epoch = int(info["epoch"])
         if info["kept"] == info["start"]:  # else the same stream goes on
             self._missed = 0
-        settings = Settings(effort_factors=tuple(info["effort_factors"]), add_gravity=info["add_gravity"])
         self.feed = Feed(
-            self.robot.joints,
+            robot.joints,
             rings[0],
             rings[1] if len(rings) > 1 else None,
             int(info["start"]),
-            settings.convention(self.robot),
+            convention,
             int(info["kept"]),
         )
         # of many joints, one choice of terms takes longer than a trainer may be silent
         beat = self.feed.states.beat
-        self.learning = Learning(self.robot, info.get("cutoff"), resume, int(info["number"]), beat)
-        self._silent = np.zeros(self.robot.width, bool)
-        self.analyst.begin(self.robot, self.feed, info)
+        self.learning = Learning(robot, info.get("cutoff"), resume, int(info["number"]), beat)
+        self._silent = np.zeros(robot.width, bool)
+        self.analyst.begin(robot, self.feed, info)
         self.say(Message("begun", {"epoch": self.epoch}))
 
     def _set_training(self, message: Message) -> None:
