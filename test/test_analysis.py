@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import threading
 from typing import Any
 
 import numpy as np
@@ -128,7 +129,7 @@ def test_a_robot_that_grips_all_day_is_told_what_it_holds():
     for k in range(50):
         held = analyst.with_changes([Noticed(5.0 * k + 2.0, grips)])["findings"]
         freed = analyst.with_changes([Noticed(5.0 * k + 4.0, lets_go), Noticed(5.0 * k + 4.0, drifts)])
-        analyst._take({"error": "too short"}, 5.0 * k + 4.0)
+        analyst._take({"error": "too short"}, 5.0 * k + 4.0, analyst._epoch)
         others = [elsewhere, change("drift", "wrist")]
         assert [one for one in held if one not in (*others, drifts)] == [lets_go] * (k > 0) + [grips]
         assert freed["findings"] == [*others, lets_go, drifts] and "notes" not in freed
@@ -192,7 +193,11 @@ def test_changes_that_nobody_looks_at_are_told_for_a_while_and_counted_then():
     late = analyst.with_changes([Noticed(615.0, push)])  # ten minutes after the one at 15 s
     assert [one["share"] for one in late["findings"]] == pytest.approx([0.85, 0.84, 0.83, 0.82, 0.81, 0.5])
     assert late["notes"][-1].startswith("15 older changes")
-    analyst._take({"diagnosis": {"verdict": "explained", "findings": [], "gain": {}, "notes": []}}, 615.0)
+    analyst._take(
+        {"diagnosis": {"verdict": "explained", "findings": [], "gain": {}, "notes": []}},
+        615.0,
+        analyst._epoch,
+    )
     assert analyst.with_changes([Noticed(616.0, push)])["notes"] == []  # it has looked at all of them
 
 
@@ -283,3 +288,23 @@ def test_of_two_times_that_are_near_a_sentence_tells_the_nearer():
     told = with_stamps({"parameters": push, "sentence": "Something pushed l from 8.2 s to 8.3 s."}, ring)
     assert told["sentence"] == "Something pushed l from 1700000008.2 s to 1700000008.3 s."
     ring.close()
+
+
+def test_nothing_of_a_stream_that_was_given_up_is_remembered():
+    """Nor is anything while another begins: half of each would be."""
+    analyst = Analyst(lambda message: None)
+    analyst.begin(ARM, Broken(), BEGUN)
+    told = {"unlike": True, "diagnosis": {"verdict": "explained", "findings": [], "gain": {}, "notes": []}}
+    taken = threading.Thread(target=analyst._take, args=(told, 5.0, BEGUN["epoch"]))
+    with analyst._merging:
+        taken.start()
+        analyst._epoch += 1  # as `begin` does
+    taken.join()
+    assert not analyst.unlike and analyst._last == {}
+    begun = threading.Thread(target=analyst.begin, args=(ARM, Broken(), BEGUN))
+    with analyst._merging:
+        begun.start()
+        begun.join(0.1)
+        assert begun.is_alive() and analyst._epoch != BEGUN["epoch"]
+    begun.join()
+    assert analyst._epoch == BEGUN["epoch"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -145,6 +146,17 @@ def test_what_came_while_training_was_paused_is_not_learned_by_a_new_trainer_eit
     learned(session, 4)
     session.reset()
     assert introduced(session)["start"] == 350 and "resume" not in introduced(session)
+
+
+def test_a_trainer_that_ends_waits_for_what_is_being_changed(session):
+    """Its end was counted for the stream that just began."""
+    died = threading.Thread(target=session._hear, args=(Message("lost", {"ran": True}),))
+    with session._turn:
+        died.start()
+        died.join(0.1)
+        assert died.is_alive() and session._course._deaths == 0
+    died.join()
+    assert session._course._deaths == 1
 
 
 def test_a_pause_before_anything_was_learned_leaves_the_robot_description(session):

@@ -115,20 +115,25 @@ class Analyst:
         self._last: dict[str, Any] = {}
         self._changes: list[Noticed] = []
         self._untold = 0
-        self._merging = threading.Lock()
+        self._merging = (
+            threading.Lock()
+        )  # a stream begins, or something of it is remembered: never half of each
         self.since = 0.0
         self.unlike = False
         threading.Thread(target=self._work, name="analyst", daemon=True).start()
 
     def begin(self, robot: Robot, feed: Feed, info: dict[str, Any]) -> None:
         """Look at this stream from now on."""
-        self._robot, self._feed, self._cutoff = robot, feed, info.get("cutoff")
-        self._epoch = int(info["epoch"])
-        self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
-        self._due = feed.latest_time() + FIRST
-        self._last, self._changes, self._untold, self.unlike = {}, [], 0, False
-        if info["kept"] == info["start"]:  # else the same stream goes on, and what changed in it has changed
-            self.since = 0.0
+        with self._merging:
+            self._robot, self._feed, self._cutoff = robot, feed, info.get("cutoff")
+            self._epoch = int(info["epoch"])
+            self._period, self._window = float(info["diagnosis_period"]), float(info["diagnosis_window"])
+            self._due = feed.latest_time() + FIRST
+            self._last, self._changes, self._untold, self.unlike = {}, [], 0, False
+            if (
+                info["kept"] == info["start"]
+            ):  # else the same stream goes on, and what changed in it has changed
+                self.since = 0.0
 
     def with_changes(self, changes: Sequence[Noticed]) -> dict[str, Any]:
         """The last diagnosis with the changes that were noticed since it looked, these too, the largest share first.
@@ -153,12 +158,17 @@ class Analyst:
         explained = last.get("verdict") in ("nothing_wrong", "explained")
         return {**last, "verdict": "explained" if explained else "partly_explained", "findings": findings}
 
-    def _take(self, told: dict[str, Any], until: float) -> None:
-        """Remember a diagnosis of what came until a stream time [s], and add the changes that were seen later."""
-        self.unlike = told.get("unlike", self.unlike)
-        if "diagnosis" not in told:
-            return
+    def _take(self, told: dict[str, Any], until: float, epoch: int) -> None:
+        """Remember a diagnosis of what came until a stream time [s], and add the changes that were seen later.
+
+        One of a stream that was given up meanwhile is not remembered.
+        """
         with self._merging:
+            if epoch != self._epoch:
+                return
+            self.unlike = told.get("unlike", self.unlike)
+            if "diagnosis" not in told:
+                return
             self._last, self._untold = told["diagnosis"], 0
             self._changes = [change for change in self._changes if change.seen > until]
             if self._changes:
@@ -218,8 +228,7 @@ class Analyst:
                 told = {"error": f"The diagnosis failed ({type(error).__name__})."}
             finally:
                 self._busy.clear()
-            if job.epoch == self._epoch:  # else it is of a stream that was given up meanwhile
-                self._take(told, until)
+            self._take(told, until, job.epoch)
             self._say(Message("findings", {"request": job.request, "epoch": job.epoch, **told}))
 
     def _answer(self, asked: Message) -> dict[str, Any]:

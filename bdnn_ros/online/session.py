@@ -280,29 +280,29 @@ class Session:
 
     def _hear(self, message: Message) -> None:
         """A message of the trainer, in the supervisor's thread; attributes are swapped whole."""
+        with self._turn:
+            self._heed(message)
+        if message.kind == "lost":
+            self._requests.fail(DataError("The trainer ended while it was asked.", "Ask again."))
+        self._requests.answer(message)
+
+    def _heed(self, message: Message) -> None:
         info = message.info
         if message.kind == "version":
-            with self._turn:
-                self._take_over(message)
+            self._take_over(message)
         elif message.kind == "begun":
             self.counts.trouble = ""
-            with self._turn:
-                while self._given_up and info["epoch"] == self._course.epoch:  # nobody reads them any more
-                    self._given_up.pop().close()
+            while self._given_up and info["epoch"] == self._course.epoch:  # nobody reads them any more
+                self._given_up.pop().close()
         elif message.kind == "rejected":
             self.counts.updates_rejected += 1
             self.counts.reason = str(info["reason"])
         elif message.kind == "trouble":
             self.counts.trouble = str(info["reason"])
-        elif message.kind == "findings":
-            with self._turn:
-                if self._course.tells(info):  # else it is of what was given up since, or old
-                    self._take_note(message)
-        elif message.kind == "lost":
-            if info["ran"]:  # else it is not the samples that it died of
-                self._course.died()
-            self._requests.fail(DataError("The trainer ended while it was asked.", "Ask again."))
-        self._requests.answer(message)
+        elif message.kind == "findings" and self._course.tells(info):  # not of what was given up
+            self._take_note(message)
+        elif message.kind == "lost" and info["ran"]:  # else it is not the samples that it died of
+            self._course.died()
 
     def _take_note(self, message: Message) -> None:
         self.findings.append(message)
