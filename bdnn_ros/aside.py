@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +17,9 @@ R = TypeVar("R")
 _busy = False
 """Whether two processes are at work already."""
 TICKET = 4
-"""Bytes that stand for an item: a pipe holds some ten thousand of them."""
+"""Bytes that stand for an item, or for some in a row where there are many."""
+MOST_TICKETS = select.PIPE_BUF // TICKET
+"""So many a pipe holds for certain: all are in it before anybody draws one."""
 
 
 def in_two(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
@@ -43,17 +46,20 @@ def _shared(work: Callable[[T], R], items: Sequence[T], enough: Callable[[R], bo
     """What comes of items by their number: of all up to one that is enough, or of none where there is no second process."""
     if len(items) < 2 or not spare():
         return {}
+    row = -(-len(items) // MOST_TICKETS)
     tickets, office = os.pipe()
-    os.write(office, b"".join(one.to_bytes(TICKET, "big") for one in range(len(items))))
+    os.write(office, b"".join(first.to_bytes(TICKET, "big") for first in range(0, len(items), row)))
     os.close(office)
 
     def drawn() -> dict[int, R]:
         done = {}
         while ticket := os.read(tickets, TICKET):
-            one = int.from_bytes(ticket, "big")
-            done[one] = work(items[one])
-            if enough(done[one]):
-                os.read(tickets, TICKET * len(items))  # all that are left: nobody goes on
+            first = int.from_bytes(ticket, "big")
+            for one in range(first, min(first + row, len(items))):
+                done[one] = work(items[one])
+                if enough(done[one]):
+                    os.read(tickets, TICKET * MOST_TICKETS)  # all that are left: nobody goes on
+                    break
         return done
 
     try:

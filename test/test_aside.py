@@ -12,6 +12,9 @@ import pytest
 from bdnn_ros import aside
 from bdnn_ros.aside import first_in_two, in_two, spare
 
+MANY = range(20_011)
+"""More than a pipe holds tickets for."""
+
 
 @pytest.fixture(autouse=True)
 def two_cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
@@ -31,6 +34,12 @@ def test_two_processes_share_the_work_and_keep_its_order() -> None:
     found = in_two(slowly, range(40))
     assert [square for square, _ in found] == [item * item for item in range(40)]
     assert len({process for _, process in found}) == 2
+
+
+def test_any_number_of_items_is_shared() -> None:
+    """Who hands them out waited for ever for somebody to take one."""
+    assert in_two(lambda item: item + 1, MANY) == [item + 1 for item in MANY]
+    assert first_in_two(lambda item: item if item >= 15_000 else None, MANY) == (15_000, 15_000)
 
 
 @pytest.mark.parametrize("items", [(), (3,)])
