@@ -10,6 +10,7 @@ import pytest
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.regression.building import IDENTIFIED, build
+from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.result import Finding
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.extension.effects_file import EffectsFile
@@ -18,6 +19,7 @@ from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.extension.urdf import extended_urdf
 from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import Parameters
 from bdnn_ros.recording import Recording
@@ -25,7 +27,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.robot.mounting import tilt_of
 from bdnn_ros.scores import described_effort, score_model
 from bdnn_ros.signals import Signals, flattened, prepare
-from bdnn_ros.simulation.excitation import fourier
+from bdnn_ros.simulation.excitation import Trajectory, fourier
 from bdnn_ros.simulation.scenario import Scenario
 
 ARM = Robot.bundled("arm2")
@@ -50,21 +52,40 @@ def since(model: PhysicalModel, *effects: str) -> Examination:
     return examine([moved(30.0, *effects)], model.robot, model=model)
 
 
-@pytest.mark.slow
-def test_errors_of_a_model_are_those_of_all_its_parameters(model):
-    """One unit of each of them does to the effort what moved parameters do, of links and of joints."""
-    signals = flattened(prepare(moved(30.0)), 5.0)
-    equations = build(signals, model.robot, model.predict(signals), model.covariance)
+def moved_errors(
+    model: PhysicalModel, signals: Signals, left: LeftOpen
+) -> tuple[Equations, np.ndarray, np.ndarray]:
+    """The regression against a model, what some of its errors do there, and what parameters do that are moved so, rows (R, n)."""
+    equations = build(signals, model.robot, model.predict(signals), left)
     units = 0.1 * IDENTIFIED * np.random.default_rng(1).standard_normal(equations.rigid.shape[2])
+    learned = equations.learned.moved(model.learned, units)
     errors = np.concatenate([equations.relative @ units, equations.jointwise @ units])
     errors[-model.robot.width :] *= -1.0  # the contract's offset counts the other way
     other = Parameters.from_vector(model.parameters.vector() + errors)
     robot = model.robot.with_inertials(other.inertials.ravel()).with_joint_parameters(
         armature=other.armature, viscous=other.viscous, coulomb=other.coulomb
     )
-    after = replace(model, robot=robot, offset=other.offset).predict(signals)
-    wanted = equations.reduced(after - model.predict(signals))
-    np.testing.assert_allclose(equations.rigid @ units, wanted, atol=0.05 * np.abs(wanted).max())
+    after = replace(model, robot=robot, offset=other.offset, learned=learned).predict(signals)
+    return equations, equations.rigid @ units, equations.reduced(after - model.predict(signals))
+
+
+@pytest.mark.slow
+def test_errors_of_a_model_are_those_of_all_its_parameters(model):
+    """One unit of each of them does to the effort what moved parameters do, of links and of joints."""
+    signals = flattened(prepare(moved(30.0)), 5.0)
+    _, found, wanted = moved_errors(model, signals, LeftOpen.plain(model.covariance))
+    np.testing.assert_allclose(found, wanted, atol=0.05 * np.abs(wanted).max())
+
+
+@pytest.mark.slow
+def test_errors_of_a_model_are_those_of_what_its_joints_add(model):
+    """Also by the weights of friction's curve; where a joint turns round nobody can say which way that pulls."""
+    signals = flattened(prepare(moved(30.0)), 5.0)
+    equations, found, wanted = moved_errors(model, signals, model.left_open)
+    assert (equations.learned.weights != 0.0).any()
+    moves_on = equations.doubt < 0.01
+    assert moves_on.mean() > 0.5
+    np.testing.assert_allclose(found[moves_on], wanted[moves_on], atol=0.02 * np.abs(wanted).max())
 
 
 def test_a_model_predicts_steps_of_friction_as_soft_as_the_effort_is(model):
@@ -82,6 +103,39 @@ def test_a_model_predicts_steps_of_friction_as_soft_as_the_effort_is(model):
 def test_nothing_has_changed_where_only_the_motion_has(model):
     found = since(model).diagnosis
     assert (found.findings, found.verdict) == ((), "nothing_wrong")
+
+
+@cache
+def at_a_pace(seconds: float, pace: float, *effects: str) -> Recording:
+    """A recording of a worn robot that takes its path so many times as fast as it could."""
+    robot = Robot.bundled("arm2")
+    rubs = f"stribeck_friction@{robot.joints[0]}:coulomb=0.5,static=0.62,velocity=0.1"
+    time = np.arange(round(200.0 * seconds)) / 200.0
+    path = fourier(robot, pace * time, np.random.default_rng(round(seconds)))
+    plan = Trajectory(time, path.position, pace * path.velocity, pace**2 * path.acceleration)
+    scenario = Scenario(robot, (rubs, *effects), seed=1, wrong=0.05, worn=True, noise=0.003, plan=plan)
+    return scenario.run()[0].recording
+
+
+@pytest.fixture(scope="module")
+def slow() -> PhysicalModel:
+    """A model of a robot that moved slowly."""
+    return Identifier(Robot.bundled("arm2")).fit([at_a_pace(40.0, 0.4)])
+
+
+def test_nothing_has_changed_where_a_robot_is_only_faster(slow):
+    """How friction goes on beyond the speeds that the model was identified from, that motion left open."""
+    found = examine([at_a_pace(30.0, 1.0)], slow.robot, model=slow).diagnosis
+    assert (found.findings, found.verdict) == ((), "nothing_wrong")
+
+
+@pytest.mark.slow
+def test_what_changed_is_named_where_a_robot_is_faster_too(slow):
+    rubs = f"coulomb_friction@{JOINT}:coulomb=0.05"
+    found = examine([at_a_pace(30.0, 1.0, rubs)], slow.robot, model=slow).diagnosis
+    (finding,) = found.findings
+    assert (finding.effect, finding.joint) == ("coulomb_friction", JOINT)
+    assert finding.parameters["coulomb"].value == pytest.approx(0.05, rel=0.2)
 
 
 @pytest.mark.slow

@@ -223,14 +223,12 @@ def _looks(
     """
     signals = measured.signals
     ratios = _load_ratios(known.held, known.robot.width)
-    equations = build(
-        signals, known.robot, measured.predicted, known.covariance, tilt, ratios, known.unloaded
-    )
+    equations = build(signals, known.robot, measured.predicted, known.left_open, tilt, ratios, known.unloaded)
     equations.lead = known.lead
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
         raise _too_short(measured.recordings, cutoff, signals.cutoff)
-    errors = LINK_ERRORS if known.covariance is None else DOUBTS
+    errors = LINK_ERRORS if known.left_open is None else DOUBTS
     candidates = Candidates.shown_by(equations, None if known.model is None else known.held)
     return Looks(equations, candidates, errors, say)
 

@@ -27,6 +27,7 @@ from bdnn_ros.robot.mounting import tilt_of
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.diagnose import Examination
     from bdnn_ros.diagnosis.judging.posterior import Estimate
+    from bdnn_ros.diagnosis.regression.equations import Equations
 
 __all__ = ["ExtendedModel", "corrected_links", "extend", "of_physical"]
 
@@ -62,10 +63,7 @@ def extend(examination: Examination) -> ExtendedModel:
     found = _tilted_further(robot, found)
     links = equations.rigid.shape[2]
     errors, corrected = fit.coefficients[:links], corrected_links(robot, found, *_bodies(examination))
-    if equations.jointwise is not None:
-        moved = (equations.jointwise @ errors).reshape(len(COMMON), -1)
-        earlier = _offsets_moved(earlier, moved[COMMON.index("effort_offset")])
-        corrected = _joints_moved(corrected, moved)
+    earlier, corrected = _joints_moved(earlier, corrected, equations, errors)
     rows = equations.usable & examination.test[:, None]
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
@@ -192,11 +190,23 @@ def _bodies(examination: Examination) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return np.concatenate(columns, axis=1), fit.coefficients[known], np.linalg.inv(precision)
 
 
-def _joints_moved(robot: Robot, errors: np.ndarray) -> Robot:
-    """A robot with armature, viscous and Coulomb friction moved by their errors, in the order of `COMMON`; none below zero."""
+def _joints_moved(
+    earlier: ExtendedModel, robot: Robot, equations: Equations, errors: np.ndarray
+) -> tuple[ExtendedModel, Robot]:
+    """A model with what its joints add, and a robot with armature, viscous and Coulomb friction moved by their errors (U,).
+
+    None of these comes below zero; both are as they were where no model was identified.
+    """
+    if equations.jointwise is None or equations.learned is None:
+        return earlier, robot
+    moved = (equations.jointwise @ errors).reshape(len(COMMON), -1)
     kinds = ("armature", "viscous", "coulomb")
-    moved = {kind: np.maximum(getattr(robot, kind) + e, 0.0) for kind, e in zip(kinds, errors, strict=False)}
-    return robot.with_joint_parameters(**moved)
+    joints = {kind: np.maximum(getattr(robot, kind) + e, 0.0) for kind, e in zip(kinds, moved, strict=False)}
+    earlier = _offsets_moved(earlier, moved[COMMON.index("effort_offset")])
+    if earlier.beyond is not None:
+        learned = equations.learned.moved(earlier.beyond.learned, errors)
+        earlier = replace(earlier, beyond=replace(earlier.beyond, learned=learned))
+    return earlier, robot.with_joint_parameters(**joints)
 
 
 def _offsets_moved(model: ExtendedModel, errors: np.ndarray) -> ExtendedModel:

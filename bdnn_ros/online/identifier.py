@@ -83,9 +83,7 @@ class Identifier:
         self.belief = belief or prior(robot, spread)
         self.scales = Scales(self.belief.effort_scale, robot.limits.usual_velocity)
         self.structure = Structure.plain(self.belief)
-        self.version = 0
-        self.samples = 0
-        self.chunks = 0
+        self.version = self.samples = self.chunks = 0
         self.latest: tuple[Signals, np.ndarray] | None = None
         self.rejected: list[str] = []
         self._beat = beat
@@ -181,9 +179,10 @@ class Identifier:
             RecordingError: no motion came yet.
             UpdateRejected: the result is not finite or not feasible.
         """
-        posterior = self.sums.recursion.solve(self.parameter_layout, iterations)
+        recursion = self.sums.recursion
+        posterior = recursion.solve(self.parameter_layout, iterations)
         self.version += 1
-        return physical_model(self.robot, posterior, self.structure, self.scales, self.version)
+        return physical_model(self.robot, posterior, self.structure, self.scales, self.version, recursion)
 
     def settle(self) -> None:
         """Go through the motion again with the load as known now, and choose the terms that it supports."""

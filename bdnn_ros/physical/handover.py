@@ -10,11 +10,12 @@ from bdnn_ros.errors import UpdateRejected
 from bdnn_ros.physical.consistency import consistent, feasible
 from bdnn_ros.physical.couplings import PER_COUPLING, CoupledMotors
 from bdnn_ros.physical.dictionary import CURVE_FEATURES, Scales
+from bdnn_ros.physical.left_open import left_open
 from bdnn_ros.physical.linear import inverse, solve
 from bdnn_ros.physical.local import LocalResiduals, spread_weights
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import PER_JOINT, Parameters
-from bdnn_ros.physical.recursive import Posterior
+from bdnn_ros.physical.recursive import Posterior, Recursion
 from bdnn_ros.physical.structure import TILT, Layout, Structure
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import tilt_of
@@ -26,12 +27,21 @@ USUAL_SPEED = 0.25
 
 
 def physical_model(
-    robot: Robot, posterior: Posterior, structure: Structure, scales: Scales, version: int = 1
+    robot: Robot,
+    posterior: Posterior,
+    structure: Structure,
+    scales: Scales,
+    version: int = 1,
+    motion: Recursion | None = None,
 ) -> PhysicalModel:
     """The most probable model that can exist.
 
     Bodies and friction are moved to where they are possible; the weights learned beside them follow, as far
     as what is known ties them together.
+
+    Args:
+        motion: sums of what tells, by which what they leave open of all that its joints may add is told as well; None where
+            nobody asks.
 
     Raises:
         UpdateRejected: the posterior is not finite, or no feasible robot is near it.
@@ -50,13 +60,15 @@ def physical_model(
     std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     for k, at in zip(structure.setup, layout.setup, strict=True):
         further[k], doubt[k] = vector[at], std[at]
+    idealised = _idealised(structure, scales)
+    left = None if motion is None else left_open(motion, structure, posterior, scales).wider(idealised)
     tilt, zeros = np.split(further, [len(TILT)])
     if tilt.any():
         identified = identified.tilted(*(tilt_of(robot.gravity_vector) + tilt))
     return PhysicalModel(
         replace(identified, zeros=robot.zeros + zeros),
         values.offset,
-        covariance[: layout.base, : layout.base] + _idealised(structure, scales),
+        covariance[: layout.base, : layout.base] + idealised,
         posterior.noise,
         version,
         structure.breakaway,
@@ -66,6 +78,7 @@ def physical_model(
         float(std[lead]),
         tilt_std=(float(doubt[0]), float(doubt[1])),
         zeros_std=tuple(doubt[len(TILT) :].tolist()),
+        open=left,
     )
 
 

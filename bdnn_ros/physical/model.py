@@ -10,6 +10,7 @@ import numpy as np
 
 from bdnn_ros.physical.couplings import CoupledMotors
 from bdnn_ros.physical.dictionary import FEATURES
+from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.parameters import PER_JOINT, Parameters, parameter_names
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
@@ -46,6 +47,7 @@ class PhysicalModel(ReadOnlyArrays):
         tilt_std: standard deviations of the roll and pitch at which `robot` stands [rad]; zero where they were taken
             as known.
         zeros_std: standard deviations of the robot's zeros, n of them [rad] ([m]), zero of those taken as known; or none.
+        open: what the motion left open of all it may add to the rigid bodies, or None where nobody knows.
     """
 
     kind: ClassVar[str] = "physical"
@@ -64,6 +66,7 @@ class PhysicalModel(ReadOnlyArrays):
     lag: float = 0.0
     tilt_std: tuple[float, float] = (0.0, 0.0)
     zeros_std: tuple[float, ...] = ()
+    open: LeftOpen | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -99,6 +102,11 @@ class PhysicalModel(ReadOnlyArrays):
     def position_unit(self, joint: int) -> str:
         """Unit of what a joint reports, rad or m."""
         return along("rad", bool(self.robot.slides[joint]))
+
+    @property
+    def left_open(self) -> LeftOpen:
+        """What the motion left open, of the parameters at least."""
+        return LeftOpen.plain(self.covariance) if self.open is None else self.open
 
     @cached_property
     def std(self) -> Parameters:
@@ -222,6 +230,8 @@ class PhysicalModel(ReadOnlyArrays):
         if self.learned is not None:
             learned, info["learned"] = self.learned.to_state()
             arrays |= {f"learned.{key}": value for key, value in learned.items()}
+        if self.open is not None:
+            arrays |= {f"left_open.{key}": value for key, value in self.open.to_state().items()}
         return arrays, info
 
     @classmethod
@@ -232,7 +242,7 @@ class PhysicalModel(ReadOnlyArrays):
             ModelFileError: something is missing or does not fit.
         """
         with reading("The physical model", "Identify it again.", arrays, info) as (arrays, info):
-            motors, learned = (_under(arrays, name) for name in ("motors.", "learned."))
+            motors, learned, left = (_under(arrays, name) for name in ("motors.", "learned.", "left_open."))
             width = len(info["joints"])
             require_robot(arrays, width)
             require_shapes(arrays, _shapes(width, bool(learned)))
@@ -259,6 +269,7 @@ class PhysicalModel(ReadOnlyArrays):
                 zeros_std=zeros_std,
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
+                open=LeftOpen.from_state(left, width) if left else None,
             )
 
 

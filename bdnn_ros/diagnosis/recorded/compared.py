@@ -16,6 +16,7 @@ from bdnn_ros.effects.actuation import EffortOffset
 from bdnn_ros.effects.friction import DryFriction
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import listed
+from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Predictor
@@ -35,8 +36,8 @@ class Identified(Predictor, Protocol):
 
     offset: np.ndarray
     """What it adds to the measured efforts, (n,) [N·m]."""
-    covariance: np.ndarray
-    """Of all its parameters, (P, P)."""
+    left_open: LeftOpen
+    """What is not known of all its parameters and of what its joints may add beside them."""
     lead: float
     """How far the measured effort is ahead of the motion [s]."""
     lag: float
@@ -54,7 +55,7 @@ class Compared:
         delay: by which efforts act after their stamps, (n,) [s].
         velocity_cutoff: of the low-passes on reported velocities, (n,) [Hz], infinite for none.
         held: effects that the model has beside its robot, of which there may be less by now, and loads on it.
-        covariance: of an identified model's parameters, else None.
+        left_open: what is not known of an identified model, else None.
         lead: how far the recorded effort is known to be ahead of the motion [s].
         creep: how dry friction is known to come on, as `Signals.creep`, else None.
         unloaded: the robot without the loads that the model found on it: its links are off by shares of their own; None for none.
@@ -66,7 +67,7 @@ class Compared:
     delay: np.ndarray
     velocity_cutoff: np.ndarray
     held: tuple[Installed, ...] = ()
-    covariance: np.ndarray | None = None
+    left_open: LeftOpen | None = None
     lead: float = 0.0
     creep: np.ndarray | None = None
     unloaded: Robot | None = None
@@ -81,7 +82,7 @@ class Compared:
         if not isinstance(model, Identified):
             return plain
         held, lead = offsets_of(model.offset), model.lead - model.lag
-        return replace(plain, held=held, covariance=model.covariance, lead=lead)
+        return replace(plain, held=held, left_open=model.left_open, lead=lead)
 
     @property
     def dry(self) -> np.ndarray:

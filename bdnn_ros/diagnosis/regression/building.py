@@ -8,10 +8,13 @@ import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
 from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.learned import Learned
 from bdnn_ros.diagnosis.regression.noise import moved
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.links import relative_inertials
+from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.recording import further
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import tilt_of
@@ -38,7 +41,7 @@ def build(
     signals: Signals,
     robot: Robot,
     simulated: np.ndarray | None = None,
-    covariance: np.ndarray | None = None,
+    left_open: LeftOpen | None = None,
     tilt: tuple[float, float] | None = None,
     ratios: np.ndarray | float = 0.0,
     unloaded: Robot | None = None,
@@ -50,8 +53,8 @@ def build(
         robot: what the simulation believes.
         simulated: the effort the simulation predicts, (N, n) [N·m]; None takes the robot's rigid bodies, armature and
             friction.
-        covariance: of the links' inertial parameters and of `COMMON` where they were identified, (P, P), in the order of
-            `physical.parameters.parameter_names`.
+        left_open: what is not known of the links' inertial parameters, of `COMMON` and of what joints may add beside, where
+            they were identified.
         tilt: roll and pitch [rad] at which the base seems to stand, beyond what the robot says: what its bodies' errors
             weigh is counted as they hang then. None where nothing is known of one.
         ratios: of the friction in proportion to the load that the simulation has at each joint, (n,).
@@ -70,7 +73,7 @@ def build(
     if tilt is not None:
         standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
         motion = replace(motion, robot=standing, level=robot)
-    relative, jointwise = _errors(unloaded or robot, covariance)
+    relative, jointwise, learned = _errors(unloaded or robot, left_open)
     usable = _usable(signals, resting, rows)
     spread, size = _usual(signals.smooth(signals.effort)[rows])
     return Equations(
@@ -85,10 +88,11 @@ def build(
         block=_blocks(usable, signals.time[rows]),
         runs=runs,
         relative=relative,
-        masses=(np.arange(relative.shape[1]) % PER_LINK == 0) & (covariance is None),
+        masses=(np.arange(relative.shape[1]) % PER_LINK == 0) & (left_open is None),
         effort_scale=spread,
         effort_size=size,
         jointwise=jointwise,
+        learned=learned,
         passing=passing,
     )
 
@@ -153,14 +157,16 @@ def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarr
     return np.asarray(usable)
 
 
-def _errors(robot: Robot, covariance: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """The maps from errors to parameters of links, and where they were identified of joints: see `Equations`."""
-    if covariance is None:
-        return relative_inertials(robot), None
-    relative, jointwise = np.split(identified(covariance), [robot.width * PER_LINK])
+def _errors(robot: Robot, left_open: LeftOpen | None) -> tuple[np.ndarray, np.ndarray | None, Learned | None]:
+    """What errors do to parameters of links and, where they were identified, of joints and what they add: see `Equations`."""
+    if left_open is None:
+        return relative_inertials(robot), None, None
+    links = robot.width * PER_LINK
+    base = links + robot.width * PER_JOINT
+    relative, jointwise, weights = np.split(identified(left_open.covariance), [links, base])
     # identified offsets add to the measured effort, the contract's to what acts
     jointwise[-robot.width :] *= -1.0
-    return relative, jointwise
+    return relative, jointwise, Learned(left_open, weights)
 
 
 def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:

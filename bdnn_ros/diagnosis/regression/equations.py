@@ -8,13 +8,14 @@ autoregressive model of its own residual, so that sums of squares are log likeli
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from bdnn_ros.diagnosis.regression.echo import Echo
 from bdnn_ros.diagnosis.regression.later import later, later_spread
+from bdnn_ros.diagnosis.regression.learned import Learned
 from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, moved, past, whitened
 from bdnn_ros.diagnosis.regression.pushing import Pushing
 from bdnn_ros.diagnosis.regression.term import COMMON, Term
@@ -25,7 +26,7 @@ from bdnn_ros.effects.rigid import slots
 from bdnn_ros.robot import Robot
 
 STEADY = 0.9
-"""A column of which the mean makes so much of the mean square hardly changes."""
+"""What hardly changes, its mean being so much of its mean square, as friction one way, may be as large as an offset."""
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
 USUAL_MASS_ERROR = 0.05
@@ -57,8 +58,8 @@ class Equations:
         relative, masses: from U relative errors of links to inertial parameters, (n * PER_LINK, U); those of masses, (U,) bool.
         effort_scale, effort_size: spread of each joint's effort, and its root mean square, (n,) [N·m].
         lead: how far the recorded effort is known to be ahead of the motion [s].
-        jointwise: where an identified model takes the simulation's place, from the same errors to those of `COMMON` at
-            every joint, kind by kind, (len(COMMON) * n, U); else None.
+        jointwise, learned: where an identified model takes the simulation's place, from the same errors to those of `COMMON`
+            at every joint, kind by kind, (len(COMMON) * n, U), and what they do by all else that joints may add; else None.
         passing: how much more effort it takes where an earlier model has friction in proportion to the load, (N, n); else None.
     """
 
@@ -78,6 +79,7 @@ class Equations:
     effort_size: np.ndarray
     lead: float = 0.0
     jointwise: np.ndarray | None = None
+    learned: Learned | None = None
     passing: np.ndarray | None = None
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
@@ -180,10 +182,11 @@ class Equations:
         One unit is an error of 100 %, or a hundred standard deviations of what was identified.
         """
         columns = np.asarray(self._regressor @ self.relative)
-        if self.jointwise is None:
-            return columns
-        terms = (Term(get(name), joint) for name in COMMON for joint in range(self.width))
-        return columns + np.concatenate([self.columns(term) for term in terms], axis=2) @ self.jointwise
+        if self.jointwise is not None and self.learned is not None:
+            terms = (Term(get(name), joint) for name in COMMON for joint in range(self.width))
+            columns += np.concatenate([self.columns(term) for term in terms], axis=2) @ self.jointwise
+            columns += self.learned.columns(self.motion, self.passing, partial(self.reduced, borne=False))
+        return columns
 
     @cached_property
     def _regressor(self) -> np.ndarray:
@@ -267,7 +270,6 @@ class Equations:
         counted = self.ever_usable.astype(float)
         squares = np.einsum("rn,rnk,rnk->nk", counted, columns, columns)
         means = np.einsum("rn,rnk->nk", counted / np.sqrt(np.maximum(counted.sum(axis=0), 1.0)), columns)
-        # what hardly changes is no smaller where the effort hardly changes, as friction of a joint that moves one way
         steady = (means**2 > STEADY * squares) | term.effect.constant
         usual = np.where(steady, self.effort_size[:, None], self.effort_scale[:, None])
         strongest = term.effect.strength(np.sqrt(squares / len(columns)), usual)
