@@ -24,7 +24,8 @@ OFTEN, SAME = 5, 1.01
 RESOLUTIONS = 1.5
 """And than so many times the sensor's resolution: a joint that stands still flips a reading's last digit now and then."""
 BEYOND = 1.0
-"""What happens more often is a glitch where it is further from the median than this share of the range that medians cover:"""
+"""What happens more often is a glitch where it is further from the median than this share of the range that medians cover,
+unless it is a velocity, which impacts in a gear throw as far:"""
 PASSES = 3
 """so many rounds, as one that others are close to is seen when they are gone,"""
 WIDE = 11
@@ -53,7 +54,8 @@ def without_glitches(recording: Recording) -> Recording:
         if values is None or len(values) <= 2 * AROUND:
             continue
         moves = np.ones(recording.width, bool) if field == "effort" else moving(recording)
-        clean, counts = _bridged(values, share, recording.segments(), moves)
+        far = np.zeros_like(moves) if field == "velocity" else moves
+        clean, counts = _bridged(values, share, recording.segments(), moves, far)
         if counts.any():
             mended[field] = clean
             for joint, count in zip(recording.joints, counts, strict=True):
@@ -103,28 +105,37 @@ def _range(values: np.ndarray) -> np.ndarray:
 
 
 def _bridged(
-    values: np.ndarray, share: float, segments: list[slice], moves: np.ndarray
+    values: np.ndarray, share: float, segments: list[slice], moves: np.ndarray, far: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values (N, n) without glitches, and how many each column had, (n,); where nothing moves (n,) it does not matter."""
-    wrong, usual, often = _standing_out(values, share, segments, moves)
+    """Values (N, n) without glitches, and how many each column had, (n,); where nothing moves (n,) it does not matter.
+
+    Args:
+        far: columns (n,) in which what happens more often may be one, too.
+    """
+    wrong, usual, often = _standing_out(values, share, segments, moves, far)
     if not wrong.any():
         return values, np.zeros(values.shape[1], int)
     wrong &= ~often
     clean, counts = np.where(wrong, usual, values), wrong.sum(axis=0)
     for _ in range(PASSES if often.any() else 0):
-        wrong, usual, _ = _standing_out(clean, share, segments, moves & often, WIDE)
+        wrong, usual, _ = _standing_out(clean, share, segments, often, often, WIDE)
         clean = np.where(wrong, usual, clean)
         counts += wrong.sum(axis=0)
     return clean, counts
 
 
 def _standing_out(
-    values: np.ndarray, share: float, segments: list[slice], moves: np.ndarray, window: int = WINDOW
+    values: np.ndarray,
+    share: float,
+    segments: list[slice],
+    moves: np.ndarray,
+    far: np.ndarray,
+    window: int = WINDOW,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where values (N, n) stand out alone, (N, n) bool, the median of those around, (N, n), and whose do often, (n,) bool."""
     apart, usual = _apart(values, segments, window)
     least = np.where(moves, share * _range(values), np.inf)
-    beyond = np.where(moves, BEYOND * _range(usual), np.inf)
+    beyond = np.where(far, BEYOND * _range(usual), np.inf)
     wrong, often = np.zeros(values.shape, bool), np.zeros(len(moves), bool)
     for joint in np.flatnonzero((apart > np.minimum(least, beyond)).any(axis=0)):  # seldom any
         rare, finest = np.percentile(apart[:, joint], 99.0), RESOLUTIONS * resolution(values[:, joint])
