@@ -52,7 +52,7 @@ setup(
         "numpy",
         "pin",
         "pyyaml",
-        "rosbags",
+        "rosbags>=0.11,<0.12",  # bags/storage.py looks into its reader of MCAP
         "safetensors",
         "scipy",
         "tqdm",
