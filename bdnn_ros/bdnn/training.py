@@ -72,8 +72,8 @@ def identify(
         progress: told now and then.
         architecture: without a prior: "chain" (a serial chain whose axes are learned, and networks for the
             rest) or "networks" (H and R networks alone, as in the paper).
-        state: a file to go on from if it is there, and that is kept up to date; an interrupted training loses
-            at most the piece of work it was at.
+        state: a file to go on from if it is there. It is written every `SAVE_SECONDS` between two pieces of work, and at
+            the end, an exception's and Ctrl-C's, too: a process that is killed loses what came since, and its piece.
         clock: tells the time [s].
 
     Raises:
