@@ -129,7 +129,12 @@ class PhysicalModel(ReadOnlyArrays):
         return load + self.robot.armature * a + self.motors.inertial(a) + self._friction(q, v, load)
 
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
-        """Acceleration [rad/s²], (..., n)."""
+        """Acceleration [rad/s²], (..., n).
+
+        Where learned friction depends on the load, it is iterated with the load that the acceleration it lets through makes.
+        That settles where friction grows by less than the load does; else what is returned is the last of
+        `LOAD_ITERATIONS` rounds, and no effort that `inverse_dynamics` would give back.
+        """
         q, v, u = fitting(self.robot.width, position, velocity, effort)
         M = self.mass_matrix(q)
         load = bias = self.robot.rigid_effort(q, v, np.zeros_like(q))
