@@ -29,7 +29,18 @@ from bdnn_ros.signals import prepare
 MODULES = sorted(
     p.stem
     for p in Path(cli.__file__).parent.glob("*.py")
-    if p.stem not in ("__init__", "main", "describing", "fitness", "loading", "options", "outputs", "tables")
+    if p.stem
+    not in (
+        "__init__",
+        "main",
+        "describing",
+        "fitness",
+        "learning",
+        "loading",
+        "options",
+        "outputs",
+        "tables",
+    )
 )
 
 

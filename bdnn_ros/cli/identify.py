@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="directory for model.bdnn, metrics.json, effort.png and, of physical parameters, parameters.json; "
         "or a .bdnn file, with the others beside it",
     )
-    learning.add_arguments(parser)
+    learning.add_learning_arguments(parser)
     parser.add_argument(
         "--holdout",
         metavar="SHARE",

@@ -21,7 +21,7 @@ STOPS_BY = 0.2
 """Share of the motion that training a BDNN keeps to itself to choose and to stop by."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_learning_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that choose what is learned, and how."""
     parser.add_argument(
         "--prior",
