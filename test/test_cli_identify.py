@@ -224,7 +224,7 @@ def test_parameters_are_written_where_there_is_a_prior(bag, tmp_path):
     """As its help says: those of a model that was there before are not left beside another's."""
     out = tmp_path / "model"
     for prior, further in (("urdf", ["parameters.json"]), ("none", [])):
-        assert main(["identify", bag["first"], "--prior", prior, "--budget", "0.5", "--out", str(out)]) == 0
+        assert main(["identify", bag["first"], "--prior", prior, "--budget", "2", "--out", str(out)]) == 0
         assert sorted(path.name for path in out.iterdir()) == sorted(
             ["model.bdnn", "metrics.json", "effort.png", *further]
         )

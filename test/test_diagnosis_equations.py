@@ -27,7 +27,9 @@ from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.links import relative_inertials
+from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.scores import described_effort
@@ -401,8 +403,10 @@ def test_masses_of_a_description_are_believed_half_as_well_as_shapes_until_both_
     masses = np.arange(robot.width * PER_LINK) % PER_LINK == 0
     for error, of_masses in ((0.01, 0.02), (0.02, 0.04), (0.05, 0.05), (0.1, 0.1)):
         assert plain.link_spread(error) == pytest.approx(np.where(masses, of_masses, error))
-    known = build(plain.motion.signals, robot, covariance=np.eye(robot.width * PER_LINK))
-    assert known.link_spread(0.02) == pytest.approx(np.full(robot.width * PER_LINK, 0.02))
+    known = build(
+        plain.motion.signals, robot, left_open=LeftOpen.plain(np.eye(robot.width * (PER_LINK + PER_JOINT)))
+    )
+    assert known.link_spread(0.02) == pytest.approx(0.02)
 
 
 def test_links_are_off_by_shares_of_their_own_beneath_a_load():

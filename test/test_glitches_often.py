@@ -73,3 +73,13 @@ def test_a_diagnosis_is_right_or_says_that_nothing_is_sure(share, tmp_path):
     else:
         assert found.verdict in ("partly_explained", "cannot_tell")
         assert any("jump to and fro" in note for note in found.notes)
+
+
+def test_noise_of_a_joint_that_moves_is_no_jump():
+    """It is quiet while it rests, most of the time, and its effort hardly changes but for its noise."""
+    rng, time = np.random.default_rng(0), np.arange(0.0, 60.0, 0.01)
+    moves = (time % 10.0) < 4.0
+    position = np.where(moves, 0.5 * np.sin(0.5 * np.pi * (time % 10.0)), 0.0)[:, None]
+    noise = np.where(moves, 0.1, 0.01) * rng.standard_normal(len(time))
+    recording = Recording(time, ("a",), position, None, (0.2 * np.sin(time) + noise)[:, None])
+    assert jumping(recording) == []

@@ -35,7 +35,7 @@ MOST = {WINDOW: 90.0, WIDE: 75.0}
 JUMPS, MUCH = 0.3, 0.01
 """Readings that are this share of that range from the median jump, and are told where so many do, ..."""
 UNUSUAL = 10.0
-"""... if they are so many times as far from it as half of the readings are: noise jumps no further."""
+"""... if they are so many times as far from it as half of the readings around are: noise jumps no further."""
 SHARES = {"position": 0.01, "velocity": 0.5, "effort": 0.5}
 """And than this share of the range that the readings cover: nothing jumps, but an impact in a gear is felt for a sample."""
 
@@ -81,9 +81,13 @@ def jumping(recording: Recording) -> list[str]:
         if values is None or len(values) <= 2 * AROUND:
             continue
         apart, usual = _apart(values, recording.segments())
-        least = np.maximum(JUMPS * _range(usual), UNUSUAL * np.median(apart, axis=0))
+        least = JUMPS * _range(usual)
         for joint in np.flatnonzero(moves & ((apart > least).mean(axis=0) > MUCH)):
-            share = np.mean(apart[:, joint] > max(least[joint], RESOLUTIONS * resolution(values[:, joint])))
+            own, finest = apart[:, joint], RESOLUTIONS * resolution(values[:, joint])
+            rows = np.flatnonzero(own > max(least[joint], finest))
+            around = (own[max(row - AROUND, 0) : row + AROUND + 1] for row in rows)
+            often = [own[row] > UNUSUAL * np.median(some) for row, some in zip(rows, around, strict=True)]
+            share = np.count_nonzero(often) / len(own)
             if share > MUCH:
                 found.append(
                     f"{recording.name}: {100.0 * share:.2g} % of the {field}s of {recording.joints[joint]} jump to and fro for "
