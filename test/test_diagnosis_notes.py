@@ -412,5 +412,5 @@ def test_too_little_motion_is_told_as_what_there_is_and_what_is_needed(longest, 
 def test_where_nothing_can_be_told_there_is_something_to_do(verdict, since, said):
     """Though nothing is in doubt that a motion of its own would settle."""
     case = SimpleNamespace(found=[], attempt=SimpleNamespace(judgements=[]), robot=ARM, since=since)
-    told = _advice(case, Named([], False, [], [], [], 0.0), verdict)
+    told = _advice(case, Named([], False, [], [], [], 0.0, 0.0), verdict)
     assert len(told) == len(said) and all(map(str.startswith, told, said))

@@ -73,6 +73,7 @@ class Named:
         silent: what is large enough and has none.
         unknown: payloads that are sure and large enough, and beyond what links may be off by, though their masses are not known.
         unsaid: share of the simulation's squared error that the model takes away by what has no name.
+        beside_links: the same but for links that are off, as all are a little.
     """
 
     findings: list[Finding]
@@ -81,6 +82,7 @@ class Named:
     silent: list[int]
     unknown: list[int]
     unsaid: float
+    beside_links: float
 
 
 def named(
@@ -136,9 +138,11 @@ def named(
             silent.remove(one)
         elif judgement.nothing <= UNLIKELY:
             doubtful |= bool((less > large**2).any())
-    lasting = (one for one in (*silent, *unknown) if not found[one].term.effect.timed)
-    unsaid = sum(max(squares(taken[one][0].less, held), 0.0) for one in lasting) / before
-    return Named(findings, doubtful, weighty, silent, unknown, unsaid)
+    lasting = [one for one in (*silent, *unknown) if not found[one].term.effect.timed]
+    each = {one: max(squares(taken[one][0].less, held), 0.0) / before for one in lasting}
+    of_links = sum(share for one, share in each.items() if found[one].term.effect.name == "link_inertia")
+    unsaid = sum(each.values())
+    return Named(findings, doubtful, weighty, silent, unknown, unsaid, unsaid - of_links)
 
 
 def beyond_links(

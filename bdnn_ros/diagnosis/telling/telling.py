@@ -224,7 +224,7 @@ def _unclear(case: Case, names: Named, least: float) -> bool:
     of_weight = case.equations.alone is not None and not case.near(case.simulation).all()
     unsure = names.doubtful or bool(names.unknown) or bool(case.always)
     # what links are off by is believed in without a name; what has none and does more than that is not
-    unsure |= min(names.unsaid, least) > max(SLIGHT, case.by_links)
+    unsure |= min(names.beside_links, least) > max(SLIGHT, case.by_links)
     return unsure or case.far_off or of_weight or bool(case.remainder.resting)
 
 
