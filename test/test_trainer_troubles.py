@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -51,12 +52,24 @@ class Beside:
 
     def learn(self) -> list[Message]:
         """What the trainer says of all that came; the session hears it."""
-        while self.trainer._learn():
-            pass
-        heard = []
-        while select.select([self.here], [], [], 0.0)[0]:
-            heard.append(self.here.receive())
-            self.session._hear(heard[-1])
+        heard, over = list[Message](), threading.Event()
+
+        def listen() -> None:
+            while not over.is_set() or select.select([self.here], [], [], 0.0)[0]:
+                if select.select([self.here], [], [], 0.01)[0]:
+                    heard.append(self.here.receive())
+
+        # a trainer waits while nobody reads what it says
+        listening = threading.Thread(target=listen)
+        listening.start()
+        try:
+            while self.trainer._learn():
+                pass
+        finally:
+            over.set()
+            listening.join()
+        for message in heard:
+            self.session._hear(message)
         return heard
 
 
