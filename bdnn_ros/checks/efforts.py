@@ -31,14 +31,15 @@ def unread(recording: Recording) -> Iterator[Remark]:
             f"{recording.name}: the effort of {listed(missing)} never changes.",
             "Check that the driver reports it: nothing can be said about it.",
         )
-    seconds = float((held(effort) & ~powerless(recording)).sum() / max(recording.rate, 1e-9))
+    rate, of_all = max(recording.rate, 1e-9), held(effort)
+    seconds = float((of_all & ~powerless(recording)).sum() / rate)
     if seconds > HELD_SECONDS and len(missing) < recording.width:
         yield Remark(
             "",
             f"{recording.name}: all efforts stand still for {seconds:.2g} s, longer than usual.",
             "If the robot moved meanwhile, check the driver; such moments do not count.",
         )
-    alone = (held_alone(recording) & ~held(effort)[:, None]).sum(axis=0) / max(recording.rate, 1e-9)
+    alone = (held_alone(recording) & ~of_all[:, None]).sum(axis=0) / rate
     for joint, seconds in zip(recording.joints, alone, strict=True):
         if seconds > HELD_SECONDS:
             yield Remark(
