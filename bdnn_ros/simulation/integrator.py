@@ -124,16 +124,22 @@ class Integrator:
         stopping: np.ndarray,
     ) -> np.ndarray:
         """Acceleration where joints stop, stick or turn: friction takes what it needs within its limits."""
-        h, velocity, rest = self.step, self.state.velocity, np.zeros(len(acceleration))
-        ones = np.ones(len(acceleration))
-        upper = self._dry(time, rest, load, ones)[stopping]
-        lower = -self._dry(time, rest, load, -ones)[stopping]
-        inverse = self._inverse_mass()
-        coupling = inverse[np.ix_(stopping, stopping)]
-        free = acceleration + inverse[:, stopping] @ applied[stopping]
-        friction, held = held_friction(coupling, free[stopping] + velocity[stopping] / h, lower, upper)
+        velocity = self.state.velocity[stopping]
+        lower, upper = self._holding(time, load, stopping)
+        inverse = self._inverse_mass()[:, stopping]
+        free = acceleration + inverse @ applied[stopping]
+        friction, held = held_friction(inverse[stopping], free[stopping] + velocity / self.step, lower, upper)
         self.stuck = stopping[held]
-        return free - inverse[:, stopping] @ friction
+        return free - inverse @ friction
+
+    def _holding(self, time: float, load: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of what holds some joints (k,) that rest, (k,) each [N·m]."""
+        if not self.dry:
+            limit = self.coulomb[joints]
+            return -limit, limit
+        rest, ahead = np.zeros(len(load)), np.ones(len(load))
+        back, forth = self._dry(time, rest, load, -ahead), self._dry(time, rest, load, ahead)
+        return -back[joints], forth[joints]
 
     def _bodies(self, drive: np.ndarray) -> np.ndarray:
         """Acceleration of the bodies under an effort, (n,)."""
@@ -146,9 +152,10 @@ class Integrator:
 
     def _inverse_mass(self) -> np.ndarray:
         """Inverse of the mass matrix with armature and the implicit share of viscous friction, (n, n)."""
-        upper = np.triu(pin.crba(self.model, self.data, self.state.position[self.back]))
-        full = (upper + np.triu(upper, 1).T)[np.ix_(self.order, self.order)]
-        return np.linalg.inv(full)
+        if self.plain:
+            return np.array(pin.computeMinverse(self.model, self.data, self.state.position))
+        inverse = pin.computeMinverse(self.model, self.data, self.state.position[self.back])
+        return np.asarray(inverse[self.order][:, self.order])
 
 
 def _implicit_share(decay: np.ndarray) -> np.ndarray:
@@ -181,7 +188,7 @@ def held_friction(
         Friction (k,) [N·m], and which joints stick, (k,) bool.
     """
     sliding = np.zeros(len(wanted), int)
-    friction = np.linalg.solve(coupling, wanted)
+    friction = np.linalg.solve(coupling, wanted) if len(wanted) > 1 else wanted / coupling[0]
     if ((friction >= lower) & (friction <= upper)).all():
         return friction, sliding == 0
     for _ in range(8 * len(wanted)):
