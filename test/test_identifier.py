@@ -106,10 +106,10 @@ def test_recordings_of_other_rates_have_cutoffs_of_their_own(real):
     cutoffs = []
     for k, part in enumerate(parts):
         identifier.feed(part.time + 100.0 * k, part.position, part.effort)
-        cutoffs.append(identifier.cutoff)
+        cutoffs.append(identifier.stream.cutoff)
         identifier.finish()
     np.testing.assert_allclose(cutoffs, [usual_cutoff(rate) for rate in (200.0, 15.0, 100.0)])
-    assert identifier.left_out == 0
+    assert identifier.stream.left_out == 0
     model = Identifier(Robot.bundled("arm6")).fit(parts)
     np.testing.assert_allclose(model.robot.coulomb, 1.0, atol=0.1)
     with pytest.raises(UsageError, match="20 Hz does not fit"):

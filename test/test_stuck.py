@@ -166,6 +166,8 @@ def test_live_chunks_leave_out_what_a_drive_repeats_however_long(seconds):
     # until a first chunk has seen for how long it stays nothing tells; the rest is left out
     assert not ((times > 6.05) & (times < 6.0 + seconds)).any()
     assert (times < 5.5).any() and (times > 6.5 + seconds).any()
+    # and they are counted once each, of the joint that it was
+    assert last - 1200 - RATE <= chunks.repeated[0] <= last - 1200 and chunks.repeated[1] == 0
 
 
 def test_a_driver_that_stands_still_makes_no_velocity_late():

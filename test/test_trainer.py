@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_support import children, motion, real_robot, wait_until
+from reading_cases import repeating
 
 from bdnn_ros.efforts import COMMAND_AGE
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
@@ -77,6 +78,15 @@ def test_a_session_learns_restarts_and_resets(session):
     np.testing.assert_allclose(session.served.model.inverse_dynamics(q, q, q), ARM.inverse_dynamics(q, q, q))
     instant = session.instant()
     assert instant is not None and np.isfinite(instant.acceleration).all()
+
+
+def test_a_drive_that_repeats_itself_is_counted_by_the_session(session):
+    recording = repeating(motion(REAL, 9.0, 250.0), 1, [(1000, 1500)])
+    send(session, recording)
+    wait_until(lambda: session.counts.repeated.get(ARM.joints[1], 0) >= 250, 30.0)
+    assert session.counts.repeated.keys() == {ARM.joints[1]} and session.counts.repeated[ARM.joints[1]] < 500
+    session.reset()
+    assert not session.counts.repeated
 
 
 def test_a_stream_of_more_joints_begins_anew(session):

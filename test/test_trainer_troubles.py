@@ -123,7 +123,7 @@ def test_a_stream_that_slows_down_is_left_out_until_it_is_fast_again():
         numbers.append(len(versions))
         end += time[-1] + 1.0 / rate
     assert numbers[0] >= 2 and numbers[2] >= 5
-    assert 300 < learning.identifier.left_out < 500
+    assert 300 < learning.identifier.stream.left_out < 500
 
 
 def test_a_stream_that_is_slower_after_a_pause_is_learned_from():
@@ -132,7 +132,7 @@ def test_a_stream_that_is_slower_after_a_pause_is_learned_from():
     list(learning.take(*_columns(motion(REAL, 6.0, 250.0))))
     time, position, effort = _columns(motion(REAL, 12.0, 15.0, seed=1))
     assert list(learning.take(100.0 + time, position, effort))
-    assert learning.identifier.left_out == 0
+    assert learning.identifier.stream.left_out == 0
 
 
 @pytest.mark.parametrize(

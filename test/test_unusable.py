@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from bdnn_ros.nodes.diagnostics import Reporter
 from bdnn_ros.nodes.error_now import ErrorNow
 from bdnn_ros.nodes.publishing import Publishing
+from bdnn_ros.online.channel import Message
 from bdnn_ros.online.serving import Settings
 from bdnn_ros.online.session import Session
 from bdnn_ros.robot import Robot
@@ -160,3 +161,18 @@ def test_who_does_not_learn_misses_no_effort():
     assert stream.status(effort=())[0] == DiagnosticStatus.OK
     assert stream.status(effort=(1.0, NAN))[0] == DiagnosticStatus.WARN
     stream.session.stop()
+
+
+def test_a_drive_that_repeats_itself_is_told_while_it_does_and_counted(stream, monkeypatch):
+    told = {"samples": {ARM.joints[1]: 40}, "epoch": stream.session._course.epoch}
+    stream.session._hear(Message("repeated", told | {"epoch": told["epoch"] - 1}))
+    assert stream.status(bad=0) == (DiagnosticStatus.OK, "training")  # of a stream that was given up
+    stream.session._hear(Message("repeated", told))
+    level, message = stream.status(bad=0)
+    assert level == DiagnosticStatus.WARN
+    assert f"{ARM.joints[1]} repeated the last reading while the robot moved" in message
+    assert stream.logged[-1] in message
+    monkeypatch.setattr("bdnn_ros.nodes.diagnostics.PERSISTENCE", 0.0)
+    assert stream.status(bad=0) == (DiagnosticStatus.OK, "training")
+    values = stream.reporter.status(ErrorNow(), True, "", 0).values
+    assert {one.key: one.value for one in values}[f"samples_repeated_{ARM.joints[1]}"] == "40"

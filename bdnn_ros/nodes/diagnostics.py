@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -21,7 +21,7 @@ NAME = "bdnn: identification"
 SILENCE = 2.0
 """Without a joint state for so long [s], the stream counts as broken."""
 PERSISTENCE = 5.0
-"""An effort command that was refused is told of for so long [s]."""
+"""An effort command that was refused, or a drive that repeats itself, is told of for so long [s]."""
 THROTTLE = 10.0
 """Warnings about the same go to the log so often at most [s]."""
 
@@ -33,6 +33,7 @@ NO_CHANGE = (
     "The effort of {} never changes while the robot moves: not measured there. "
     "What is measured is learned and diagnosed."
 )
+REPEATS = "{} repeated the last reading while the robot moved: such moments are left out. Check the driver and the bus."
 SILENT = "No joint state comes."
 UNSTAMPED = "joint_states comes without stamps: when it was sent stands for them. Let the driver stamp at measurement."
 
@@ -58,6 +59,22 @@ class Warnings:
         if sentence and now - since >= THROTTLE and (again or sentence != before):
             self._said[subject] = sentence, now
             self._log(sentence)
+
+
+class Repetitions:
+    """Drives that repeated their last reading of late although the robot moves."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, int] = {}
+        self._since: dict[str, float] = {}
+
+    def look(self, repeated: Mapping[str, int]) -> str:
+        """What is wrong with them, by the samples of each joint that were left out so far; empty if nothing is."""
+        now = time.monotonic()
+        self._since |= {joint: now for joint, count in repeated.items() if count > self._known.get(joint, 0)}
+        self._known = dict(repeated)
+        recent = [joint for joint in repeated if now - self._since[joint] < PERSISTENCE]
+        return REPEATS.format(listed(recent)) if recent else ""
 
 
 class Refusals:
@@ -94,6 +111,7 @@ class Reporter:
         self._warnings = Warnings(log)
         self._refusals = Refusals()
         self._unusable = Unusable()
+        self._repetitions = Repetitions()
         self._received = 0
         self._progress = time.monotonic()
         self._looked = time.monotonic()
@@ -146,17 +164,19 @@ class Reporter:
         complaint, more = self._refusals.look(session.commands)
         unstamped = self._look_for_stamps()
         unusable = self._unusable.look(intake, session.learning)
+        repeating = self._repetitions.look(session.counts.repeated)
         small = session.smoother.complaint(intake.ring.most) if intake else ""
         say("quality of service", unheard)
         say("stamps", unstamped)
         say("buffer", small)
         say("use", unusable)
+        say("repeated", repeating)
         say("joints", session.watch.complaint)
         say("absent", session.watch.absent)
         say("commands", f"effort_commands: {complaint}" if more else "", again=True)
         say("without effort", NO_SENSOR.format(listed(lacking)) if lacking else "")
         say("unchanged effort", NO_CHANGE.format(listed(still)) if still else "")
-        return [complaint, unheard, unstamped, unusable, small]
+        return [complaint, unheard, unstamped, unusable, repeating, small]
 
     def _values(
         self, nrmse: np.ndarray, rate: float, message_lost: int, without_effort: Sequence[str]
@@ -190,6 +210,7 @@ class Reporter:
             **({"commands_received": commands.received} if commands else {}),
             "samples_buffered": intake.ring.written - intake.ring.consumed if intake else 0,
             "samples_unlearned": session.counts.overrun,
+            **{f"samples_repeated_{joint}": count for joint, count in session.counts.repeated.items()},
             "model_age": f"{self._looked - served.since:.1f}" if served else math.nan,
             "model_samples": served.samples if served else 0,
             "model_origin": served.origin if served else "",

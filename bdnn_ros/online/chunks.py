@@ -33,12 +33,14 @@ class Chunks:
         asked: the cut-off that was asked for [Hz], None where none was.
         cutoff: of the low-pass [Hz] in this stretch, None before it is known.
         left_out: samples in chunks too short, or too slow, for the low-pass.
+        repeated: samples left out since their drive repeated its last reading in motion, (n,).
     """
 
     def __init__(self, joints: tuple[str, ...], cutoff: float | None = None) -> None:
         self.joints = joints
         self.cutoff = self.asked = cutoff
         self.left_out = 0
+        self.repeated = np.zeros(len(joints), int)
         self._pending: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._length: float | None = None
         self._margin = self._start = 0.0
@@ -108,20 +110,21 @@ class Chunks:
         keep = int(np.searchsorted(time, end - self._margin - CONTEXT_SECONDS))
         self._pending = [(time[keep:], recording.position[keep:], recording.require_effort()[keep:])]
         self._start, self._due = end, end + self._length + self._margin
-        recording = self._unstuck(without_repeats(without_copies(recording.part(known))))
+        recording = self._unstuck(without_repeats(without_copies(recording.part(known))), start, end)
         chunk = self._signals(recording.between(start - self._margin, end + self._margin), start, end)
         if chunk is None:
             self.left_out += int(np.count_nonzero((time >= start) & (time < end)))
         return chunk
 
-    def _unstuck(self, recording: Recording) -> Recording:
-        """Without what a drive repeats, as it may since before the samples that are kept."""
+    def _unstuck(self, recording: Recording, start: float, end: float) -> Recording:
+        """Without what a drive repeats, as it may since before the samples that are kept; counted from start to end [s]."""
         samples = stuck(recording)
         same = recording.position == self._stuck_at
         since = np.logical_or.accumulate(same, axis=0)
         samples |= since & ~np.logical_or.accumulate(since & ~same, axis=0)
         if len(samples):
             self._stuck_at = np.where(samples[-1], recording.position[-1], np.nan)
+            self.repeated += samples[(recording.time >= start) & (recording.time < end)].sum(axis=0)
         return recording.part(~np.asarray(samples.any(axis=1))) if samples.any() else recording
 
     def _signals(self, window: Recording, start: float, end: float) -> tuple[Signals, np.ndarray] | None:

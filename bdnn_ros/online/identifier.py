@@ -62,6 +62,7 @@ class Identifier:
     Attributes:
         robot: the prior, set up as far as that is known.
         belief: of the base parameters before any motion.
+        stream: cuts what comes into chunks, and counts what it leaves out.
         sums: of all motion so far.
         samples: taken in so far.
         chunks: of time completed so far.
@@ -87,23 +88,13 @@ class Identifier:
         self.latest: tuple[Signals, np.ndarray] | None = None
         self.rejected: list[str] = []
         self._beat = beat
-        self._stream = Chunks(robot.joints, cutoff)
+        self.stream = Chunks(robot.joints, cutoff)
         self.sums = Sums(robot, self.belief, self.scales)
         self._straight: tuple[np.ndarray, ...] = ()
         self._kept: list[Motion] = []
         self._used = 0
         self._settle_first, self._settle_at, self._set_up_at = settle_at, settle_at, FIRST_SET_UP
         self._state: tuple[np.ndarray, Directions] | None = None
-
-    @property
-    def cutoff(self) -> float | None:
-        """-3 dB frequency of the low-pass just now [Hz], None before it is known."""
-        return self._stream.cutoff
-
-    @property
-    def left_out(self) -> int:
-        """Samples in stretches too short for the low-pass."""
-        return self._stream.left_out
 
     # -- samples in ------------------------------------------------------------------------------
 
@@ -119,13 +110,13 @@ class Identifier:
         """
         self.samples += len(time)
         before = self.chunks
-        for chunk in self._stream.add(time, position, effort):
+        for chunk in self.stream.add(time, position, effort):
             self._take_in(chunk)
         return self.chunks - before
 
     def finish(self) -> None:
         """Take in what is left: the recording ends here, and what comes next may have any stamps."""
-        for chunk in self._stream.end():
+        for chunk in self.stream.end():
             self._take_in(chunk)
         self._state = None
 
@@ -148,7 +139,7 @@ class Identifier:
                     f"{recording.name} has other joints than the robot.", "Select the robot's joints."
                 )
             recording.require_effort()
-        late = usual_lateness(recordings, self.robot, self._stream.asked)
+        late = usual_lateness(recordings, self.robot, self.stream.asked)
         recordings, late = in_time(recordings, late)
         total = sum(recording.duration for recording in recordings) or 1.0
         done = 0.0
@@ -282,7 +273,7 @@ class Identifier:
         """An identifier that goes on with this stream, but knows only this much of the robot."""
         other = Identifier(self.robot, belief=belief, settle_at=self._settle_first, beat=self._beat)
         other.version, other.samples, other.chunks = self.version, self.samples, self.chunks
-        other._stream, other._state, other.rejected = self._stream, self._state, self.rejected
+        other.stream, other._state, other.rejected = self.stream, self._state, self.rejected
         return other
 
     # -- chunks ----------------------------------------------------------------------------------

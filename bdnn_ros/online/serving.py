@@ -11,6 +11,7 @@ import numpy as np
 
 from bdnn_ros.efforts import EffortConvention
 from bdnn_ros.models import Model
+from bdnn_ros.online.channel import Message
 from bdnn_ros.online.estimate import Parts, parts
 from bdnn_ros.online.order import places
 from bdnn_ros.physical.model import PhysicalModel
@@ -130,6 +131,7 @@ class Counts:
         overrun: samples that were overwritten before they were learned from.
         trouble: why nothing can be learned; empty if it can.
         unlike: how the stream and the robot description differ, by the last diagnosis; empty if they go together.
+        repeated: samples of each joint, where there are any, that were left out since its drive repeats its last reading.
     """
 
     updates_rejected: int = 0
@@ -137,6 +139,21 @@ class Counts:
     overrun: int = 0
     trouble: str = ""
     unlike: str = ""
+    repeated: dict[str, int] = field(default_factory=dict)
+
+    def heed(self, message: Message) -> None:
+        """Take note of a message of the trainer."""
+        info = message.info
+        if message.kind == "version":
+            self.overrun = int(info["missed"])
+        elif message.kind == "begun":
+            self.trouble = ""
+        elif message.kind == "trouble":
+            self.trouble = str(info["reason"])
+        elif message.kind == "rejected":
+            self.updates_rejected, self.reason = self.updates_rejected + 1, str(info["reason"])
+        elif message.kind == "repeated":
+            self.repeated = dict(info["samples"])
 
 
 def nominal(robot: Robot) -> PhysicalModel:

@@ -288,17 +288,13 @@ class Session:
 
     def _heed(self, message: Message) -> None:
         info = message.info
+        if message.kind != "repeated" or info["epoch"] == self._course.epoch:
+            self.counts.heed(message)
         if message.kind == "version":
             self._take_over(message)
         elif message.kind == "begun":
-            self.counts.trouble = ""
             while self._given_up and info["epoch"] == self._course.epoch:  # nobody reads them any more
                 self._given_up.pop().close()
-        elif message.kind == "rejected":
-            self.counts.updates_rejected += 1
-            self.counts.reason = str(info["reason"])
-        elif message.kind == "trouble":
-            self.counts.trouble = str(info["reason"])
         elif message.kind == "findings" and self._course.tells(info):  # not of what was given up
             self._take_note(message)
         elif message.kind == "lost" and info["ran"]:  # else it is not the samples that it died of
@@ -312,7 +308,6 @@ class Session:
     def _take_over(self, message: Message) -> None:
         """Serve a version of this stream, and of it only."""
         info = message.info
-        self.counts.overrun = int(info["missed"])
         if not self._course.advance(info):
             return
         model = build_model(info["kind"], message.arrays, info["model"])

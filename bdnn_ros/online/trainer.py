@@ -52,6 +52,7 @@ class Trainer:
         self._silent = np.zeros(0, bool)
         self.analyst = Analyst(self.say)
         self._missed = 0
+        self._repeated: dict[str, int] = {}
 
     def say(self, message: Message) -> None:
         """Send to the node; where it is gone, end."""
@@ -121,6 +122,7 @@ class Trainer:
             return
         assert self.learning is not None
         self._tell_rejected()
+        self._tell_repeated()
         self._tell_changes()
         self.learning.errors.clear()
 
@@ -153,6 +155,15 @@ class Trainer:
         for reason in self.learning.rejected:
             self.say(Message("rejected", {"reason": reason}))
         self.learning.rejected.clear()
+
+    def _tell_repeated(self) -> None:
+        """How many samples of which joints were left out since their drive repeats itself, where there are more of them."""
+        assert self.learning is not None
+        robot, repeated = self.learning.identifier.robot, self.learning.identifier.stream.repeated
+        told = {joint: int(count) for joint, count in zip(robot.joints, repeated, strict=True) if count}
+        if told != self._repeated:
+            self._repeated = told
+            self.say(Message("repeated", {"samples": told, "epoch": self.epoch}))
 
     def _tell_changes(self) -> None:
         """Name what has changed about the robot, and let later diagnoses look no further back than that.
@@ -196,6 +207,7 @@ class Trainer:
         self.epoch = int(info["epoch"])
         if info["kept"] == info["start"]:  # else the same stream goes on
             self._missed = 0
+        self._repeated = {}
         self.feed = Feed(
             robot.joints,
             rings[0],
