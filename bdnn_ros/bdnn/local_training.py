@@ -62,7 +62,7 @@ def fit_local(core: PriorCore, parts: Sequence[Signals]) -> LocalNetworks:
     """
     silent = replace(core.local, output_weights=np.zeros_like(core.local.output_weights))
     blocks = sums_of(replace(core, local=silent), parts)
-    weights = np.array([_chosen(of_joint, penalties(core.local)) for of_joint in blocks])
+    weights = np.array([chosen_weights(of_joint, penalties(core.local)) for of_joint in blocks])
     return replace(core.local, output_weights=weights)
 
 
@@ -97,7 +97,7 @@ def _joint_sums(
     return result
 
 
-def _chosen(blocks: list[Sums], penalty: np.ndarray) -> np.ndarray:
+def chosen_weights(blocks: list[Sums], penalty: np.ndarray) -> np.ndarray:
     """Output weights (F,) of one joint; silent where there is nothing to learn from."""
     if not blocks:
         return np.zeros_like(penalty)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bdnn_ros.bdnn.rest import RestNetwork
 from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.checks.description import require_mass
 from bdnn_ros.diagnosis.judging.attempt import EVERY_TEST_BLOCK, Looks, best_attempt, completed
@@ -28,6 +29,7 @@ from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.search import DOUBTS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.telling.case import Case
+from bdnn_ros.diagnosis.telling.rest import learned
 from bdnn_ros.diagnosis.telling.telling import told
 from bdnn_ros.diagnosis.telling.unexplained import Remainder, describe
 from bdnn_ros.effects.friction import LoadDependentFriction
@@ -56,6 +58,7 @@ class Examination:
         robot: what was believed of it, at the positions that the joints report.
         model: what took the simulation's place, if anything did.
         late: what was taken back of how late the efforts came.
+        networks: what learned the rest.
     """
 
     diagnosis: Diagnosis
@@ -71,6 +74,7 @@ class Examination:
     remainder: Remainder
     model: Predictor | None = None
     late: Lateness = field(default_factory=Lateness)
+    networks: tuple[RestNetwork, ...] = ()
 
 
 def diagnose(
@@ -129,8 +133,10 @@ def examine(
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
     since = None if known.model is None else known
     case = Case(recordings, robot, equations, attempt, found, remainder, since)
+    diagnosis = told(case, cutoff)
+    rest = learned(case, pool.left(), diagnosis.above or diagnosis.slight)
     return Examination(
-        told(case, cutoff),
+        diagnosis if rest is None else rest.added_to(diagnosis),
         tuple(recordings),
         robot,
         equations,
@@ -143,6 +149,7 @@ def examine(
         remainder,
         model,
         measured.late,
+        () if rest is None else rest.networks,
     )
 
 

@@ -93,6 +93,8 @@ class Diagnosis:
         unexplained_share: part of the simulation's squared error that is left above the noise.
         unexplained_depends_on: what that depends on, as `joint.quantity`.
         unexplained_sentence: what is said of it.
+        learned: what networks take off the extended model's held-out error at joints where they learned the rest, with its
+            bounds at 95 %; None where they learned nothing.
         advice: what to do next.
         notes: what else there is to say of the recordings and of what was found.
         above: joints where the extended model errs by more than the noise, those with most left first; not in diagnosis.json.
@@ -116,6 +118,7 @@ class Diagnosis:
     slight: tuple[str, ...] = field(default=())
     also: tuple[str, ...] = field(default=())
     endless: bool = False
+    learned: tuple[float, float, float] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""
@@ -131,10 +134,17 @@ class Diagnosis:
                 "share": _rounded(self.unexplained_share),
                 "depends_on": list(self.unexplained_depends_on),
                 "sentence": self.unexplained_sentence,
+                **self._learned_json(),
             },
             "advice": list(self.advice),
             "notes": list(self.notes),
         }
+
+    def _learned_json(self) -> dict[str, Any]:
+        if self.learned is None:
+            return {}
+        value, low, high = map(_rounded, self.learned)
+        return {"learned": {"value": value, "interval": [low, high]}}
 
     def save(self, path: Path) -> None:
         """Write diagnosis.json, whole or not at all."""

@@ -124,7 +124,11 @@ def noticeable(brief: bool, less: np.ndarray, after: np.ndarray, scale: np.ndarr
 
 
 def gain_of(
-    equations: Equations, extended: np.ndarray, held: np.ndarray, pushed: np.ndarray | None = None
+    equations: Equations,
+    extended: np.ndarray,
+    held: np.ndarray,
+    pushed: np.ndarray | None = None,
+    before: np.ndarray | None = None,
 ) -> tuple[float, tuple[float, float]]:
     """1 - RMSE(extended) / RMSE(simulation) on held-out blocks, with a block-bootstrap 95 % interval.
 
@@ -133,8 +137,10 @@ def gain_of(
 
     Args:
         pushed: rows at which something pushes, (R,) bool; None for nowhere.
+        before: error that takes the place of the simulation's, (R, n) [N·m].
     """
-    squared = np.stack([extended**2, equations.target**2], axis=-1)
+    before = equations.target if before is None else before
+    squared = np.stack([extended**2, before**2], axis=-1)
     pushed = np.zeros(len(held), bool) if pushed is None else pushed
     total, sums = np.zeros(2), np.zeros((RESAMPLES, 2))
     for joint, own in enumerate(held.T):
