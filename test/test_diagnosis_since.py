@@ -150,6 +150,33 @@ def test_friction_that_grew_is_named_with_its_growth_alone(model):
     assert after < 0.3 * before
 
 
+@pytest.mark.slow
+def test_friction_that_was_learned_to_grow_with_the_load_grows_with_a_payload():
+    """It is no change of friction, and the extended model has it grow, too."""
+    robot = Robot.bundled("arm2")
+
+    def recorded(seconds: float, *effects: str) -> Recording:
+        rubs = [f"load_dependent_friction@{joint}:ratio=0.12" for joint in robot.joints]
+        time = np.arange(round(seconds * 200.0)) / 200.0
+        plan = fourier(robot, time, np.random.default_rng(round(seconds)))
+        scenario = Scenario(robot, (*rubs, *effects), seed=5, wrong=0.05, worn=True, noise=0.003, plan=plan)
+        return scenario.run()[0].recording
+
+    bears = "payload@arm2_link2:mass=1.5,com_x=0.1"
+    before = Identifier(robot).fit([recorded(40.0)])
+    assert before.learned.by_load
+    examination = examine([recorded(30.0, bears)], before.robot, model=before)
+    (finding,) = examination.diagnosis.findings
+    told = {name: quantity.value for name, quantity in finding.parameters.items()}
+    assert (finding.effect, finding.link) == ("payload", "arm2_link2")
+    assert (told["mass"], told["com_x"]) == pytest.approx((1.5, 0.1), rel=0.05)
+    laden = extend(examination)
+    assert score_model(laden, [prepare(recorded(25.0, bears))]).nrmse_mean < 0.03
+    (finding,) = examine([recorded(20.0)], laden.robot, model=laden).diagnosis.findings
+    assert finding.effect == "payload"
+    assert finding.parameters["mass"].value == pytest.approx(-1.5, rel=0.05)
+
+
 @pytest.fixture(scope="module")
 def laden() -> PhysicalModel:
     """A model of the robot while its first joint rubbed more and its second link carried something."""

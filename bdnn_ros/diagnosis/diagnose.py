@@ -32,8 +32,6 @@ from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.rest import learned
 from bdnn_ros.diagnosis.telling.telling import told
 from bdnn_ros.diagnosis.telling.unexplained import Remainder, describe
-from bdnn_ros.effects.friction import LoadDependentFriction
-from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -229,8 +227,8 @@ def _looks(
         RecordingError: too short.
     """
     signals = measured.signals
-    ratios = _load_ratios(known.held, known.robot.width)
-    equations = build(signals, known.robot, measured.predicted, known.left_open, tilt, ratios, known.unloaded)
+    grows, predicted = known.by_load, measured.predicted
+    equations = build(signals, known.robot, predicted, known.left_open, tilt, grows, known.unloaded)
     equations.lead = known.lead
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
@@ -238,15 +236,6 @@ def _looks(
     errors = LINK_ERRORS if known.left_open is None else DOUBTS
     candidates = Candidates.shown_by(equations, None if known.model is None else known.held)
     return Looks(equations, candidates, errors, say)
-
-
-def _load_ratios(effects: Sequence[Installed], width: int) -> np.ndarray:
-    """Friction of effects in proportion to the load of each joint, (width,)."""
-    ratios = np.zeros(width)
-    for one in effects:
-        if one.effect.name == LoadDependentFriction.name:
-            ratios[one.target] += one.values["ratio"]
-    return ratios
 
 
 def _too_short(

@@ -67,7 +67,9 @@ def compared(model: ExtendedModel) -> Compared:
     held = (*acting.beside_robot, *loads, *(effect for effect, _ in sensors))
     sensed = plant.scale, plant.delay, plant.velocity_cutoff
     lead, creep = acting.lead - acting.lag, np.array(acting.creep) if acting.creep else None
-    return Compared(acting, acting.robot, *sensed, held, lead=lead, creep=creep, unloaded=acting.bare)
+    learned = None if acting.beyond is None else acting.beyond.learned
+    known = Compared(acting, acting.robot, *sensed, held, lead=lead, creep=creep, unloaded=acting.bare)
+    return replace(known, learned=learned)
 
 
 def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, str]:

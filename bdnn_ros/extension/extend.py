@@ -78,7 +78,7 @@ def extend(examination: Examination) -> ExtendedModel:
     creep = equations.motion.signals.creep
     if earlier.sticking:
         sticking = sticking + earlier.sticking
-    return ExtendedModel(
+    model = ExtendedModel(
         corrected,
         tuple(effect for effect, _ in effects),
         noise / scale,
@@ -90,6 +90,16 @@ def extend(examination: Examination) -> ExtendedModel:
         () if creep is None else tuple(map(tuple, creep.tolist())),
         on_one_clock(examination.recordings) if any(by_the_clock(one) for one, _ in effects) else (),
     )
+    return _bearing(model)
+
+
+def _bearing(model: ExtendedModel) -> ExtendedModel:
+    """A model whose joints add by the bodies that were found what was learned before: some of it grows with the load."""
+    if model.beyond is None:
+        return model
+    robot = model.robot
+    robot = replace(robot, zeros=robot.zeros + model.plant.position_offset)
+    return replace(model, beyond=replace(model.beyond, robot=robot))
 
 
 def _earlier(examination: Examination) -> tuple[ExtendedModel, list[Known]]:

@@ -54,10 +54,14 @@ class LeftOpen(ReadOnlyArrays):
         """What the features are measured in."""
         return Scales(self.scale_effort, self.scale_velocity)
 
-    def columns(self, robot: Robot, signals: Signals) -> np.ndarray:
-        """What one unit of each weight adds to the effort of its joint along a motion, as soft as the effort is, (N, W)."""
+    def columns(self, robot: Robot, signals: Signals, load: np.ndarray | None = None) -> np.ndarray:
+        """What one unit of each weight adds to the effort of its joint along a motion, as soft as the effort is, (N, W).
+
+        Args:
+            load: what bodies ask of the joints, (N, n) [N·m], if not what the robot's do.
+        """
         q, v, state = signals.position, signals.velocity, signals.direction
-        load = robot.rigid_effort(q, v, signals.acceleration)
+        load = robot.rigid_effort(q, v, signals.acceleration) if load is None else load
         result = np.empty((len(q), len(self.joints)))
         for start in range(0, len(q), ROWS):
             rows = slice(start, start + ROWS)

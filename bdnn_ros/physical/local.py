@@ -69,6 +69,15 @@ class LocalResiduals:
         own = direction if own is None else own
         return result.reshape(np.shape(position)) - (viscous * velocity + coulomb * own + offset)
 
+    def growth(self, velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Learned effort per size of the load that the rigid bodies ask, (N, n).
+
+        Args:
+            velocity, direction: as of `effort`, (N, n).
+        """
+        dry, fluid = self.weights[:, group_slices()["load"]].T
+        return np.asarray((dry * direction + fluid * velocity / self.scales.velocity) / self.scales.effort)
+
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and JSON-able rest that make them again."""
         arrays = {

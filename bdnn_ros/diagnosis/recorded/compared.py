@@ -12,11 +12,13 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from bdnn_ros.diagnosis.regression.load_friction import LoadFriction
 from bdnn_ros.effects.actuation import EffortOffset
-from bdnn_ros.effects.friction import DryFriction
+from bdnn_ros.effects.friction import DryFriction, LoadDependentFriction
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.errors import listed
 from bdnn_ros.physical.left_open import LeftOpen
+from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Predictor
@@ -38,6 +40,8 @@ class Identified(Predictor, Protocol):
     """What it adds to the measured efforts, (n,) [N·m]."""
     left_open: LeftOpen
     """What is not known of all its parameters and of what its joints may add beside them."""
+    learned: LocalResiduals | None
+    """What its joints add that was learned."""
     lead: float
     """How far the measured effort is ahead of the motion [s]."""
     lag: float
@@ -59,6 +63,7 @@ class Compared:
         lead: how far the recorded effort is known to be ahead of the motion [s].
         creep: how dry friction is known to come on, as `Signals.creep`, else None.
         unloaded: the robot without the loads that the model found on it: its links are off by shares of their own; None for none.
+        learned: what joints add that was learned, some of it perhaps with the load, else None.
     """
 
     model: Predictor | None
@@ -71,6 +76,7 @@ class Compared:
     lead: float = 0.0
     creep: np.ndarray | None = None
     unloaded: Robot | None = None
+    learned: LocalResiduals | None = None
 
     @classmethod
     def of(cls, model: Predictor | None, robot: Robot) -> Compared:
@@ -82,7 +88,7 @@ class Compared:
         if not isinstance(model, Identified):
             return plain
         held, lead = offsets_of(model.offset), model.lead - model.lag
-        return replace(plain, held=held, left_open=model.left_open, lead=lead)
+        return replace(plain, held=held, left_open=model.left_open, lead=lead, learned=model.learned)
 
     @property
     def dry(self) -> np.ndarray:
@@ -92,6 +98,15 @@ class Compared:
             if isinstance(one.effect, DryFriction):
                 dry[one.target] += max(one.values[p.name] for p in one.effect.parameters if p.unit == "N*m")
         return dry
+
+    @property
+    def by_load(self) -> LoadFriction:
+        """What the model has of friction that grows with the load."""
+        ratios = np.zeros(self.robot.width)
+        for one in self.held:
+            if one.effect.name == LoadDependentFriction.name:
+                ratios[one.target] += one.values["ratio"]
+        return LoadFriction(ratios, self.learned)
 
     def acting(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings with efforts when and in the units in which they act, and a note where those are others."""

@@ -9,6 +9,7 @@ from scipy.ndimage import binary_opening, maximum_filter1d
 
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.learned import Learned
+from bdnn_ros.diagnosis.regression.load_friction import LoadFriction, carried
 from bdnn_ros.diagnosis.regression.noise import moved
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
@@ -43,7 +44,7 @@ def build(
     simulated: np.ndarray | None = None,
     left_open: LeftOpen | None = None,
     tilt: tuple[float, float] | None = None,
-    ratios: np.ndarray | float = 0.0,
+    grows: LoadFriction | None = None,
     unloaded: Robot | None = None,
 ) -> Equations:
     """The regression of a motion against a robot's simulation.
@@ -57,7 +58,7 @@ def build(
             they were identified.
         tilt: roll and pitch [rad] at which the base seems to stand, beyond what the robot says: what its bodies' errors
             weigh is counted as they hang then. None where nothing is known of one.
-        ratios: of the friction in proportion to the load that the simulation has at each joint, (n,).
+        grows: friction that the simulation has and that grows with the load.
         unloaded: whose links may be off, where the robot carries loads that were found on it; None for the robot.
 
     Raises:
@@ -68,12 +69,14 @@ def build(
     resting = _resting(signals)
     rows, runs = _rows(signals)
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
-    simulated, passing = _simulated(signals, robot, simulated, ratios)
+    simulated = described_effort(robot, signals) if simulated is None else simulated
+    simulated, passing = (grows or LoadFriction()).through(signals, robot, simulated)
     motion = Motion(signals, robot, simulated, drive)
     if tilt is not None:
         standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
         motion = replace(motion, robot=standing, level=robot)
-    relative, jointwise, learned = _errors(unloaded or robot, left_open)
+    load = None if passing is None else carried(signals, robot, simulated, passing)
+    relative, jointwise, learned = _errors(unloaded or robot, left_open, load)
     usable = _usable(signals, resting, rows)
     spread, size = _usual(signals.smooth(signals.effort)[rows])
     return Equations(
@@ -95,19 +98,6 @@ def build(
         learned=learned,
         passing=passing,
     )
-
-
-def _simulated(
-    signals: Signals, robot: Robot, simulated: np.ndarray | None, ratios: np.ndarray | float
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """The simulation's effort and what passes of it where friction grows with the load: see `build` and `Equations`."""
-    if simulated is None:
-        simulated = described_effort(robot, signals)
-    if signals.effort is None or not np.any(ratios):
-        return simulated, None
-    # which way the load goes the effort tells: a simulation that is off may have it go the other way
-    passing = _passing(signals, ratios, signals.smooth(signals.effort))
-    return simulated * passing / _passing(signals, ratios, simulated), passing
 
 
 def _usual(effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +147,9 @@ def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarr
     return np.asarray(usable)
 
 
-def _errors(robot: Robot, left_open: LeftOpen | None) -> tuple[np.ndarray, np.ndarray | None, Learned | None]:
+def _errors(
+    robot: Robot, left_open: LeftOpen | None, load: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None, Learned | None]:
     """What errors do to parameters of links and, where they were identified, of joints and what they add: see `Equations`."""
     if left_open is None:
         return relative_inertials(robot), None, None
@@ -166,7 +158,7 @@ def _errors(robot: Robot, left_open: LeftOpen | None) -> tuple[np.ndarray, np.nd
     relative, jointwise, weights = np.split(identified(left_open.covariance), [links, base])
     # identified offsets add to the measured effort, the contract's to what acts
     jointwise[-robot.width :] *= -1.0
-    return relative, jointwise, Learned(left_open, weights)
+    return relative, jointwise, Learned(left_open, weights, load)
 
 
 def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -179,11 +171,6 @@ def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:
     most = MOST_BLOCKS * min(BLOCK_SECONDS / length, 2.0)
     block = since // max(length, since[-1] / (most - 1e-6))
     return np.unique(block, return_inverse=True)[1].astype(int)
-
-
-def _passing(signals: Signals, ratios: np.ndarray | float, load: np.ndarray) -> np.ndarray:
-    """Effort per effort without friction of `ratios` (n,) of the load, under a load (N, n) [N·m], (N, n)."""
-    return signals.soften(1.0 / (1.0 - ratios * signals.direction * np.sign(load)))
 
 
 def least_motion(signals: Signals) -> float:

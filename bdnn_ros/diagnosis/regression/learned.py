@@ -19,10 +19,12 @@ class Learned:
     Attributes:
         left_open: the weights.
         weights: from U relative errors, as of links and joints, to theirs, (W, U) [N·m].
+        load: what bodies ask of joints, (N, n) [N·m], where they may ask more than those of the model, else None.
     """
 
     left_open: LeftOpen
     weights: np.ndarray
+    load: np.ndarray | None = None
 
     def columns(
         self, motion: Motion, passing: np.ndarray | None, reduced: Callable[[np.ndarray], np.ndarray]
@@ -34,7 +36,7 @@ class Learned:
             reduced: makes rows of values at the working rate.
         """
         joints = self.left_open.joints
-        added = self.left_open.columns(motion.robot, motion.signals)
+        added = self.left_open.columns(motion.robot, motion.signals, self.load)
         rows = reduced(added if passing is None else added * passing[:, joints])
         of_joints = (joints == joint for joint in range(motion.robot.width))
         return np.stack([rows[:, own] @ self.weights[own] for own in of_joints], axis=1)

@@ -1,0 +1,71 @@
+"""Friction of an earlier model that grows with the load: what of an effort passes through it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bdnn_ros.physical.local import LocalResiduals
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import Signals
+
+
+@dataclass(frozen=True)
+class LoadFriction:
+    """What an earlier model has of friction that grows with the load.
+
+    Attributes:
+        ratios: friction in proportion to the effort that acts at each joint, (n,).
+        learned: what its joints add that was learned, some of it with the size of the bodies' load; None for nothing.
+    """
+
+    ratios: np.ndarray | float = 0.0
+    learned: LocalResiduals | None = None
+
+    def through(
+        self, signals: Signals, robot: Robot, simulated: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """The simulation's effort, and how much more effort takes what is added to it, (N, n) each; None for no more.
+
+        Which way the load goes the measured effort tells: a simulation that is off may have it go the other way.
+        """
+        passing = None
+        if self.learned is not None and self.learned.by_load:
+            simulated, passing = self._learned(signals, robot, self.learned, simulated)
+        if np.any(self.ratios):
+            own = self._passing(signals, _measured(signals))
+            simulated = simulated * own / self._passing(signals, simulated)
+            passing = own if passing is None else own * passing
+        return simulated, passing
+
+    def _passing(self, signals: Signals, load: np.ndarray) -> np.ndarray:
+        """Effort per effort without the friction of `ratios`, under a load (N, n) [N·m], (N, n)."""
+        return signals.soften(1.0 / (1.0 - self.ratios * signals.direction * np.sign(load)))
+
+    @staticmethod
+    def _learned(
+        signals: Signals, robot: Robot, learned: LocalResiduals, simulated: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As `through`, by what was learned alone: that grows with the bodies' load, not with friction."""
+        load = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+        growth = learned.growth(signals.velocity, signals.direction)
+        way = np.sign(_measured(signals) - (simulated - load))
+        further = signals.soften(growth * (way * load - np.abs(load)))
+        return simulated + further, 1.0 + signals.soften(growth * way)
+
+
+def carried(signals: Signals, robot: Robot, simulated: np.ndarray, passing: np.ndarray) -> np.ndarray:
+    """What bodies ask of joints by the measured effort, whatever was added to a robot's, (N, n) [N·m].
+
+    Args:
+        simulated, passing: see `LoadFriction.through`.
+    """
+    load = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
+    return np.asarray(load + (_measured(signals) - simulated) / passing)
+
+
+def _measured(signals: Signals) -> np.ndarray:
+    """The measured effort, low-passed, (N, n) [N·m]."""
+    assert signals.effort is not None
+    return signals.smooth(signals.effort)
