@@ -227,8 +227,8 @@ def _looks(
         RecordingError: too short.
     """
     signals = measured.signals
-    grows, predicted = known.by_load, measured.predicted
-    equations = build(signals, known.robot, predicted, known.left_open, tilt, grows, known.unloaded)
+    of_robot = signals, known.robot, measured.predicted
+    equations = build(*of_robot, known.left_open, tilt, known.by_load, known.unloaded, known.unsure)
     equations.lead = known.lead
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:

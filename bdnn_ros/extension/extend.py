@@ -19,6 +19,7 @@ from bdnn_ros.extension.earlier import Known, at_another_time, by_the_clock, kno
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of
 from bdnn_ros.extension.merging import merged
 from bdnn_ros.extension.recorded import on_one_clock
+from bdnn_ros.extension.unsure import joints_moved, unsure_of
 from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import PER_LINK, Robot
@@ -64,12 +65,17 @@ def extend(examination: Examination) -> ExtendedModel:
     links = equations.rigid.shape[2]
     errors, corrected = fit.coefficients[:links], corrected_links(robot, found, *_bodies(examination))
     earlier, corrected = _joints_moved(earlier, corrected, equations, errors)
+    before: list[Known] = known_effects(earlier)
+    if equations.unsure is not None:
+        known = fit.covariance[:links, :links]
+        corrected, more = joints_moved(corrected, before, equations.unsure, errors, known)
+        before += more
     rows = equations.usable & examination.test[:, None]
     error = np.where(rows, examination.extended, 0.0)
     noise = np.sqrt(np.sum(error**2, axis=0) / np.maximum(rows.sum(axis=0), 1))
     rate = equations.motion.signals.raw_rate
     gone = [one for one in found if one.effect.kinematic and none_is_left(one.values["cutoff"], rate)]
-    both = merged(corrected, [*known_effects(earlier), *sensors, *zip(found, stds, strict=True)])
+    both = merged(corrected, [*before, *sensors, *zip(found, stds, strict=True)])
     effects = [one for one in both if one[0] not in gone]
     scale = plant_of(robot, [effect for effect, _ in sensors]).scale
     late = examination.late
@@ -89,6 +95,7 @@ def extend(examination: Examination) -> ExtendedModel:
         tuple(sticking.tolist()),
         () if creep is None else tuple(map(tuple, creep.tolist())),
         on_one_clock(examination.recordings) if any(by_the_clock(one) for one, _ in effects) else (),
+        unsure_of(examination),
     )
     return _bearing(model)
 

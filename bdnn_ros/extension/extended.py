@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bdnn_ros.diagnosis.recorded.compared import Compared
+from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.actuation import JointSpring
 from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
@@ -72,8 +73,7 @@ class ExtendedModel:
         effects: what was found, with place and values.
         noise: standard deviation of the low-passed effort around `predict`, (n,) [N·m].
         stds: standard deviations of each effect's values, in the order of `effects`; empty if unknown.
-        lead: how far the effort's stamps lead the motion's [s]: a property of the recording that only
-            `predict` counts.
+        lead: how far the effort's stamps lead the motion's [s]: a property of the recording that only `predict` counts.
         lag: time constant of a low-pass of first order that the measured effort has passed [s]; another such property.
         sticking: each joint's dry friction times how far it turns round before the joint does [N·m·s], (n,); empty
             for none. A joint that sticks leaves slowly; only `predict` counts it.
@@ -83,6 +83,7 @@ class ExtendedModel:
             two joints, learned friction), or None; its offset is not counted.
         recorded: the recordings that it was diagnosed from, whose one clock is that of its effects; empty where nobody
             knows, or nothing has a time.
+        unsure: what is not known of what acts at its joints, or None where nobody knows.
     """
 
     kind: ClassVar[str] = "extended"
@@ -97,6 +98,7 @@ class ExtendedModel:
     sticking: tuple[float, ...] = ()
     creep: tuple[tuple[float, ...], ...] = ()
     recorded: tuple[Recorded, ...] = ()
+    unsure: Unsure | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:

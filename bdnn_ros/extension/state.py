@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.errors import BdnnError, ModelFileError
 from bdnn_ros.extension.effects_file import entry, from_entries
 from bdnn_ros.extension.recorded import Recorded
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 BEYOND = "beyond."
 """Begins the names of the arrays of an identified model within."""
+UNSURE = "unsure"
+"""The name of the covariance of what is not known of what acts at joints."""
 RECORDED = "recorded."
 """Begins the names of the arrays of the recordings that the model was diagnosed from."""
 
@@ -38,6 +41,8 @@ def state_of(model: ExtendedModel) -> tuple[dict[str, np.ndarray], dict[str, Any
         info["recorded"] = [one.begin for one in model.recorded]
     for k, one in enumerate(model.recorded):
         arrays |= {f"{RECORDED}{k}.stamps": one.stamps, f"{RECORDED}{k}.position": one.position}
+    if model.unsure is not None:
+        info["unsure"], arrays[UNSURE] = model.unsure.to_state(model.joints), model.unsure.covariance
     if model.beyond is not None:
         held, info["beyond"] = model.beyond.to_state()
         arrays |= {f"{BEYOND}{key}": value for key, value in held.items()}
@@ -59,6 +64,9 @@ def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, A
             robot = robot_from_state(arrays, info)
             effects = tuple(from_entries(info["effects"], robot))
             beyond = PhysicalModel.from_state(held, info["beyond"]) if held else None
+            unsure = (
+                Unsure.from_state(info["unsure"], arrays[UNSURE], robot.joints) if "unsure" in info else None
+            )
         except BdnnError as error:
             raise ModelFileError(
                 f"The extended model is damaged: {error.problem}", "Diagnose again."
@@ -85,6 +93,7 @@ def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, A
             "creep": creep,
             "beyond": beyond,
             "recorded": _recorded(arrays, [float(begin) for begin in info.get("recorded", ())], width),
+            "unsure": unsure,
         }
 
 

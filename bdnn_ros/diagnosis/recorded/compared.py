@@ -13,6 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from bdnn_ros.diagnosis.regression.load_friction import LoadFriction
+from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.actuation import EffortOffset
 from bdnn_ros.effects.friction import DryFriction, LoadDependentFriction
 from bdnn_ros.effects.registry import Installed, get
@@ -77,6 +78,7 @@ class Compared:
     creep: np.ndarray | None = None
     unloaded: Robot | None = None
     learned: LocalResiduals | None = None
+    unsure: Unsure | None = None
 
     @classmethod
     def of(cls, model: Predictor | None, robot: Robot) -> Compared:

@@ -11,6 +11,7 @@ from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.learned import Learned
 from bdnn_ros.diagnosis.regression.load_friction import LoadFriction, carried
 from bdnn_ros.diagnosis.regression.noise import moved
+from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
 from bdnn_ros.physical.left_open import LeftOpen
@@ -46,6 +47,7 @@ def build(
     tilt: tuple[float, float] | None = None,
     grows: LoadFriction | None = None,
     unloaded: Robot | None = None,
+    unsure: Unsure | None = None,
 ) -> Equations:
     """The regression of a motion against a robot's simulation.
 
@@ -60,6 +62,7 @@ def build(
             weigh is counted as they hang then. None where nothing is known of one.
         grows: friction that the simulation has and that grows with the load.
         unloaded: whose links may be off, where the robot carries loads that were found on it; None for the robot.
+        unsure: what is not known of what an earlier diagnosis found at joints.
 
     Raises:
         RecordingError: no joint moves, or no effort.
@@ -77,6 +80,8 @@ def build(
         motion = replace(motion, robot=standing, level=robot)
     load = None if passing is None else carried(signals, robot, simulated, passing)
     relative, jointwise, learned = _errors(unloaded or robot, left_open, load)
+    masses = (np.arange(relative.shape[1]) % PER_LINK == 0) & (left_open is None)
+    more = 0 if unsure is None else len(unsure.covariance)
     usable = _usable(signals, resting, rows)
     spread, size = _usual(signals.smooth(signals.effort)[rows])
     return Equations(
@@ -90,13 +95,14 @@ def build(
         dwelling=sticks(signals, DWELLING_WIDTHS)[rows],
         block=_blocks(usable, signals.time[rows]),
         runs=runs,
-        relative=relative,
-        masses=(np.arange(relative.shape[1]) % PER_LINK == 0) & (left_open is None),
+        relative=np.pad(relative, ((0, 0), (0, more))),
+        masses=np.pad(masses, (0, more)),
         effort_scale=spread,
         effort_size=size,
         jointwise=jointwise,
         learned=learned,
         passing=passing,
+        unsure=unsure,
     )
 
 

@@ -8,7 +8,7 @@ autoregressive model of its own residual, so that sums of squares are log likeli
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -18,10 +18,10 @@ from bdnn_ros.diagnosis.regression.later import later, later_spread
 from bdnn_ros.diagnosis.regression.learned import Learned
 from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, moved, past, whitened
 from bdnn_ros.diagnosis.regression.pushing import Pushing
-from bdnn_ros.diagnosis.regression.term import COMMON, Term
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.environment import Push, window
 from bdnn_ros.effects.motion import Motion
-from bdnn_ros.effects.registry import get
 from bdnn_ros.effects.rigid import slots
 from bdnn_ros.robot import Robot
 
@@ -49,8 +49,7 @@ class Equations:
     Attributes:
         motion: the motion at the working rate, with the robot of the URDF and the load estimate.
         simulated, drive: the simulation's effort, and what drives take of it before the gear, both (N, n) [N·m].
-        rows: which working samples are rows, (R,).
-        target: measured effort minus the simulation's, (R, n) [N·m].
+        rows, target: which working samples are rows, (R,); measured effort minus the simulation's there, (R, n) [N·m].
         usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest or sticking.
         doubt: share of each row's low-pass in which the joint turns round or creeps, so that it may stick, (R, n).
         dwelling: rows in which it creeps for so long that its dry friction passes for less than it is, (R, n) bool.
@@ -61,6 +60,7 @@ class Equations:
         jointwise, learned: where an identified model takes the simulation's place, from the same errors to those of `COMMON`
             at every joint, kind by kind, (len(COMMON) * n, U), and what they do by all else that joints may add; else None.
         passing: how much more effort it takes where an earlier model has friction in proportion to the load, (N, n); else None.
+        unsure: what is not known of what an earlier diagnosis found at joints: the last K of the U errors; else None.
     """
 
     motion: Motion
@@ -81,6 +81,7 @@ class Equations:
     jointwise: np.ndarray | None = None
     learned: Learned | None = None
     passing: np.ndarray | None = None
+    unsure: Unsure | None = None
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
     _pasts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
@@ -146,11 +147,7 @@ class Equations:
         return self._columns[term]
 
     def made(self, term: Term, motion: Motion | None = None) -> np.ndarray:
-        """Columns as those of `columns`, computed anew and not kept.
-
-        Args:
-            motion: with another estimate of the load.
-        """
+        """Columns as those of `columns`, computed anew and not kept; of a motion with another estimate of the load, if given."""
         effect, shape = term.effect, dict(term.shape)
         added = effect.inertials(self.motion.robot, shape, term.link) if term.link else None
         if added is not None:
@@ -183,9 +180,9 @@ class Equations:
         """
         columns = np.asarray(self._regressor @ self.relative)
         if self.jointwise is not None and self.learned is not None:
-            terms = (Term(get(name), joint) for name in COMMON for joint in range(self.width))
-            columns += np.concatenate([self.columns(term) for term in terms], axis=2) @ self.jointwise
-            columns += self.learned.columns(self.motion, self.passing, partial(self.reduced, borne=False))
+            columns += self.learned.columns(self, self.jointwise)
+        if self.unsure is not None:
+            columns[:, :, self.unsure.last] = self.unsure.columns(self)
         return columns
 
     @cached_property
@@ -263,7 +260,10 @@ class Equations:
 
         Of a description that seems a little wrong, masses are believed half as well as shapes: those are drawn to scale.
         """
-        return np.where(self.masses, max(link_error, min(2.0 * link_error, USUAL_MASS_ERROR)), link_error)
+        spread = np.where(self.masses, max(link_error, min(2.0 * link_error, USUAL_MASS_ERROR)), link_error)
+        if self.unsure is not None:
+            spread[self.unsure.last] = 1.0
+        return spread
 
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bdnn_ros.effects.motion import Motion
+from bdnn_ros.diagnosis.regression.term import COMMON, Term
+from bdnn_ros.effects.registry import get
 from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.local import LocalResiduals
+
+if TYPE_CHECKING:
+    from bdnn_ros.diagnosis.regression.equations import Equations
 
 
 @dataclass(frozen=True)
@@ -26,20 +30,20 @@ class Learned:
     weights: np.ndarray
     load: np.ndarray | None = None
 
-    def columns(
-        self, motion: Motion, passing: np.ndarray | None, reduced: Callable[[np.ndarray], np.ndarray]
-    ) -> np.ndarray:
-        """What one unit of each error does by them, rows (R, n, U) [N·m].
+    def columns(self, equations: Equations, jointwise: np.ndarray) -> np.ndarray:
+        """What one unit of each error does by them, and by the parameters of joints, rows (R, n, U) [N·m].
 
         Args:
-            passing: how much more effort it takes of each joint, (N, n), where that is not one.
-            reduced: makes rows of values at the working rate.
+            jointwise: see `Equations`.
         """
-        joints = self.left_open.joints
+        width, joints = equations.width, self.left_open.joints
+        terms = (Term(get(name), joint) for name in COMMON for joint in range(width))
+        of_joints = np.concatenate([equations.columns(term) for term in terms], axis=2) @ jointwise
+        motion, passing = equations.motion, equations.passing
         added = self.left_open.columns(motion.robot, motion.signals, self.load)
-        rows = reduced(added if passing is None else added * passing[:, joints])
-        of_joints = (joints == joint for joint in range(motion.robot.width))
-        return np.stack([rows[:, own] @ self.weights[own] for own in of_joints], axis=1)
+        rows = equations.reduced(added if passing is None else added * passing[:, joints], borne=False)
+        own = (joints == joint for joint in range(width))
+        return np.asarray(of_joints + np.stack([rows[:, one] @ self.weights[one] for one in own], axis=1))
 
     def moved(self, before: LocalResiduals | None, errors: np.ndarray) -> LocalResiduals | None:
         """What joints add that was learned before, with its weights moved by their errors (U,)."""

@@ -1,0 +1,140 @@
+"""What a diagnosis leaves open of what acts at the joints of the extended model, and what a later one learns of that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from copy import copy
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.fit import Fit
+from bdnn_ros.diagnosis.regression.term import COMMON, Term
+from bdnn_ros.diagnosis.regression.unsure import DOUBTED, Unsure, slots_of
+from bdnn_ros.diagnosis.search.candidates import acting_per_measured
+from bdnn_ros.effects.friction import SLIDING
+from bdnn_ros.effects.registry import Installed, get
+from bdnn_ros.extension.earlier import Known
+from bdnn_ros.robot import Robot
+
+if TYPE_CHECKING:
+    from bdnn_ros.diagnosis.diagnose import Examination
+
+AT_JOINTS = frozenset({*COMMON, *SLIDING, "quadratic_drag", "joint_spring", "cogging"})
+"""Effects of which it is counted how well they are known: they last, add up and depend on the motion alone."""
+IN_ROBOT = ("armature", "viscous_friction")
+"""Those of them that a robot holds."""
+SURE = 2.0
+"""What was left out is taken in where it is so many standard deviations from nothing."""
+
+
+def unsure_of(examination: Examination) -> Unsure:
+    """How well a diagnosis knows what acts at joints.
+
+    What of the commonest effects was not worth a name is there all the same: it is as open as it is large, with what else
+    is other with it. Beside an earlier model that is open by what was not known of that one.
+    """
+    pool, fit, equations = examination.pool, examination.fit, examination.equations
+    told = [pool.terms[chosen] for chosen in fit.terms]
+    if equations.jointwise is None and equations.unsure is None:
+        missing = [*_missing(told, equations.width)]
+        every = Pool(equations, pool.noise, [*told, *missing], pool.link_error)
+    else:
+        missing, every = [], Pool(equations, pool.noise, told, pool.link_error)
+    if equations.unsure is not None:  # what the motion says nothing of is as well known as it was
+        every = copy(every)
+        last = np.arange(equations.rigid.shape[2])[equations.unsure.last]
+        every.precision = every.precision.copy()
+        every.precision[last] *= DOUBTED**2
+    whole = every.whole
+    terms = _known(examination, [*told, *missing])
+    by_all, by_told = _by(every, whole, terms), _by(pool, fit, terms)
+    covariance = by_all @ whole.covariance @ by_all.T
+    if missing:
+        other = by_all @ whole.coefficients - by_told @ fit.coefficients
+        joints = np.concatenate(
+            [[one.target] * (s.stop - s.start) for one, s in zip(terms, slots_of(terms), strict=True)]
+        )
+        # that it is off by as much as it is large is no underestimate
+        covariance += np.where(joints[:, None] == joints, np.outer(other, other), 0.0) / DOUBTED**2
+    return Unsure(tuple(terms), covariance)
+
+
+def _plain(term: Term) -> Term:
+    """A term as one of its own, not as a change."""
+    return Term(get(term.effect.name, term.effect.variant), term.target, shape=term.shape)
+
+
+def _missing(told: Sequence[Term], width: int) -> Iterator[Term]:
+    """Of the commonest effects at n = `width` joints those that are not told; dry friction by whatever name."""
+    for name in COMMON:
+        same = SLIDING if name in SLIDING else (name,)
+        there = {term.target for term in told if term.effect.name in same}
+        yield from (Term(get(name), joint) for joint in range(width) if joint not in there)
+
+
+def _known(examination: Examination, told: Sequence[Term]) -> list[Term]:
+    """What acts at joints, found and left out, by now and before, each once."""
+    equations = examination.equations
+    before = [] if equations.unsure is None else [*equations.unsure.terms]
+    if equations.jointwise is not None:
+        before += [Term(get(name), joint) for name in COMMON for joint in range(equations.width)]
+    now = [_plain(one) for one in told if one.effect.name in AT_JOINTS]
+    return [*dict.fromkeys([*before, *now])]
+
+
+def _by(pool: Pool, fit: Fit, terms: Sequence[Term]) -> np.ndarray:
+    """From a fit's coefficients (P,) to the coefficients of what acts at joints, (K, P)."""
+    equations, where = pool.equations, dict(zip(terms, slots_of(terms), strict=True))
+    size = max((slot.stop for slot in where.values()), default=0)
+    result, links = np.zeros((size, len(fit.coefficients))), equations.rigid.shape[2]
+    if equations.jointwise is not None:
+        own = (Term(get(name), joint) for name in COMMON for joint in range(equations.width))
+        for one, row in zip(own, equations.jointwise, strict=True):
+            result[where[one], : len(row)] += row
+    if equations.unsure is not None:
+        last = np.arange(links)[equations.unsure.last]
+        for one, slot in zip(equations.unsure.terms, equations.unsure.slots, strict=True):
+            result[where[one], last] += equations.unsure.errors[slot]
+    for chosen in fit.terms:
+        told = pool.terms[chosen]
+        if told.effect.name in AT_JOINTS and (one := _plain(told)) in where:
+            slot, acting = where[one], acting_per_measured(pool, fit, chosen)
+            result[slot, pool.rows(fit, chosen)] += acting * np.eye(slot.stop - slot.start)
+    return result
+
+
+def joints_moved(
+    robot: Robot, before: Sequence[Known], unsure: Unsure, errors: np.ndarray, covariance: np.ndarray
+) -> tuple[Robot, list[Known]]:
+    """A robot and effects as the errors of what was not known of them move them, none below what can be.
+
+    Args:
+        before: the effects of the earlier model.
+        errors, covariance: of all that was not known, (U,) and (U, U).
+    """
+    joints = {kind: getattr(robot, kind).copy() for kind in ("armature", "viscous")}
+    own = unsure.errors @ covariance[unsure.last, unsure.last] @ unsure.errors.T
+    stds = np.sqrt(np.diag(own))
+    effects: list[Known] = []
+    had = [(_of(effect), effect) for effect, _ in before if effect.effect.name in AT_JOINTS]
+    for term, slot, more in zip(unsure.terms, unsure.slots, unsure.moved(errors), strict=True):
+        if term.effect.name in IN_ROBOT:
+            kind = term.effect.name.removesuffix("_friction")
+            joints[kind][term.target] = max(joints[kind][term.target] + more[0], 0.0)
+            continue
+        there = [term.effect.coefficients(effect.values)[0] for one, effect in had if one == term]
+        if not there and (np.abs(more) <= SURE * stds[slot]).all():
+            continue
+        lowest = np.array(term.effect.coefficient_bounds)[:, 0] - sum(there, np.zeros(len(more)))
+        values = term.effect.values(np.maximum(more, lowest), dict(term.shape))
+        effects.append((Installed(term.effect, term.target, None, values), {}))
+    return robot.with_joint_parameters(**joints), effects
+
+
+def _of(effect: Installed) -> Term:
+    """The term of an effect."""
+    return Term(effect.effect, effect.target, effect.link).shaped(
+        effect.effect.coefficients(effect.values)[1]
+    )
