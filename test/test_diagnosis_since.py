@@ -13,11 +13,13 @@ from bdnn_ros.diagnosis.regression.building import IDENTIFIED, build
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.result import Finding
 from bdnn_ros.effects.registry import get, parse_spec
+from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.effects_file import EffectsFile
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import write_model_files
 from bdnn_ros.extension.urdf import extended_urdf
+from bdnn_ros.models import load_model, save_model
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.model import PhysicalModel
@@ -360,6 +362,31 @@ def test_a_low_pass_that_is_gone_is_told_and_leaves_the_model():
         "is the derivative of its position, no longer behind a low-pass of 5 Hz."
     )
     assert extend(examination).effects == ()
+
+
+def test_a_low_pass_that_an_identified_model_knows_is_no_change(tmp_path):
+    """Nor in the diagnosis after that; a later one that differs is told as such."""
+    save_model(tmp_path, Identifier(ARM).fit([with_sensors(FILTERED)]))
+    before = load_model(tmp_path)
+    examination = examine([with_sensors(FILTERED, RUBS)], before.robot, model=before)
+    (finding,) = examination.diagnosis.findings
+    assert (finding.effect, finding.joint) == ("viscous_friction", SECOND)
+    later = extend(examination)
+    assert [one.effect.name for one in later.effects].count("velocity_filter") == 1
+    assert all(
+        not f.of_velocity for f in examine([with_sensors(FILTERED)], ARM, model=later).diagnosis.findings
+    )
+    (gone,) = examine([with_sensors()], before.robot, model=before).diagnosis.findings
+    assert gone.sentence.endswith("is the derivative of its position, no longer behind a low-pass of 5 Hz.")
+
+
+def test_a_model_of_before_knows_of_no_low_passes(model):
+    arrays, info = model.to_state()
+    assert np.isinf(model.velocity_cutoff).all()
+    old = {name: value for name, value in info.items() if name != "velocity_lags"}
+    assert np.isinf(PhysicalModel.from_state(arrays, old).velocity_cutoff).all()
+    with pytest.raises(ModelFileError):
+        PhysicalModel.from_state(arrays, {**info, "velocity_lags": [0.1] * 3})
 
 
 def test_efforts_in_other_units_are_said_to_be():

@@ -14,6 +14,7 @@ from bdnn_ros.diagnosis.regression.term import COMMON
 from bdnn_ros.diagnosis.search.leads import parted
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
+from bdnn_ros.effects.sensing import VelocityFilter
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.earlier import Known, at_another_time, by_the_clock, known_effects, with_effects
 from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of
@@ -119,7 +120,7 @@ def _earlier(examination: Examination) -> tuple[ExtendedModel, list[Known]]:
         beside = [one for one in known_effects(acting) if one[0].effect.name not in IN_ROBOT]
         return with_effects(replace(acting, bare=acting.robot), beside), sensors
     if isinstance(model, PhysicalModel):
-        return of_physical(model), []
+        return of_physical(model), _filters_of(model)
     raise UsageError(
         "The model compared with has learned more than a robot with effects can say.",
         "Identify the earlier recording with --prior urdf.",
@@ -134,6 +135,17 @@ def of_physical(model: PhysicalModel) -> ExtendedModel:
     offsets = offsets_of(model.offset)
     stds: tuple[dict[str, float], ...] = ({},) * len(offsets)
     return ExtendedModel(model.robot, offsets, model.noise, stds, beyond=model)
+
+
+def _filters_of(model: PhysicalModel) -> list[Known]:
+    """The low-passes that an identified model's reported velocities had passed, as effects."""
+    each = enumerate(model.velocity_cutoff.tolist())
+    known = get(VelocityFilter.name)
+    return [
+        (Installed(known, joint, None, {"cutoff": cutoff}), {})
+        for joint, cutoff in each
+        if np.isfinite(cutoff)
+    ]
 
 
 def _sticking(examination: Examination, robot: Robot, effects: Sequence[Installed]) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from bdnn_ros.diagnosis.recorded.lateness import in_time
 from bdnn_ros.errors import UpdateRejected, UsageError
 from bdnn_ros.online.chunks import Chunks
-from bdnn_ros.online.recorded import stretches, usual_lateness
+from bdnn_ros.online.recorded import as_recorded, stretches, usual_lateness
 from bdnn_ros.physical.dictionary import Scales
 from bdnn_ros.physical.handover import physical_model
 from bdnn_ros.physical.model import PhysicalModel
@@ -159,7 +159,7 @@ class Identifier:
         self._settle_at = 2 * self._used
         model = self.model(ITERATIONS)
         progress(1.0, "done")
-        return replace(model, lead=model.lead - late.delay, lag=late.lag)
+        return as_recorded(model, recordings, late, self._stream.asked)
 
     # -- models out ------------------------------------------------------------------------------
 

@@ -1,13 +1,16 @@
-"""What identification asks of recordings before it takes in their samples."""
+"""What identification asks of recordings beside their samples."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from bdnn_ros.diagnosis.recorded.lateness import Lateness, lateness
+from bdnn_ros.diagnosis.recorded.velocity_filter import lag_of, reported_velocity
 from bdnn_ros.errors import RecordingError
+from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -29,3 +32,16 @@ def usual_lateness(recordings: Sequence[Recording], robot: Robot, cutoff: float 
         except RecordingError:
             continue
     return sorted(found, key=lambda late: late.total)[len(found) // 2] if found else Lateness()
+
+
+def as_recorded(
+    model: PhysicalModel, recordings: Sequence[Recording], late: Lateness, cutoff: float | None
+) -> PhysicalModel:
+    """A model of recordings with what their sensors did: efforts came late, and reported velocities had passed low-passes."""
+    try:
+        told = reported_velocity(recordings, cutoff)
+    except RecordingError:
+        told = []
+    passed = {str(one.joint): lag_of(one.parameters["cutoff"].value) for one in told}
+    lags = tuple(passed.get(joint, 0.0) for joint in model.joints) if passed else ()
+    return replace(model, lead=model.lead - late.delay, lag=late.lag, velocity_lags=lags)

@@ -47,6 +47,7 @@ class PhysicalModel(ReadOnlyArrays):
         tilt_std: standard deviations of the roll and pitch at which `robot` stands [rad]; zero where they were taken
             as known.
         zeros_std: standard deviations of the robot's zeros, n of them [rad] ([m]), zero of those taken as known; or none.
+        velocity_lags: time constants of the low-passes that the reported velocities had passed, n of them [s]; or none.
         open: what the motion left open of all it may add to the rigid bodies, or None where nobody knows.
     """
 
@@ -67,6 +68,7 @@ class PhysicalModel(ReadOnlyArrays):
     tilt_std: tuple[float, float] = (0.0, 0.0)
     zeros_std: tuple[float, ...] = ()
     open: LeftOpen | None = None
+    velocity_lags: tuple[float, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -107,6 +109,12 @@ class PhysicalModel(ReadOnlyArrays):
     def left_open(self) -> LeftOpen:
         """What the motion left open, of the parameters at least."""
         return LeftOpen.plain(self.covariance) if self.open is None else self.open
+
+    @property
+    def velocity_cutoff(self) -> np.ndarray:
+        """Of the low-passes that the reported velocities had passed, (n,) [Hz], infinite for none."""
+        lags = np.array(self.velocity_lags or (0.0,) * self.robot.width)
+        return np.divide(0.5 / np.pi, lags, out=np.full(len(lags), np.inf), where=lags > 0.0)
 
     @cached_property
     def std(self) -> Parameters:
@@ -230,6 +238,7 @@ class PhysicalModel(ReadOnlyArrays):
             "lag": self.lag,
             "tilt_std": list(self.tilt_std),
             "zeros_std": list(self.zeros_std),
+            "velocity_lags": list(self.velocity_lags),
             "motors": pairs,
         }
         if self.learned is not None:
@@ -260,6 +269,9 @@ class PhysicalModel(ReadOnlyArrays):
             zeros_std = tuple(map(float, info.get("zeros_std", ())))
             if len(zeros_std) not in (0, width):
                 raise ValueError("zeros_std")
+            lags = tuple(map(float, info.get("velocity_lags", ())))
+            if len(lags) not in (0, width):
+                raise ValueError("velocity_lags")
             return cls(
                 robot=robot_from_state(arrays, info),
                 offset=arrays["offset"],
@@ -275,6 +287,7 @@ class PhysicalModel(ReadOnlyArrays):
                 motors=CoupledMotors.from_state(motors, info["motors"]),
                 learned=LocalResiduals.from_state(learned, info["learned"]) if learned else None,
                 open=LeftOpen.from_state(left, width) if left else None,
+                velocity_lags=lags,
             )
 
 

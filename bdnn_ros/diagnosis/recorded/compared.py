@@ -48,6 +48,10 @@ class Identified(Predictor, Protocol):
     lag: float
     """Time constant of the low-pass that it has passed [s]."""
 
+    @property
+    def velocity_cutoff(self) -> np.ndarray:
+        """Of the low-passes on reported velocities, (n,) [Hz], infinite for none."""
+
 
 @dataclass(frozen=True)
 class Compared:
@@ -90,7 +94,8 @@ class Compared:
         if not isinstance(model, Identified):
             return plain
         held, lead = offsets_of(model.offset), model.lead - model.lag
-        return replace(plain, held=held, left_open=model.left_open, lead=lead, learned=model.learned)
+        known = replace(plain, held=held, left_open=model.left_open, lead=lead, learned=model.learned)
+        return replace(known, velocity_cutoff=model.velocity_cutoff)
 
     @property
     def dry(self) -> np.ndarray:
