@@ -53,16 +53,7 @@ def extend(examination: Examination) -> ExtendedModel:
     equations, fit = examination.equations, examination.fit
     earlier, sensors = _earlier(examination)
     robot = earlier.bare
-    estimates = [e for e in examination.estimates if not e.term.effect.timed or _told(e, examination)]
-    found = [Installed(e.term.effect, e.term.target, e.term.link, dict(e.values)) for e in estimates]
-    stds = [{name: q.std for name, q in e.quantities.items()} for e in estimates]
-    for finding in examination.diagnosis.findings:
-        effect = get(finding.effect)
-        if effect.kinematic:
-            values = {name: q.value for name, q in finding.parameters.items()}
-            found.append(Installed(effect, robot.joints.index(str(finding.joint)), finding.link, values))
-            stds.append({name: q.std for name, q in finding.parameters.items()})
-    found = _tilted_further(robot, found)
+    found, stds = _found(examination, robot)
     links = equations.rigid.shape[2]
     errors, corrected = fit.coefficients[:links], corrected_links(robot, found, *_bodies(examination))
     earlier, corrected = _joints_moved(earlier, corrected, equations, errors)
@@ -99,6 +90,20 @@ def extend(examination: Examination) -> ExtendedModel:
         unsure_of(examination),
     )
     return _bearing(model)
+
+
+def _found(examination: Examination, robot: Robot) -> tuple[list[Installed], list[dict[str, float]]]:
+    """What was found, with standard deviations of the values."""
+    estimates = [e for e in examination.estimates if not e.term.effect.timed or _told(e, examination)]
+    found = [Installed(e.term.effect, e.term.target, e.term.link, dict(e.values)) for e in estimates]
+    stds = [{name: q.std for name, q in e.quantities.items()} for e in estimates]
+    for finding in examination.diagnosis.findings:
+        effect = get(finding.effect)
+        if effect.kinematic:
+            values = {name: q.value for name, q in finding.parameters.items()}
+            found.append(Installed(effect, robot.joints.index(str(finding.joint)), finding.link, values))
+            stds.append({name: q.std for name, q in finding.parameters.items()})
+    return _tilted_further(robot, found), stds
 
 
 def _bearing(model: ExtendedModel) -> ExtendedModel:

@@ -54,10 +54,8 @@ def build(
     Args:
         signals: motion with effort, joints in the robot's order.
         robot: what the simulation believes.
-        simulated: the effort the simulation predicts, (N, n) [N·m]; None takes the robot's rigid bodies, armature and
-            friction.
-        left_open: what is not known of the links' inertial parameters, of `COMMON` and of what joints may add beside, where
-            they were identified.
+        simulated: the effort the simulation predicts, (N, n) [N·m]; None for the robot's own.
+        left_open: what is not known of inertial parameters, `COMMON` and what joints may add, where they were identified.
         tilt: roll and pitch [rad] at which the base seems to stand, beyond what the robot says: what its bodies' errors
             weigh is counted as they hang then. None where nothing is known of one.
         grows: friction that the simulation has and that grows with the load.
@@ -74,14 +72,11 @@ def build(
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     simulated = described_effort(robot, signals) if simulated is None else simulated
     simulated, passing = (grows or LoadFriction()).through(signals, robot, simulated)
-    motion = Motion(signals, robot, simulated, drive)
-    if tilt is not None:
-        standing = robot.tilted(*np.add(tilt_of(robot.gravity_vector), tilt))
-        motion = replace(motion, robot=standing, level=robot)
+    motion = _standing(Motion(signals, robot, simulated, drive), tilt)
     load = None if passing is None else carried(signals, robot, simulated, passing)
     relative, jointwise, learned = _errors(unloaded or robot, left_open, load)
     masses = (np.arange(relative.shape[1]) % PER_LINK == 0) & (left_open is None)
-    more = 0 if unsure is None else len(unsure.covariance)
+    more = (0, 0 if unsure is None else len(unsure.covariance))
     usable = _usable(signals, resting, rows)
     spread, size = _usual(signals.smooth(signals.effort)[rows])
     return Equations(
@@ -95,8 +90,8 @@ def build(
         dwelling=sticks(signals, DWELLING_WIDTHS)[rows],
         block=_blocks(usable, signals.time[rows]),
         runs=runs,
-        relative=np.pad(relative, ((0, 0), (0, more))),
-        masses=np.pad(masses, (0, more)),
+        relative=np.pad(relative, ((0, 0), more)),
+        masses=np.pad(masses, more),
         effort_scale=spread,
         effort_size=size,
         jointwise=jointwise,
@@ -104,6 +99,14 @@ def build(
         passing=passing,
         unsure=unsure,
     )
+
+
+def _standing(motion: Motion, tilt: tuple[float, float] | None) -> Motion:
+    """A motion on a base that is tilted so further [rad]; None for nothing."""
+    if tilt is None:
+        return motion
+    standing = motion.robot.tilted(*np.add(tilt_of(motion.robot.gravity_vector), tilt))
+    return replace(motion, robot=standing, level=motion.robot)
 
 
 def _usual(effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
