@@ -201,6 +201,21 @@ def test_noise_that_is_as_large_is_not_what_a_joint_bears_at_rest(equations):
     assert describe(replace(equations, usable=usable), loud).resting == ()
 
 
+def test_a_recording_that_has_more_noise_than_another_has_no_bursts(equations):
+    """As one along a faster motion may; what comes in bursts within one still does."""
+    noise, _ = white(equations, STD, 3)
+    time = equations.motion.time[equations.rows]
+    begun = float(time[0]), float(np.median(time))
+    two = copy(equations)
+    two.motion = replace(equations.motion, signals=replace(equations.motion.signals, begun=begun))
+    noise[time >= begun[1]] *= 5.0
+    remainder = describe(two, noise)
+    assert remainder.bursts == ()
+    np.testing.assert_allclose(remainder.floor, STD * np.sqrt(13.0), rtol=0.1)
+    noise[(time % 8.0 < 0.5), 1] += 40.0 * STD
+    assert describe(two, noise).bursts == (J2,)
+
+
 def test_bursts_that_the_steps_of_an_encoder_make_are_noise(equations):
     noise, _ = white(equations, STD, 7)
     residual = noise.copy()

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import binary_opening
 
 from bdnn_ros.aside import in_two
+from bdnn_ros.diagnosis.recorded.joining import owners
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.noise import rms
 from bdnn_ros.diagnosis.telling.inputs import Key, ageing, names, pairs, single
@@ -25,7 +26,8 @@ LARGE_ERROR = 0.4
 NOISE = 4.0
 """Nor is an effort far from the simulation's that so many times what motion leaves would account for."""
 UNEVEN = 1.5
-"""Noise is much the same throughout: what is so many times as large as its median tells was not noise at its loudest."""
+"""Noise is much the same throughout a recording: what is so many times as large as its median tells was not noise at its
+loudest."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,9 @@ def describe(
     for j, found in enumerate(told):
         if found is not None:
             predicted[:, j], inputs[joints[j]] = found
-    rest = [(residual - predicted)[equations.usable[:, j], j] for j in range(equations.width)]
-    floor, calm = np.array([rms(left) for left in rest]), np.array([_between_bursts(left) for left in rest])
+    left, each = residual - predicted, range(equations.width)
+    floor = np.array([rms(left[equations.usable[:, j], j]) for j in each])
+    calm = np.array([_between_bursts(equations, left[:, j], j) for j in each])
     uneven = floor > np.maximum(UNEVEN * calm, stepping)
     return Remainder(
         np.where(uneven, calm, floor),
@@ -141,6 +144,15 @@ def _borne_at_rest(equations: Equations, residual: np.ndarray, dry: np.ndarray |
     return np.asarray(binary_opening(large, np.ones((period, 1), bool)).any(axis=0))
 
 
-def _between_bursts(values: np.ndarray) -> float:
-    """Standard deviation of most of some values, whatever the rest do."""
-    return GAUSSIAN * float(np.median(np.abs(values))) if len(values) else 0.0
+def _between_bursts(equations: Equations, left: np.ndarray, joint: int) -> float:
+    """Standard deviation of most of what is left of a joint (R,), whatever the rest does: of each recording by itself.
+
+    One that was recorded elsewhere, or along a faster motion, may have more noise all through.
+    """
+    signals, rows = equations.motion.signals, equations.usable[:, joint]
+    whose = owners(equations.motion.time[equations.rows], signals.begun)[rows]
+    variances = np.zeros(len(whose))
+    for one in np.unique(whose):
+        own = whose == one
+        variances[own] = (GAUSSIAN * np.median(np.abs(left[rows][own]))) ** 2
+    return float(np.sqrt(variances.mean())) if len(variances) else 0.0
