@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from diagnosis_cases import CUTOFF, term
 from mujoco_cases import geared
 
 from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.diagnosis.judging.identifiability import TIE, judge
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import Search, Selection
 from bdnn_ros.effects.backlash import _sides
+from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
+from bdnn_ros.scores import described_effort
+from bdnn_ros.signals import flattened, prepare
 from bdnn_ros.simulation.simulate import simulate
 
 PERIOD = 0.001
@@ -49,6 +61,37 @@ def test_a_motor_that_is_never_unloaded_stays_on_its_side():
     load = 2.0 + np.sin(np.arange(0.0, 3.0, PERIOD))
     for sign in (1.0, -1.0):
         assert (_sides(sign * load, sign * load, 0.02, early=20, period=PERIOD) == sign).all()
+
+
+@pytest.mark.parametrize("pose, listed", [(-0.6, True), (1.2, False)])
+def test_a_gap_that_is_never_crossed_is_a_rival_of_a_wrong_zero_beside_a_soft_gear(pose, listed):
+    """It has no way across that a soft gear could mend: the weight keeps the link on one side of it all the time."""
+    robot = Robot.bundled("arm6")
+    time = np.arange(0.0, 20.0, 0.005)
+    swing = np.sin(2.0 * np.pi * np.outer(time, [0.31, 0.23, 0.4, 0.5, 0.6, 0.7]) + np.arange(6.0))
+    position = np.array([0.0, pose, 1.0, 0.0, 0.5, 0.0]) + 0.3 * swing
+    recording = Recording(time, robot.joints, position, None, np.zeros_like(position))
+    signals = flattened(prepare(recording), CUTOFF)
+    signals = replace(signals, effort=described_effort(robot, signals), unmeasured=None)
+    motion = Motion(signals, robot, signals.effort)
+    specs = (
+        "position_offset@{}:offset=-0.01",
+        "joint_elasticity@{}:stiffness=6000",
+        "backlash@{}:gap=0.02",
+        "effort_offset@{}:offset=1",
+    )
+    terms, values = zip(*(term(spec.format("arm6_joint2"), robot) for spec in specs), strict=True)
+    crossed = np.ptp(motion.gear_load[:, 1]) > np.abs(motion.gear_load[:, 1]).max()
+    assert crossed != listed, "the pose does not show what it is there for"
+    effort = signals.effort.copy()
+    for one, coefficients in zip(terms[:2], values[:2], strict=True):
+        effort += one.effect.columns(motion, 1, dict(one.shape)) @ coefficients
+    equations = build(replace(signals, effort=effort), robot)
+    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.01 * equations.effort_scale), terms, 0.02)
+    search = Search(equations, Candidates.of(robot), lambda said: None)
+    judged, _ = judge(search, Selection(pool, (0, 1), pool.fit((0, 1))))
+    rivals = {rival.effect.name: probability for rival, probability in judged.rivals}
+    assert (rivals.get("backlash", 0.0) > TIE) == listed
 
 
 def loose(robot: Robot, joint: int, gap: float, rotor: float, seed: int) -> Recording:

@@ -266,7 +266,7 @@ def _weighed(
     for base in _bases(pool, term, rest):
         fit = pool.fit(base)
         start = search.score(pool, base)
-        rivals = [c for c in search.open_to(pool, base, near(term)) if pool.terms[c].spot != term.spot]
+        rivals = [c for c in search.open_to(pool, base, near(term), term) if pool.terms[c].spot != term.spot]
         instead = pool.gains(fit, rivals) - search.costs(pool, base, rivals)
         beside = pool.gains(fit_both, rivals) - search.costs(pool, both, rivals)
         for c, gain, more in zip(rivals, instead, beside, strict=True):

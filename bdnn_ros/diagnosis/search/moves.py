@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.pushes.pushes import leftover, toss
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.odds import contains, having_each, log_odds, near, unbelievable
+from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.settling import refined
 
@@ -30,6 +31,8 @@ SURELY = 1.645
 WINS = 0.6
 """Share of held-out blocks (of those that change) that must gain."""
 PARTNERS_TRIED = 3
+SAME = 0.01
+"""What differs from what it settles into by no more than this share of itself is no more than that."""
 FEW_BLOCKS = 3
 """A push that acts in no more blocks is hardly known to the others once one of them is held out."""
 
@@ -217,22 +220,35 @@ class Moves:
         having, carried = having_each(pool, company), self.candidates.robot.carried
         return np.array([log_odds(pool.terms[one], having, carried) for one in of])
 
-    def open_to(self, pool: Pool, chosen: Sequence[int], where: int = -1) -> list[int]:
+    def open_to(
+        self, pool: Pool, chosen: Sequence[int], where: int = -1, instead: Term | None = None
+    ) -> list[int]:
         """Candidates that may join the chosen: not at the same place, nor contained in one of them, nor kept apart from one.
 
         Args:
             where: only those that can stand for an effect at this joint, what moves bodies anywhere; -1 for all.
+            instead: what they are to stand for. What settles into that is kept apart from none for moments that it has not.
         """
         taken = {pool.terms[c].place for c in chosen}
         each = [(pool.terms[c].effect, pool.terms[c].target) for c in chosen]
-        barred = {(name, at) for effect, at in each for name in (*effect.contains, *effect.without)}
+        barred = {(name, at) for effect, at in each for name in effect.contains}
+        apart = {(name, at) for effect, at in each for name in effect.without}
         return [
             c
             for c, term in enumerate(pool.terms)
             if (where < 0 or term.target in (where, -1) or term.link or term.effect.of_bodies)
             and term.place not in taken
             and (term.effect.name, term.target) not in barred
+            and ((term.effect.name, term.target) not in apart or self._settled(term, instead))
         ]
+
+    def _settled(self, term: Term, instead: Term | None) -> bool:
+        """Whether a term is no more along the motion than what it settles into, which is that in whose place it would be."""
+        plain = term.settled(self.equations.motion)
+        if instead is None or plain is None or plain.spot != instead.spot:
+            return False
+        law, of = (self.equations.columns(one).ravel() for one in (term, plain))
+        return float(np.linalg.norm(law - of * (of @ law / (of @ of)))) <= SAME * float(np.linalg.norm(law))
 
     def pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:
         """Whether a term pays on blocks it was not fitted to.
