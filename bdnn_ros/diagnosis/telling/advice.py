@@ -8,6 +8,7 @@ from bdnn_ros.diagnosis.judging.identifiability import TIE, Judgement, same_phys
 from bdnn_ros.diagnosis.judging.lookalikes import in_words, looked_for
 from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.telling.as_good import as_good
 from bdnn_ros.effects.rigid import Armature
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.axes import spins
@@ -24,12 +25,14 @@ def advice(
     robot: Robot,
     places: Callable[[Term], str],
     unnamed: Container[int] = (),
+    at_most: Callable[[int, Term], float | None] = lambda one, rival: None,
 ) -> list[str]:
-    """A sentence or two for each tie: what would settle it.
+    """A sentence or two for each tie: what would settle it, or that nothing need.
 
     Args:
         places: the name of a term's joint or link.
         unnamed: which of the found are no findings: `bdnn excite` plans no motion for them.
+        at_most: share of the effort that a rival of one of the found may be beyond it, where the motion shows it; else None.
     """
     sentences, causes = [], [one.term for one in found]
     for k, (one, judgement) in enumerate(zip(found, judgements, strict=True)):
@@ -38,6 +41,9 @@ def advice(
         values = one.values if term.effect.name == "payload" else {}
         looks, close = looked_for(term, values, close, causes, robot, places)
         sentences += looks
+        no_more = {rival: share for rival in close if (share := at_most(k, rival)) is not None}
+        sentences += [as_good(term, rival, places(term), share) for rival, share in no_more.items()]
+        close = [rival for rival in close if rival not in no_more]
         passed = [rival for rival in close if rival.effect.timed is not term.effect.timed]
         lasting = [rival for rival in close if rival not in passed]
         sentences += [

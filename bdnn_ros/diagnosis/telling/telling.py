@@ -14,6 +14,7 @@ from bdnn_ros.diagnosis.regression.gains import gain_of
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference, remaining
 from bdnn_ros.diagnosis.telling.advice import MORE, MORE_SINCE, advice
 from bdnn_ros.diagnosis.telling.alike import ALIKE, FEWEST, SETTLED, Common, common, tied, untold
+from bdnn_ros.diagnosis.telling.as_good import at_most
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.endless import endless
 from bdnn_ros.diagnosis.telling.naming import Doubts, Named, beyond_links, name_of, named
@@ -125,6 +126,7 @@ def _advice(case: Case, names: Named, of_effort: Verdict) -> tuple[str, ...]:
         case.robot,
         lambda term: name_of(case.robot, term),
         [k for k, one in enumerate(names.weighty) if one in (*names.silent, *names.unknown)],
+        lambda k, rival: at_most(case.equations, case.attempt.fitted, names.weighty[k], rival),
     )
     if of_effort == "cannot_tell" and not told:
         told = [MORE_SINCE if case.since else MORE]

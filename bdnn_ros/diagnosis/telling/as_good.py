@@ -1,0 +1,59 @@
+"""Ties with richer laws in a motion that would have shown these: advising such a motion once more settles nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from bdnn_ros.diagnosis.judging.posterior import CLEAR, estimates
+from bdnn_ros.diagnosis.regression.equations import TYPICAL_SHARE, Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE
+from bdnn_ros.diagnosis.regression.noise import rms
+from bdnn_ros.diagnosis.regression.odds import contains
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.effects.base import SHOWN
+
+AS_GOOD = (
+    "What {richer} at {place} would do beyond {plain} is less than {percent:.2g} % of its effort by this motion: either will do, "
+    "and no other motion need tell them apart."
+)
+"""What is said of a tie between laws that differ by less than anybody would name."""
+SEEN = (
+    "{Richer} of a usual size at {place} would have shown in this motion: beyond {plain} it is at most {percent:.2g} % of its "
+    "effort. Only a far longer recording of such motions shows what is smaller; without it {plain} will do."
+)
+"""What is said of a tie that the motion which would settle it has left open."""
+
+
+def as_good(plain: Term, richer: Term, place: str, share: float) -> str:
+    """The sentence on a richer law that is at most so much of the effort beyond a plainer one."""
+    title = richer.title
+    told = {"Richer": title[0].upper() + title[1:], "richer": title, "place": place, "plain": plain.title}
+    return (AS_GOOD if share < MINIMUM_SHARE else SEEN).format(percent=100.0 * share, **told)
+
+
+def at_most(equations: Equations, fitted: Pool, one: int, rival: Term) -> float | None:
+    """Share of a joint's effort that a richer law may still be beyond a plainer one, where the motion shows it; else None.
+
+    One of a usual size has to stand out by what is known of its coefficients, not by what they do along this motion: of a joint
+    that moves one way only nothing is known of friction the other way. A shape that this motion does not show is not denied.
+
+    Args:
+        fitted: the terms that were found.
+        one: the plainer of them.
+    """
+    term, weights = fitted.terms[one], rival.effect.excess
+    if weights is None or rival.effect.shape_bounds or not contains(rival, term):
+        return None
+    kept: Sequence[Term] = [t for c, t in enumerate(fitted.terms) if c != one and not contains(rival, t)]
+    pool = Pool(equations, fitted.noise, [*kept, rival], fitted.link_error)
+    law, known = estimates(pool, pool.whole)[-1], slice(len(weights))
+    variances = [float(weights @ by[known, known] @ weights) for by in (law.covariance, law.robust)]
+    joint = term.target
+    unit = rms(equations.columns(term)[equations.usable[:, joint], joint, 0]) / float(
+        equations.effort_scale[joint]
+    )
+    std = unit * math.sqrt(max(variances))
+    share = unit * abs(float(weights @ law.coefficients)) + SHOWN * std
+    return share if CLEAR * std < TYPICAL_SHARE else None
