@@ -15,6 +15,7 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.regression.odds import contains, log_odds
 from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search import moves as moving
 from bdnn_ros.diagnosis.search.candidates import Candidates, acting_per_measured
 from bdnn_ros.diagnosis.search.moves import Moves
 from bdnn_ros.diagnosis.search.search import Search, Selection
@@ -117,6 +118,26 @@ def test_a_single_block_has_no_veto(gained, better):
     equations = SimpleNamespace(block=np.arange(20), blocks=20)
     moves = Moves(equations, Candidates.of(Robot.bundled("arm2")))
     assert moves.predicts_better(pool, (0,), ()) is better
+
+
+@pytest.mark.parametrize(
+    ("law", "left", "pays"),
+    [("joint_elasticity", 1.1, False), ("joint_elasticity", 0.9, True), ("viscous_friction", 1.1, True)],
+)
+def test_a_soft_gear_that_only_trades_with_a_blur_does_not_pay(monkeypatch, law, left, pays):
+    """Either is curvature of the load, which a heavy joint's encoder makes enough of; in the extended model is no blur."""
+    for name in ("unbelievable", "leftover"):
+        monkeypatch.setattr(moving, name, lambda *asked: False)
+    monkeypatch.setattr(Moves, "predicts_better", lambda self, pool, one, other: True)
+    equations = equations_of()
+    whole = np.ones_like(equations.target)
+    pool = SimpleNamespace(
+        terms=[Term(get("effort_offset"), 0), Term(get(law), 1)],
+        sure=whole > 0.0,
+        fit=tuple,
+        residual=lambda fit, blur=True: whole * (1.0 if len(fit) < 2 else left if not blur else 0.5),
+    )
+    assert Moves(equations, Candidates.of(Robot.bundled("arm2"))).pays(pool, (0, 1), 1) is pays
 
 
 @pytest.mark.parametrize(("end", "vetoes"), [(8.0, False), (23.0, True)])

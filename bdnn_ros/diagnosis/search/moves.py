@@ -260,11 +260,17 @@ class Moves:
         without = [c for c in grown if c != candidate]
         if self._worse(pool, grown, without) and not self._for_belief(pool, grown, without):
             return False
+        if bends(pool.terms[candidate]) and self._worse(pool, grown, without, blur=False):
+            return False  # nor does what only trades with a blur, which is curvature of the load, too, and in no model
         return self.predicts_better(pool, grown, without)
 
-    def _worse(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
-        """Whether one set leaves more of the effort than another does, with all frequencies counted alike."""
-        return self._left(pool, one) > WORSE * self._left(pool, other)
+    def _worse(self, pool: Pool, one: Sequence[int], other: Sequence[int], blur: bool = True) -> bool:
+        """Whether one set leaves more of the effort than another does, with all frequencies counted alike.
+
+        Args:
+            blur: with what only weighs down noise; see `Pool.contribution`.
+        """
+        return self._left(pool, one, blur) > WORSE * self._left(pool, other, blur)
 
     def _for_belief(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
         """Whether what speaks for one set against another is what it lets the links be, more than the errors that it leaves."""
@@ -294,10 +300,15 @@ class Moves:
                 pushed[acts] |= len(acts) <= FEW_BLOCKS
         return pushed & (2 * pushed.sum() < len(pushed))
 
-    def _left(self, pool: Pool, chosen: Sequence[int]) -> float:
+    def _left(self, pool: Pool, chosen: Sequence[int], blur: bool) -> float:
         """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""
-        residual = pool.residual(pool.fit(chosen)) / self.equations.effort_scale
+        residual = pool.residual(pool.fit(chosen), blur) / self.equations.effort_scale
         return float(np.sum(np.where(pool.sure, residual, 0.0) ** 2))
+
+
+def bends(term: Term) -> bool:
+    """Whether a term moves the robot's bodies as the load has them that all terms make together."""
+    return term.effect.of_load and term.effect.of_bodies
 
 
 def _surely(gained: np.ndarray) -> bool:

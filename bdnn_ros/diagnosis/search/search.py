@@ -24,7 +24,7 @@ from bdnn_ros.diagnosis.regression.term import Shape, Term, new_shapes, of_shape
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.gathering import gathered
 from bdnn_ros.diagnosis.search.leads import DELAY, moved
-from bdnn_ros.diagnosis.search.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves
+from bdnn_ros.diagnosis.search.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves, bends
 from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
@@ -43,11 +43,6 @@ FAINT = 3.0
 """What white noise shows no more of than this, prior costs left out, is not tried."""
 
 Progress = Callable[[str], None]
-
-
-def _bends(term: Term) -> bool:
-    """Whether a term moves the robot's bodies as the load has them that all terms make together."""
-    return term.effect.of_load and term.effect.of_bodies
 
 
 @dataclass(frozen=True)
@@ -154,9 +149,9 @@ class Search(Moves):
             other = self._shaped_anew(pool, rest, pool.terms[one].target)
             behind = self.score(pool, chosen) - self.score(other, rest)
             terms = [other.terms[c] for c in rest]
-            if _bends(pool.terms[one]):
+            if bends(pool.terms[one]):
                 likely.append((-np.inf, terms))
-            elif any(map(_bends, terms)) or (other is not pool and behind < UNSURE):
+            elif any(map(bends, terms)) or (other is not pool and behind < UNSURE):
                 likely.append((behind, terms))
         return self._likeliest(now, pool.noise, likely)
 
