@@ -49,6 +49,23 @@ def test_a_push_is_seen_to_begin_and_to_end_or_pulls_as_a_weight(spec, unseen):
     assert [f"the tool {unseen} is not seen" in one for one in told] == [True] * bool(unseen)
 
 
+@pytest.mark.parametrize(("end", "whole"), [(5.5, True), (4.0, False), (9.0, False)])
+def test_what_lasts_all_through_one_of_several_recordings_may_be_a_drift_of_each(end, whole):
+    """A drift is looked for from the start of the first to the end of the last."""
+    push = f"external_wrench@arm6_joint3:start=-1,end={end},torque=12"
+    equations = equations_of([push], "arm6")
+    noise, model = white(equations, 0.02)
+    equations.target = equations.target + noise
+    motion = equations.motion
+    equations.motion = replace(motion, signals=replace(motion.signals, begun=(float(motion.time[0]), 5.5)))
+    one, _ = term(push, ARM)
+    one = one.shaped({**dict(one.shape), "start": float(motion.time[equations.rows][0])})
+    pool = Pool(equations, model, [one], 1e-3)
+    (estimate,) = estimates(pool, pool.whole)
+    (told,) = endless(estimate, "the tool", equations)
+    assert ("diagnose them one by one" in told) == whole
+
+
 def crept(amount: float, seconds: float) -> tuple[Robot, object]:
     """An arm of which the zero of a joint creeps as its sensor gets warm."""
     robot = Robot.bundled("arm2")

@@ -16,6 +16,10 @@ UNSEEN = (
     "the same."
 )
 """What is said of a push that may be no push."""
+ONE_BY_ONE = (
+    " It lasts all through a recording, and each may have drifted by itself: diagnose them one by one, too."
+)
+"""What is said as well where whole recordings differ: of drifts, only one from start to end of all is looked for."""
 
 
 def endless(estimate: Estimate, where: str, equations: Equations) -> list[str]:
@@ -34,7 +38,8 @@ def endless(estimate: Estimate, where: str, equations: Equations) -> list[str]:
     begins = any(first < start.value - start.std <= start.value <= last for first, last in pieces)
     ends = any(first <= end.value <= end.value + end.std < last for first, last in pieces)
     unseen = ["begins"] * (not begins) + ["ends"] * (not ends)
-    return [UNSEEN.format(where=where, edge=" or ".join(unseen))] * bool(unseen)
+    told = UNSEEN.format(where=where, edge=" or ".join(unseen))
+    return [told + ONE_BY_ONE * (len(unseen) == len(EDGES) and len(pieces) > 1)] * bool(unseen)
 
 
 def _pulls_down(estimate: Estimate, equations: Equations) -> bool:
