@@ -21,7 +21,7 @@ from bdnn_ros.effects.drawing import contribution
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.errors import BdnnError
-from bdnn_ros.extension.extended import IN_ROBOT
+from bdnn_ros.extension.holding import IN_ROBOT
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import flattened, prepare

@@ -102,7 +102,7 @@ def test_extended_models() -> None:
 
 def test_every_pointwise_effect_is_known() -> None:
     from bdnn_ros.effects.registry import EFFECTS
-    from bdnn_ros.extension.extended import IN_PLANT, WITH_MEMORY
+    from bdnn_ros.extension.holding import IN_PLANT, WITH_MEMORY
 
     known = IN_PLANT | WITH_MEMORY | set(onnx_export.RESISTANCE) | {"load_dependent_friction"}
     assert set(EFFECTS) == known

@@ -23,6 +23,8 @@ STEEPEST = 30.0
 """Largest gain of a hidden unit on a velocity, over that joint's typical one."""
 NARROW = 3.0
 """Spread of a hidden unit's gains on the sine and the cosine of a position."""
+MARGIN = 0.02
+"""So far beyond what the motion showed of an input, by its range, a network still knows what to say."""
 FALLING = (1.0, 4.0, 16.0)
 """How quickly friction may fall with the speed, per typical velocity."""
 
@@ -111,6 +113,15 @@ class RestNetwork:
         hidden = np.tanh(base @ self.hidden_weights.T + self.hidden_bias)
         first = np.stack([0.0 * own[0] + 1.0, *own, *products], axis=1)
         return np.concatenate([first, hidden], axis=1)
+
+    def beyond(self, position: np.ndarray, velocity: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Where an input is beyond what the motion showed of it, (B,) bool; arguments as of `features`."""
+        given = {POSITION: position, VELOCITY: velocity, LOAD: load}
+        result = np.zeros(len(position), bool)
+        for each in self.inputs:
+            value, margin = given[each.quantity][:, each.joint], MARGIN * (each.high - each.low)
+            result |= (value < each.low - margin) | (value > each.high + margin)
+        return result
 
     @property
     def penalties(self) -> np.ndarray:

@@ -122,7 +122,7 @@ def _write_graph(model: Model, path: Path) -> list[Path]:
 
 
 def _with_memory(model: Model) -> list[str]:
-    from bdnn_ros.extension.extended import WITH_MEMORY
+    from bdnn_ros.extension.holding import WITH_MEMORY
 
     effects = model.effects if isinstance(model, ExtendedModel) else ()
     return list(dict.fromkeys(e.effect.name for e in effects if e.effect.name in WITH_MEMORY))

@@ -69,7 +69,7 @@ def compared(model: ExtendedModel) -> Compared:
     lead, creep = acting.lead - acting.lag, np.array(acting.creep) if acting.creep else None
     learned = None if acting.beyond is None else acting.beyond.learned
     known = Compared(acting, acting.robot, *sensed, held, lead=lead, creep=creep, unloaded=acting.bare)
-    return replace(known, learned=learned, unsure=acting.unsure)
+    return replace(known, learned=learned, unsure=acting.unsure, networks=acting.networks)
 
 
 def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, str]:

@@ -17,7 +17,8 @@ from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.effects.sensing import VelocityFilter
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.earlier import Known, at_another_time, by_the_clock, known_effects, with_effects
-from bdnn_ros.extension.extended import IN_BODIES, IN_ROBOT, ExtendedModel, plant_of
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.holding import IN_BODIES, IN_ROBOT, plant_of
 from bdnn_ros.extension.merging import merged
 from bdnn_ros.extension.recorded import on_one_clock
 from bdnn_ros.extension.unsure import joints_moved, unsure_of
@@ -88,6 +89,7 @@ def extend(examination: Examination) -> ExtendedModel:
         () if creep is None else tuple(map(tuple, creep.tolist())),
         on_one_clock(examination.recordings) if any(by_the_clock(one) for one, _ in effects) else (),
         unsure_of(examination),
+        (*earlier.networks, *examination.networks),
     )
     return _bearing(model)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
+from bdnn_ros.bdnn.rest import RestNetwork, effort_of
 from bdnn_ros.diagnosis.recorded.compared import Compared
 from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.actuation import JointSpring
@@ -18,6 +19,7 @@ from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.extension import earlier
+from bdnn_ros.extension.holding import IN_PLANT, IN_ROBOT, WITH_MEMORY, plant_of
 from bdnn_ros.extension.recorded import Recorded
 from bdnn_ros.extension.state import parts_of, state_of
 from bdnn_ros.physical.model import PhysicalModel
@@ -26,30 +28,6 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import Signals
 
-IN_BODIES = frozenset({"payload", "link_inertia", "base_tilt"})
-"""Effects that are other inertial parameters or another gravity: installing them changes the rigid robot."""
-IN_ROBOT = IN_BODIES | {"armature", "viscous_friction"}
-"""Effects that a robot holds once they are installed."""
-IN_PLANT = IN_ROBOT | {
-    "position_offset",
-    "effort_scale",
-    "effort_offset",
-    "effort_delay",
-    "velocity_filter",
-}
-"""Effects that a plant carries as numbers; the others are efforts, one column or more each."""
-WITH_MEMORY = frozenset(
-    {
-        "hysteresis",
-        "effort_delay",
-        "external_wrench",
-        "drift",
-        "velocity_filter",
-        "joint_elasticity",
-        "backlash",
-    }
-)
-"""Effects that need the motion's past or its clock."""
 LOAD_ROUNDS = 300
 """Most rounds of the fixed point between load and the friction that depends on it along a motion: the largest ratio takes 220."""
 LOAD_TOLERANCE = 1e-10
@@ -84,6 +62,7 @@ class ExtendedModel:
         recorded: the recordings that it was diagnosed from, whose one clock is that of its effects; empty where nobody
             knows, or nothing has a time.
         unsure: what is not known of what acts at its joints, or None where nobody knows.
+        networks: what learned of some joints what neither links nor effects say.
     """
 
     kind: ClassVar[str] = "extended"
@@ -99,6 +78,7 @@ class ExtendedModel:
     creep: tuple[tuple[float, ...], ...] = ()
     recorded: tuple[Recorded, ...] = ()
     unsure: Unsure | None = None
+    networks: tuple[RestNetwork, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -198,11 +178,18 @@ class ExtendedModel:
         return np.zeros((width, width)) if self.beyond is None else self.beyond.motors.mass_matrix(width)
 
     def _friction_beyond(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """What the identified model's joints add to its robot's friction, (..., n) [N·m]."""
+        """What networks and an identified model's joints add to its robot's friction, (..., n) [N·m]."""
+        learned = self._learned(position, velocity, self._way(velocity))
         if self.beyond is None:
-            return np.zeros_like(position)
+            return learned
         own = self.beyond.robot.friction(position, velocity) + self.beyond.offset
-        return self.beyond.friction(position, velocity) - own
+        return learned + self.beyond.friction(position, velocity) - own
+
+    def _learned(self, position: np.ndarray, velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """What networks learned, (..., n) [N·m]."""
+        if not self.networks:
+            return np.zeros_like(position)
+        return effort_of(self.networks, position, velocity, direction, self.bare.gravity(position))
 
     def _way(self, velocity: np.ndarray) -> np.ndarray:
         """How much of its dry friction each joint has, (..., n), from -1 to 1: it may come on little by little."""
@@ -261,6 +248,7 @@ class ExtendedModel:
             known = self.beyond.robot
             plain = described_effort(known, signals) + self.beyond.offset
             drive = drive + self.beyond.predict(signals) - plain
+        drive = drive + self._learned(signals.position, signals.velocity, signals.sign)
         own = replace(signals, effort=None)
         motion = Motion(own, robot, rigid + drive, springs=self._springs())
         if any(self.sticking):
@@ -310,11 +298,3 @@ def _settled(load: np.ndarray, before: np.ndarray) -> bool:
     """Whether a round of the fixed point no longer changes the load but for rounding."""
     most = LOAD_TOLERANCE * (1.0 + np.abs(load).max(initial=0.0))
     return bool(np.abs(load - before).max(initial=0.0) <= most)
-
-
-def plant_of(robot: Robot, effects: Sequence[Installed]) -> Plant:
-    """A robot with effects installed."""
-    plant = Plant(robot)
-    for effect in effects:
-        effect.install(plant)
-    return plant

@@ -16,7 +16,8 @@ from onnx.reference import ReferenceEvaluator
 from bdnn_ros.bdnn.dynamics import BDNN
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError
-from bdnn_ros.extension.extended import IN_PLANT, WITH_MEMORY, ExtendedModel
+from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.holding import IN_PLANT, WITH_MEMORY
 from bdnn_ros.extension.onnx_bodies import Array, effort_beyond, physical_effort, rigid_effort, robot_effort
 from bdnn_ros.extension.onnx_networks import bdnn_effort
 from bdnn_ros.extension.symbols import Graph
@@ -80,6 +81,10 @@ def extended_effort(model: ExtendedModel, q: Array, v: Array, a: Array) -> Array
     if model.beyond is not None and (model.beyond.motors.couplings or model.beyond.learned):
         load = rigid_effort(model.beyond.robot, q, v, 0.0 * v)
         acting = acting + effort_beyond(model.beyond, q, v, a, load)
+    if model.networks:
+        carried = rigid_effort(model.bare, q, 0.0 * v, 0.0 * v)
+        for network in model.networks:
+            acting = acting + network.effort(q, v, way, carried)[:, None] * np.eye(width)[network.joint]
     ratio = np.zeros(width)
     for effect in model.effects:
         name, values = effect.effect.name, effect.values

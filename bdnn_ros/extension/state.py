@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bdnn_ros.bdnn.rest import RestNetwork
 from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.errors import BdnnError, ModelFileError
 from bdnn_ros.extension.effects_file import entry, from_entries
@@ -21,6 +22,8 @@ BEYOND = "beyond."
 """Begins the names of the arrays of an identified model within."""
 UNSURE = "unsure"
 """The name of the covariance of what is not known of what acts at joints."""
+NETWORK = "network."
+"""Begins the names of the arrays of the networks that learned what effects leave."""
 RECORDED = "recorded."
 """Begins the names of the arrays of the recordings that the model was diagnosed from."""
 
@@ -43,6 +46,11 @@ def state_of(model: ExtendedModel) -> tuple[dict[str, np.ndarray], dict[str, Any
         arrays |= {f"{RECORDED}{k}.stamps": one.stamps, f"{RECORDED}{k}.position": one.position}
     if model.unsure is not None:
         info["unsure"], arrays[UNSURE] = model.unsure.to_state(model.joints), model.unsure.covariance
+    info["networks"] = []
+    for k, network in enumerate(model.networks):
+        own, told = network.to_state()
+        info["networks"].append(told)
+        arrays |= {f"{NETWORK}{k}.{name}": values for name, values in own.items()}
     if model.beyond is not None:
         held, info["beyond"] = model.beyond.to_state()
         arrays |= {f"{BEYOND}{key}": value for key, value in held.items()}
@@ -94,7 +102,20 @@ def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, A
             "beyond": beyond,
             "recorded": _recorded(arrays, [float(begin) for begin in info.get("recorded", ())], width),
             "unsure": unsure,
+            "networks": _networks(arrays, info.get("networks", ()), width),
         }
+
+
+def _networks(
+    arrays: dict[str, np.ndarray], told: list[dict[str, Any]], width: int
+) -> tuple[RestNetwork, ...]:
+    """The networks of a model of n = `width` joints; files of before have none."""
+    found = []
+    for k, info in enumerate(told):
+        begin = f"{NETWORK}{k}."
+        own = {key.removeprefix(begin): values for key, values in arrays.items() if key.startswith(begin)}
+        found.append(RestNetwork.from_state(own, info, width))
+    return tuple(found)
 
 
 def _recorded(arrays: dict[str, np.ndarray], begins: list[float], width: int) -> tuple[Recorded, ...]:

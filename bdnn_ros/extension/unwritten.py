@@ -20,6 +20,8 @@ def unwritten(model: ExtendedModel) -> list[str]:
     parts = [] if beyond is None else of_joints(beyond)
     if beyond is not None and beyond.robot.coulomb.any():
         parts.append("the travel in which dry friction turns round")
+    if model.networks:
+        parts.append(NETWORKS)
     if model.lead or (beyond is not None and beyond.lead):
         parts.append("the lead of the recorded effort")
     if model.lag or (beyond is not None and beyond.lag):

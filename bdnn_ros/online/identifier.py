@@ -159,7 +159,7 @@ class Identifier:
         self._settle_at = 2 * self._used
         model = self.model(ITERATIONS)
         progress(1.0, "done")
-        return as_recorded(model, recordings, late, self._stream.asked)
+        return as_recorded(model, recordings, late, self.stream.asked)
 
     # -- models out ------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from bdnn_ros.bdnn.rest import RestNetwork
 from bdnn_ros.diagnosis.regression.load_friction import LoadFriction
 from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.actuation import EffortOffset
@@ -23,6 +24,14 @@ from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.scores import Predictor
+from bdnn_ros.signals import Signals
+
+TOLD = 0.01
+"""Share of a joint's motion that is left out and told."""
+UNSHOWN = (
+    "The motion goes beyond what the earlier model's networks learned from, {joints}: that is not compared. "
+    "Diagnose a recording that covers it to learn it."
+)
 
 
 @runtime_checkable
@@ -69,6 +78,7 @@ class Compared:
         creep: how dry friction is known to come on, as `Signals.creep`, else None.
         unloaded: the robot without the loads that the model found on it: its links are off by shares of their own; None for none.
         learned: what joints add that was learned, some of it perhaps with the load, else None.
+        networks: what learned of some joints what no effect says, by the motion of that time.
     """
 
     model: Predictor | None
@@ -83,6 +93,7 @@ class Compared:
     unloaded: Robot | None = None
     learned: LocalResiduals | None = None
     unsure: Unsure | None = None
+    networks: tuple[RestNetwork, ...] = ()
 
     @classmethod
     def of(cls, model: Predictor | None, robot: Robot) -> Compared:
@@ -114,6 +125,24 @@ class Compared:
             if one.effect.name == LoadDependentFriction.name:
                 ratios[one.target] += one.values["ratio"]
         return LoadFriction(ratios, self.learned)
+
+    def shown(self, signals: Signals) -> tuple[Signals, list[str]]:
+        """A motion without the efforts of joints where networks do not know what to say, and notes on these.
+
+        Nobody knows what acts there, on either day: it is neither a change nor none.
+        """
+        beyond = np.zeros(signals.position.shape, bool)
+        gravity = self.robot.gravity(signals.position) if self.networks else signals.position
+        for one in self.networks:
+            beyond[:, one.joint] |= one.beyond(signals.position, signals.velocity, gravity)
+        if not beyond.any():
+            return signals, []
+        share = beyond.mean(axis=0)
+        told = [
+            f"{100.0 * share[j]:.0f} % of it at {signals.joints[j]}" for j in np.flatnonzero(share > TOLD)
+        ]
+        unmeasured = beyond if signals.unmeasured is None else beyond | signals.unmeasured
+        return replace(signals, unmeasured=unmeasured), [UNSHOWN.format(joints=listed(told))] * bool(told)
 
     def acting(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings with efforts when and in the units in which they act, and a note where those are others."""
