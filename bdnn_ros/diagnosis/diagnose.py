@@ -29,7 +29,7 @@ from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.search import DOUBTS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.telling.case import Case
-from bdnn_ros.diagnosis.telling.rest import learned
+from bdnn_ros.diagnosis.telling.rest import with_rest
 from bdnn_ros.diagnosis.telling.telling import told
 from bdnn_ros.diagnosis.telling.unexplained import Remainder, describe
 from bdnn_ros.errors import ConventionError, RecordingError
@@ -120,8 +120,7 @@ def examine(
     measured = _measured(excerpts(recordings), known, cutoff)
     looks = _settled_looks(measured, known, say, cutoff)
     recordings, equations = measured.recordings, looks.equations
-    signals = equations.motion.signals
-    attempt = best_attempt(looks)
+    signals, attempt = equations.motion.signals, best_attempt(looks)
     if not equations.usable[attempt.test].any():
         raise _too_short(recordings, cutoff, signals.cutoff)
     attempt, pool, found = plainly(looks.candidates, equations, attempt)
@@ -129,12 +128,12 @@ def examine(
     equations.count(pool.sure)
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
-    since = None if known.model is None else known
-    case = Case(recordings, robot, equations, attempt, found, remainder, since)
-    diagnosis = told(case, cutoff)
-    rest = learned(case, pool.left(), diagnosis.above or diagnosis.slight)
+    case = Case(
+        recordings, robot, equations, attempt, found, remainder, None if known.model is None else known
+    )
+    diagnosis, networks = with_rest(told(case, cutoff), case, pool.left())
     return Examination(
-        diagnosis if rest is None else rest.added_to(diagnosis),
+        diagnosis,
         tuple(recordings),
         robot,
         equations,
@@ -147,7 +146,7 @@ def examine(
         remainder,
         model,
         measured.late,
-        () if rest is None else rest.networks,
+        networks,
     )
 
 

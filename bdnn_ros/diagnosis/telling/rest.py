@@ -41,11 +41,6 @@ class Rest:
     gain: float
     interval: tuple[float, float]
 
-    def added_to(self, diagnosis: Diagnosis) -> Diagnosis:
-        """The diagnosis with what is said of them."""
-        said = f"{diagnosis.unexplained_sentence} {self.sentence}"
-        return replace(diagnosis, unexplained_sentence=said, learned=(self.gain, *self.interval))
-
     @property
     def sentence(self) -> str:
         """What is said of them."""
@@ -55,6 +50,17 @@ class Rest:
             f"Networks learn it at {listed(self.inputs)} from {listed(inputs)}: with them the extended model's held-out error "
             f"there falls by {100.0 * self.gain:.1f} % more (95 % interval {low:.1f} to {high:.1f} %)."
         )
+
+
+def with_rest(
+    diagnosis: Diagnosis, case: Case, left: np.ndarray
+) -> tuple[Diagnosis, tuple[RestNetwork, ...]]:
+    """A diagnosis with what is said of networks that learned what it leaves, and these; arguments as of `learned`."""
+    rest = learned(case, left, diagnosis.above or diagnosis.slight)
+    if rest is None:
+        return diagnosis, ()
+    said = f"{diagnosis.unexplained_sentence} {rest.sentence}"
+    return replace(diagnosis, unexplained_sentence=said, learned=(rest.gain, *rest.interval)), rest.networks
 
 
 def learned(case: Case, left: np.ndarray, joints: Sequence[str]) -> Rest | None:
