@@ -315,3 +315,24 @@ def test_less_inertia_of_a_link_that_only_spins_may_be_its_rotors(since):
     assert [one.startswith("No motion of this robot tells") for one in said] == [True] * len(rotors)
     sentence = parse_spec(spec, robot).sentence(robot)
     assert "0.3 times the inertia" in sentence and "kg" not in sentence
+
+
+@pytest.mark.parametrize(
+    "hidden, pair, one",
+    [
+        ("asymmetric_friction@arm2_joint1:positive=1.4,negative=0.6", "effort_offset", True),
+        ("coulomb_friction@arm2_joint1:coulomb=1", "viscous_friction", False),
+    ],
+)
+def test_two_causes_that_are_one_by_as_many_numbers_are_joined_late(hidden, pair, one):
+    """An offset beside dry friction is uneven friction, which is rarer than either, but not than both; no law with a shape is."""
+    specs = [hidden] if one else [hidden, "viscous_friction@arm2_joint1:viscous=0.6"]
+    equations, candidates = equations_of(specs, duration=30.0), Candidates.of(Robot.bundled("arm2"))
+    wanted = ("coulomb_friction", pair, "asymmetric_friction", "stribeck_friction", "hysteresis")
+    shapes = {"stribeck_friction": {"velocity": 0.1}, "hysteresis": {"breakaway": 0.01}}
+    own = [t for t in candidates.terms if t.target == 0 and t.effect.name in wanted]
+    own = [t.shaped(shapes.get(t.effect.name, {})) for t in own]
+    terms = sorted(own, key=lambda t: wanted.index(t.effect.name))
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.effort_scale), terms, 0.02)
+    joined = Moves(equations, candidates).joined(pool, [0, 1])
+    assert [pool.terms[c].effect.name for c in joined] == (["asymmetric_friction"] if one else [*wanted[:2]])

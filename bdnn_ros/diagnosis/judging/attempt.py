@@ -207,6 +207,11 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
             break
         seen.append(better.places)
         selection, judgements = better, judge(search, better)
+    if len(seen) > 1:  # what gave way one after the other may be one cause
+        joined = tuple(search.joined(selection.pool, list(selection.chosen)))
+        if joined != selection.chosen:
+            selection = Selection(selection.pool, joined, selection.pool.fit(joined))
+            judgements = judge(search, selection)
     # two that are constant may look otherwise until each is on its link
     selection, changing = steadied(search, selection)
     if changing:

@@ -60,8 +60,6 @@ class Moves:
                 break
         return pool, chosen
 
-    # -- moves --------------------------------------------------------------------------------------------------
-
     def _add(
         self,
         pool: Pool,
@@ -117,14 +115,15 @@ class Moves:
                 return trial, both
         return None
 
-    def _replace(self, pool: Pool, chosen: list[int], late: bool = False) -> list[int]:
+    def _replace(self, pool: Pool, chosen: list[int], late: bool = False, alone: bool = True) -> list[int]:
         """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better.
 
         Args:
-            late: only to what says no more than a term did, and not to or from pushes, whose times belong to what they were
+            late: only to what says no more than these did, and not to or from pushes, whose times belong to what they were
                 found beside.
+            alone: also each by itself.
         """
-        groups: list[tuple[int, ...]] = [(c,) for c in chosen]
+        groups: list[tuple[int, ...]] = [(c,) for c in chosen] if alone else []
         groups += [
             (a, b)
             for i, a in enumerate(chosen)
@@ -155,7 +154,9 @@ class Moves:
         return None
 
     def _plainer(self, pool: Pool, chosen: list[int], group: Sequence[int], rival: int) -> bool:
-        richer = any(contains(pool.terms[rival], pool.terms[c]) for c in chosen)
+        # an offset beside dry friction says as much as uneven friction does
+        own = () if len(group) == 1 or pool.terms[rival].shape else group
+        richer = any(contains(pool.terms[rival], pool.terms[c]) for c in chosen if c not in own)
         return not (richer or any(pool.terms[c].effect.timed for c in (*group, rival)))
 
     def _regrow(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
@@ -183,6 +184,10 @@ class Moves:
         """The chosen where other rows than those of a search have a say: replaced or dropped, nothing is added."""
         return self._drop(pool, self._replace(pool, chosen, late=True))
 
+    def joined(self, pool: Pool, chosen: list[int]) -> list[int]:
+        """The chosen with one rival in the place of two at a joint, wherever that scores better."""
+        return self._replace(pool, chosen, late=True, alone=False)
+
     def rivals(self, pool: Pool, chosen: Sequence[int], *group: int) -> list[tuple[int, float]]:
         """What could stand where some of the chosen do, the best first, and by how much it seems to score less."""
         rest = [c for c in chosen if c not in group]
@@ -195,8 +200,6 @@ class Moves:
             return []
         scores = pool.gains(fit, found) - self.costs(pool, rest, found)
         return [(found[k], kept - float(scores[k])) for k in np.argsort(-scores)]
-
-    # -- judgements ---------------------------------------------------------------------------------------------
 
     def score(self, pool: Pool, chosen: Sequence[int]) -> float:
         """Log evidence of a set less the log prior odds against it."""
