@@ -196,7 +196,7 @@ def test_uncertainty_passes_through_what_a_parameter_is_made_of():
     quantities = of(stribeck, np.array([1.0, 1.0]), covariance).quantities
     assert quantities["coulomb"].std == pytest.approx(np.hypot(0.1, Effect.idealised), rel=1e-3)
     assert quantities["static"].std == pytest.approx(np.sqrt(0.05 + 2 * Effect.idealised**2), rel=1e-3)
-    assert quantities["velocity"].std == pytest.approx(0.02, rel=1e-3)
+    assert quantities["velocity"].std == pytest.approx(np.hypot(0.02, Effect.idealised * 0.1), rel=1e-3)
     assert [quantities[p.name].unit for p in get("stribeck_friction").parameters] == ["N*m", "N*m", "rad/s"]
 
 

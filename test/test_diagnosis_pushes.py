@@ -109,7 +109,7 @@ def test_a_time_that_no_row_tells_is_not_told_as_certain():
     (found,) = estimates(pool, pool.whole)
     assert unseen(pool, push) == pytest.approx({"start": 0.0, "end": 0.8}, abs=0.1)
     stds = found.quantities["start"].std, found.quantities["end"].std
-    assert stds[0] < 0.01 and 0.3 < stds[1] < 1.2
+    assert 1.0 / equations.motion.signals.raw_rate < stds[0] < 0.01 and 0.3 < stds[1] < 1.2
 
 
 @pytest.mark.parametrize("start", [0.0, 3.3])

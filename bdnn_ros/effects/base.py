@@ -86,7 +86,7 @@ class Effect(ABC):
     slides: bool = False
     """Whether it acts along a joint's axis, and has units of that; see `at`."""
     equation: ClassVar[str]
-    """Contribution to the resisting effort, plain text with the contract's names."""
+    """Contribution to the resisting effort, with the contract's names."""
     confused_with: ClassVar[tuple[str, ...]]
     shown_by: ClassVar[str]
     """The motion that brings it out."""
@@ -96,7 +96,8 @@ class Effect(ABC):
     coefficient_spread: ClassVar[float] = math.inf
     """Coefficients are rarely larger, whatever the effort; most scale with it."""
     idealised: ClassVar[float] = 0.01
-    """No law is exact: so much of each coefficient is added to its standard deviation, whatever the noise."""
+    idealised_shapes: ClassVar[frozenset[str]] = frozenset()
+    """No law is exact: so much of each coefficient, and of these shapes, is added to its deviation, whatever the noise."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
     without: ClassVar[tuple[str, ...]] = ()
@@ -137,7 +138,6 @@ class Effect(ABC):
     """How much of each coefficient there is already, in a description or an earlier model; empty for nothing."""
     kept: Values | None = None
     """The only shape there is, where the effect is a change of what an earlier model has in that shape."""
-
     shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     """Range of each shape parameter that a search may refine; a shape parameter not named here is given."""
 

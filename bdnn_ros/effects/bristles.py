@@ -56,6 +56,7 @@ class Hysteresis(Effect):
     source = "Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968"
     coefficient_bounds = ((0.0, np.inf),)
     settles_into = "coulomb_friction"
+    idealised_shapes = frozenset({"breakaway"})
     shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:

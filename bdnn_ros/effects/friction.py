@@ -125,6 +125,7 @@ class StribeckFriction(DryFriction):
     settles_into = "coulomb_friction"
     excess = np.array((0.0, 1.0))
     parts = ("static",)
+    idealised_shapes = frozenset({"velocity"})
     shape_bounds = MappingProxyType({"velocity": (5e-3, 0.5)})
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:

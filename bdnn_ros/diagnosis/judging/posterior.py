@@ -140,7 +140,10 @@ class Estimate:
             moved[i] += step
             jacobian[:, i] = (values(moved) - centre) / step
         linear = np.arange(len(point)) < count
-        ideal = np.diag((self.term.effect.idealised * np.where(linear, point, 0.0)) ** 2)
+        inexact = linear | np.array(
+            [False] * count + [name in self.term.effect.idealised_shapes for name in names]
+        )
+        ideal = np.diag((self.term.effect.idealised * np.where(inexact, point, 0.0)) ** 2)
         acting = np.where(linear, self.acting, 1.0)
         variances = [
             np.einsum("ij,jk,ik->i", jacobian, np.outer(acting, acting) * one + ideal, jacobian)

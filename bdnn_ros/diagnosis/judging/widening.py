@@ -10,6 +10,7 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.leads import hold_spread
+from bdnn_ros.effects.environment import EDGES
 
 TINY = 1e-300
 MOST_SEEN = 0.99
@@ -19,7 +20,7 @@ MOST_SEEN = 0.99
 def widened(pool: Pool, chosen: int, coefficients: np.ndarray, shapes: int) -> np.ndarray:
     """What a hold adds to a delay's covariance, unseen moments to a push's, and to a law's what of it is told by its tail.
 
-    Coefficients before shapes, (k, k).
+    A moment is known no better than to a sample. Coefficients before shapes, (k, k).
     """
     term, count = pool.terms[chosen], len(pool.slots[chosen])
     beyond = np.zeros((count + shapes, count + shapes))
@@ -28,6 +29,8 @@ def widened(pool: Pool, chosen: int, coefficients: np.ndarray, shapes: int) -> n
         told = count + np.arange(shapes)
         spread = unseen(pool, term)
         beyond[told, told] = [spread.get(name, 0.0) ** 2 / 3.0 for name, _ in term.shape]
+        moments = told[[name in EDGES for name, _ in term.shape]]
+        beyond[moments, moments] += 1.0 / pool.equations.motion.signals.raw_rate**2
     if term.effect.excess is not None and shapes:
         extra = np.arange(count)[term.effect.excess > 0.0]
         beyond[extra, extra] += ((1.0 - _seen(pool, term)) * coefficients)[extra] ** 2 / 3.0
