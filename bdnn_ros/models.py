@@ -10,7 +10,7 @@ import numpy as np
 
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.dynamics import Dynamics
-from bdnn_ros.errors import ModelFileError, listed
+from bdnn_ros.errors import BdnnError, ModelFileError, listed
 from bdnn_ros.recording import Recording
 from bdnn_ros.signals import Signals
 
@@ -44,7 +44,15 @@ def load_model(path: str | Path) -> Model:
     Raises:
         ModelFileError: the file is missing, damaged, of another version, or of a kind that is not known.
     """
-    return build_model(*modelfile.load(path), source=str(path))
+    target = modelfile.model_path(path)
+    kind, arrays, info = modelfile.load(target)
+    try:
+        return build_model(kind, arrays, info, source=str(target))
+    except BdnnError as error:
+        if str(target) in error.problem:
+            raise
+        remedy = error.remedy if isinstance(error, ModelFileError) else "Identify the model again."
+        raise ModelFileError(f"{target}: {error.problem}", remedy) from None
 
 
 def build_model(

@@ -96,6 +96,39 @@ def test_values_that_are_no_numbers_are_refused(tmp_path, name, value):
     assert modelfile.load(path, finite=False)[0] == "physical"
 
 
+def test_whatever_is_altered_in_a_file_is_told(tmp_path):
+    """A model of which one number was another was taken, and a diagnosis against it named what nothing had."""
+    path = modelfile.save(tmp_path, "bdnn", ARRAYS, INFO)
+    written = path.read_bytes()
+    start = 8 + int.from_bytes(written[:8], "little")
+    for at in (*range(start, len(written), 7), written.index(b"2.5", 8), written.index(b"sha256", 8) + 12):
+        path.write_bytes(written[:at] + bytes([written[at] ^ 1]) + written[at + 1 :])
+        with pytest.raises(ModelFileError, match=rf"^{path} is damaged") as refused:
+            modelfile.load(path, finite=False)
+        assert refused.value.remedy
+    path.write_bytes(written)
+    assert modelfile.load(path)[2] == INFO
+
+
+def test_files_of_before_have_no_checksum(tmp_path):
+    header = {"format": modelfile.FORMAT, "version": modelfile.VERSION, "kind": "bdnn", "info": INFO}
+    save_file(ARRAYS, tmp_path / "before", metadata={"bdnn_ros": json.dumps(header)})
+    assert modelfile.load(tmp_path / "before")[2] == INFO
+
+
+def test_a_damaged_description_names_the_file(tmp_path):
+    robot = Robot.bundled("arm2")
+    model = PhysicalModel(robot, np.zeros(2), np.eye(28), np.full(2, 0.1))
+    arrays, info = model.to_state()
+    path = modelfile.save(
+        tmp_path, model.kind, arrays, {**info, "urdf": info["urdf"].replace("<link", "<lin", 1)}
+    )
+    with pytest.raises(
+        ModelFileError, match=rf"^{path}: The physical model is damaged: .* Identify it again\.$"
+    ):
+        load_model(path)
+
+
 def test_another_version_is_named(tmp_path):
     header = json.dumps({"format": modelfile.FORMAT, "version": 99, "kind": "bdnn", "info": {}})
     save_file({"x": np.zeros(1)}, tmp_path / "later", metadata={"bdnn_ros": header})

@@ -1,11 +1,12 @@
 """Model files: named arrays and what they mean, in one safetensors file.
 
 The JSON that describes the arrays travels in the file's own metadata: a model is one file, nothing in it is
-code, and reading it executes nothing.
+code, and reading it executes nothing. Beside it stands a SHA-256 of both, by which a file that was altered is told.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -22,6 +23,8 @@ FILE_NAME = "model.bdnn"
 SUFFIX = ".bdnn"
 FORMAT = "bdnn_ros/model"
 VERSION = 1
+HEADER, CHECKSUM = "bdnn_ros", "bdnn_ros.sha256"
+"""Keys of the file's metadata."""
 
 
 def model_path(path: str | Path) -> Path:
@@ -76,7 +79,7 @@ def write(target: Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str
         )
         tensors = {key: np.ascontiguousarray(value) for key, value in arrays.items()}
         with whole(target) as beside, beside.open("wb") as file:
-            file.write(serialized(tensors, {"bdnn_ros": header}))
+            file.write(serialized(tensors, {HEADER: header, CHECKSUM: checksum(header, tensors)}))
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
@@ -87,6 +90,15 @@ def write(target: Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str
     return target
 
 
+def checksum(header: str, arrays: dict[str, np.ndarray]) -> str:
+    """SHA-256, in hexadecimal, of a model's description and its arrays; what they are called and of which type counts, too."""
+    digest = hashlib.sha256(header.encode())
+    for name, values in sorted(arrays.items()):
+        values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        digest.update(json.dumps([name, values.dtype.str, values.shape]).encode() + values.tobytes())
+    return digest.hexdigest()
+
+
 def load(path: str | Path, *, finite: bool = True) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
     """Kind, arrays and info of a model file.
 
@@ -95,7 +107,8 @@ def load(path: str | Path, *, finite: bool = True) -> tuple[str, dict[str, np.nd
         finite: refuse arrays that hold NaN or infinity: nothing can be predicted by them.
 
     Raises:
-        ModelFileError: it is missing, damaged, not a model, or of a later version.
+        ModelFileError: it is missing, damaged, not a model, or of a later version. Files of before have no checksum: what
+            was altered in these is not told here.
     """
     target = model_path(path)
     if not target.is_file():
@@ -104,7 +117,8 @@ def load(path: str | Path, *, finite: bool = True) -> tuple[str, dict[str, np.nd
         )
     try:
         with safe_open(target, framework="numpy") as file:
-            header = json.loads((file.metadata() or {}).get("bdnn_ros", "null"))
+            metadata = file.metadata() or {}
+            header = json.loads(metadata.get(HEADER, "null"))
             arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError, TypeError, RecursionError):
         raise ModelFileError(
@@ -116,6 +130,11 @@ def load(path: str | Path, *, finite: bool = True) -> tuple[str, dict[str, np.nd
         raise ModelFileError(
             f"{target} has model version {header.get('version')}, this program reads version {VERSION}.",
             "Use the release that wrote it, or identify the model again.",
+        )
+    if CHECKSUM in metadata and metadata[CHECKSUM] != checksum(metadata[HEADER], arrays):
+        raise ModelFileError(
+            f"{target} is damaged: its content is no longer what was written (SHA-256 differs).",
+            "Copy it again from where it was written, or identify the model again.",
         )
     if not isinstance(header.get("kind"), str) or not isinstance(header.get("info"), dict):
         raise ModelFileError(

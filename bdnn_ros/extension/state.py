@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bdnn_ros.bdnn.rest import RestNetwork
 from bdnn_ros.diagnosis.regression.unsure import Unsure
+from bdnn_ros.effects.plant import Plant
+from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import BdnnError, ModelFileError
 from bdnn_ros.extension.effects_file import entry, from_entries
 from bdnn_ros.extension.recorded import Recorded
 from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.physical.plausible import TAKEN_OFF, require_plausible
+from bdnn_ros.robot import Robot
 from bdnn_ros.robot.entries import reading, require_robot, require_shapes
 from bdnn_ros.robot.state import robot_from_state, robot_state
 
@@ -61,7 +66,7 @@ def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, A
     """What `ExtendedModel` is made of, by name, from `state_of`.
 
     Raises:
-        ModelFileError: something is missing or does not fit.
+        ModelFileError: something is missing, does not fit or cannot be.
     """
     with reading("The extended model", "Diagnose again.", arrays, info) as (arrays, info):
         held = {key.removeprefix(BEYOND): v for key, v in arrays.items() if key.startswith(BEYOND)}
@@ -71,6 +76,7 @@ def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, A
         try:
             robot = robot_from_state(arrays, info)
             effects = tuple(from_entries(info["effects"], robot))
+            require_plausible(robot, _bodies(robot, effects), TAKEN_OFF)
             beyond = PhysicalModel.from_state(held, info["beyond"]) if held else None
             unsure = (
                 Unsure.from_state(info["unsure"], arrays[UNSURE], robot.joints) if "unsure" in info else None
@@ -116,6 +122,15 @@ def _networks(
         own = {key.removeprefix(begin): values for key, values in arrays.items() if key.startswith(begin)}
         found.append(RestNetwork.from_state(own, info, width))
     return tuple(found)
+
+
+def _bodies(robot: Robot, effects: Iterable[Installed]) -> np.ndarray:
+    """Inertial parameters of the bodies with the loads that effects hang on them or take off, (n, PER_LINK)."""
+    plant = Plant(robot)
+    for effect in effects:
+        if effect.effect.on_body:
+            effect.install(plant)
+    return plant.robot.inertials
 
 
 def _recorded(arrays: dict[str, np.ndarray], begins: list[float], width: int) -> tuple[Recorded, ...]:

@@ -8,11 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from bdnn_ros.errors import ModelFileError, RobotError
 from bdnn_ros.physical.couplings import CoupledMotors
 from bdnn_ros.physical.dictionary import FEATURES
 from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.parameters import PER_JOINT, Parameters, parameter_names
+from bdnn_ros.physical.plausible import require_covariance, require_plausible
 from bdnn_ros.physical.presliding import BREAKAWAYS, USUAL, directions
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.arrays import ReadOnlyArrays, fitting
@@ -253,7 +255,7 @@ class PhysicalModel(ReadOnlyArrays):
         """The model of `to_state`.
 
         Raises:
-            ModelFileError: something is missing or does not fit.
+            ModelFileError: something is missing, does not fit or cannot be.
         """
         with reading("The physical model", "Identify it again.", arrays, info) as (arrays, info):
             motors, learned, left = (_under(arrays, name) for name in ("motors.", "learned.", "left_open."))
@@ -272,8 +274,16 @@ class PhysicalModel(ReadOnlyArrays):
             lags = tuple(map(float, info.get("velocity_lags", ())))
             if len(lags) not in (0, width):
                 raise ValueError("velocity_lags")
+            try:
+                robot = robot_from_state(arrays, info)
+                require_plausible(robot)
+                require_covariance(arrays["covariance"])
+            except RobotError as error:
+                raise ModelFileError(
+                    f"The physical model is damaged: {error.problem}", "Identify it again."
+                ) from None
             return cls(
-                robot=robot_from_state(arrays, info),
+                robot=robot,
                 offset=arrays["offset"],
                 covariance=arrays["covariance"],
                 noise=arrays["noise"],
