@@ -86,6 +86,41 @@ def test_info_says_that_a_joint_is_not_described(tmp_path: Path, capsys: pytest.
 
 
 @pytest.mark.parametrize(
+    ("left", "names", "hint"),
+    [
+        (
+            6,
+            ["d"],
+            "d of the bag is not in the URDF: if it is arm7_joint7, under another name, pass --rename d=arm7_joint7.",
+        ),
+        (
+            5,
+            ["q_joint7"],
+            "if it is one of these, as arm7_joint7, under another name, pass --rename q_joint7=arm7_joint7.",
+        ),
+        (
+            6,
+            ["lamp", "a_joint7"],
+            "lamp, a_joint7 of the bag are not in the URDF: if one of them is arm7_joint7, under another name, "
+            "pass --rename a_joint7=arm7_joint7.",
+        ),
+        (7, ["lamp"], ""),
+        (6, [], ""),
+    ],
+)
+def test_a_joint_under_another_name_is_asked_after(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], left: int, names: list[str], hint: str
+) -> None:
+    """It was left out, and what the others feel of it passed for too little motion."""
+    held = (*(f"arm7_joint{k}" for k in range(1, left + 1)), *names)
+    path = str(bag_of(tmp_path / "bag", motion(samples=1500, joints=held, urdf=Robot.bundled("arm7").urdf)))
+    assert main(["info", path]) == 0
+    said = capsys.readouterr()
+    assert (hint in said.out) and (hint in said.err)
+    assert hint or "--rename" not in said.out + said.err
+
+
+@pytest.mark.parametrize(
     ("joints", "said"),
     [
         (

@@ -4,6 +4,7 @@ from bdnn_ros.bags.commands import commands_among
 from bdnn_ros.bags.copies import copies_kept
 from bdnn_ros.bags.description import read_description
 from bdnn_ros.bags.every import EveryState, read_every
+from bdnn_ros.bags.left_over import left_over
 from bdnn_ros.bags.playing import Played, read_to_play
 from bdnn_ros.bags.positions import read_positions
 from bdnn_ros.bags.reading import Progress, read, topics
@@ -17,6 +18,7 @@ __all__ = [
     "Topic",
     "commands_among",
     "copies_kept",
+    "left_over",
     "read",
     "read_description",
     "read_every",

@@ -12,6 +12,7 @@ from bdnn_ros.bags.clock import begun, stamped
 from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.description import Descriptions, movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
+from bdnn_ros.bags.left_over import LeftOver, subject
 from bdnn_ros.bags.merging import together
 from bdnn_ros.bags.reported import reported_effort
 from bdnn_ros.bags.storage import JOINT_STATE, Storage, Topic
@@ -216,7 +217,7 @@ def _wanted(
         missing = [joint for joint in joints if joint not in every]
         if missing:
             raise UsageError(
-                f"{name}: {_joints(missing)} not in the recording, which has {listed(every, 20)}.",
+                f"{name}: {subject(missing)} not in the recording, which has {listed(every, 20)}.",
                 "Name the joints with --joints, or map the names with --rename old=new.",
             )
         if len(set(joints)) != len(joints):
@@ -250,15 +251,10 @@ def _samples(
     return samples, [*_notes(name, states, sum(map(len, found)), unused), *notes, *more]
 
 
-def _joints(names: Sequence[str]) -> str:
-    """Joints as the subject of a sentence, with its verb."""
-    return f"joint {names[0]} is" if len(names) == 1 else f"joints {listed(names)} are"
-
-
 def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> list[str]:
-    notes = []
+    notes: list[str] = []
     if unused:
-        notes.append(f"{name}: {_joints(unused)} in the bag, and left out.")
+        notes.append(LeftOver.of(name, unused))
     if held < states.usable:
         notes.append(
             f"{name}: {states.usable - held} of {states.count} joint states hold other joints or come from another "

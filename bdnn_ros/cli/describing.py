@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from difflib import SequenceMatcher
+from itertools import product
 from pathlib import Path
 
+from bdnn_ros import bags
 from bdnn_ros.cli.options import say
 from bdnn_ros.errors import RobotError, UsageError, listed
 from bdnn_ros.left_out import disturbing, led, standing
@@ -82,12 +85,26 @@ def unusable(recordings: Sequence[Recording]) -> str | None:
     return None
 
 
-def unheld(robot: Robot | None, recording: Recording) -> list[str]:
+class Unheld(list[str]):
+    """Joints of a description that a recording lacks, and what its bag holds that may be one of them.
+
+    Attributes:
+        strangers: joints of the bag that the description does not have.
+    """
+
+    strangers: Sequence[str] = ()
+
+
+def unheld(robot: Robot | None, recording: Recording) -> Unheld:
     """Joints that a robot's description has move by themselves, and that stand nobody knows where: a recording lacks them."""
+    found = Unheld()
     if robot is None:
-        return []
+        return found
     known = {*recording.joints, *dict(robot.held)}
-    return [joint for joint in Robot.from_urdf(robot.urdf).joints if joint not in known]
+    complete = Robot.from_urdf(robot.urdf)
+    found.extend(joint for joint in complete.joints if joint not in known)
+    found.strangers = _strangers(complete, [recording])
+    return found
 
 
 def of_the_unheld(joints: Sequence[str]) -> list[str]:
@@ -95,10 +112,30 @@ def of_the_unheld(joints: Sequence[str]) -> list[str]:
     if not joints:
         return []
     are, their, it = ("is", "its", "it stands") if len(joints) == 1 else ("are", "their", "they stand")
+    strangers = joints.strangers if isinstance(joints, Unheld) else ()
     return [
         f"{listed(joints)} of the URDF {are} in no message that is used: the other joints feel {their} motion, "
-        f"which cannot be known, and {it} at zero for the model."
+        f"which cannot be known, and {it} at zero for the model.{_misnamed(joints, strangers)}"
     ]
+
+
+def _strangers(complete: Robot, recordings: Sequence[Recording]) -> list[str]:
+    """Joints of the recordings' bags that a robot with all joints does not have."""
+    known = {*with_mimics(complete), *free_joints(complete.urdf)}
+    return [joint for joint in bags.left_over(recordings) if joint not in known]
+
+
+def _misnamed(joints: Sequence[str], strangers: Sequence[str]) -> str:
+    """A sentence on joints of the bag that may be some of the robot's that it lacks, after a space; "" without either."""
+    if not joints or not strangers:
+        return ""
+    verb, it = ("is", "it is") if len(strangers) == 1 else ("are", "one of them is")
+    stranger, joint = max(product(strangers, joints), key=lambda pair: SequenceMatcher(None, *pair).ratio())
+    wanted = joint if len(joints) == 1 else f"one of these, as {joint}"
+    return (
+        f" {listed(strangers)} of the bag {verb} not in the URDF: if {it} {wanted}, under another name, "
+        f"pass --rename {stranger}={joint}."
+    )
 
 
 def without_led(robot: Robot, joints: Sequence[str], recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -165,6 +202,7 @@ def with_joints(
     if unknown:
         say(
             f"No message that is used holds {listed(unknown)} of the URDF; held at zero, or at the nearest limit."
+            + _misnamed([joint for joint in unknown if joint in robot.joints], _strangers(robot, whole))
         )
     for recording in whole if held else ():
         felt = disturbing(recording, complete, looked_at)
