@@ -745,7 +745,9 @@ def test_what_a_killed_recorder_had_compressed_already_is_read_with_the_rest(tmp
     whole = folder / "rec_1.mcap.zstd"
     content = whole.read_bytes()
     whole.write_bytes(content[: len(content) // 2])
-    with pytest.raises(BagError, match=r"rec_1\.mcap\.zstd is truncated or damaged .*`zstd -d`, then `mcap"):
+    with pytest.raises(
+        BagError, match=r"rec_1\.mcap\.zstd is truncated or damaged .*`zstd -d`, then `mcap recover` \(of"
+    ):
         bags.read(folder)
     whole.with_suffix("").write_bytes(ZstdDecompressor().decompressobj().decompress(content))
     assert_equal(bags.read(folder), recording)  # it was being compressed

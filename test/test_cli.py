@@ -461,7 +461,7 @@ def test_a_file_that_is_no_model_is_not_written_over(verb, tmp_path, capsys):
     assert precious.read_text() == "precious"
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(6.0, True), (11.0, False)])
+@pytest.mark.parametrize(("seconds", "said"), [(6.0, True), (9.9, True), (10.0, False), (11.0, False)])
 def test_what_is_too_short_for_a_diagnosis_is_told(seconds: float, said: bool) -> None:
     time = np.arange(0.0, seconds, 0.01)
     motion = np.sin(time)[:, None]

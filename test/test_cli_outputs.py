@@ -147,3 +147,15 @@ def test_a_link_in_a_place_that_cannot_be_one_is_refused_before_the_work(tmp_pat
     for refused in (outputs.require_directory, outputs.require_file):
         with pytest.raises(UsageError, match=f"{tmp_path / 'file'} is a file"):
             refused(tmp_path / "link" / "a.csv")
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="there is no /proc here")
+def test_a_place_that_takes_nothing_is_refused_before_the_work(tmp_path: Path) -> None:
+    """Its permissions let root write, and a minute's work was lost."""
+    with pytest.raises(
+        UsageError, match=r"Nothing can be written into /proc \(.+\)\. Name another directory"
+    ):
+        outputs.require_directory(Path("/proc/x"))
+    outputs.require_directory(tmp_path / "deep" / "out")
+    assert list(tmp_path.iterdir()) == []
+    outputs.require_file(Path("/dev/null"))  # a device needs no room beside it

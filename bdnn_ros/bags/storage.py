@@ -33,6 +33,9 @@ STRING = "std_msgs/msg/String"
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 READ = (JOINT_STATE, STRING, MULTI_ARRAY)
 """Types of messages that are read."""
+RECOVER_SQLITE = "`sqlite3 FILE .recover`"
+RECOVER_MCAP = "`mcap recover` (of the command-line tool at https://github.com/foxglove/mcap)"
+"""What mends damaged files, and where that comes from if it is in no distribution."""
 SPLIT = 1.0
 """Files of one bag that was split follow each other: they overlap, or leave a gap, of less than this [s]."""
 
@@ -173,11 +176,11 @@ def _damaged(path: Path, error: Exception) -> BagError:
         return BagError(
             f"{path} is not a bag: it is neither MCAP nor SQLite.", "Pass an .mcap, .db3 or rosbag2 folder."
         )
-    repair = "sqlite3 FILE .recover" if path.suffix == ".db3" else "mcap recover"
-    if path.suffix == compressed.SUFFIX:
-        repair = f"zstd -d`, then `{'sqlite3 FILE .recover' if '.db3' in path.name else repair}"
+    packed = path.suffix == compressed.SUFFIX
+    database = (path.with_suffix("") if packed else path).suffix == ".db3"
+    repair = f"{'`zstd -d`, then ' * packed}{RECOVER_SQLITE if database else RECOVER_MCAP}"
     return BagError(
-        f"{path} is truncated or damaged ({reason}).", f"Repair it with `{repair}`, or record it again."
+        f"{path} is truncated or damaged ({reason}).", f"Repair it with {repair}, or record it again."
     )
 
 

@@ -187,7 +187,7 @@ def excitation(recording: Recording, signals: Signals, limits: Limits | None) ->
 def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
     """What a usable recording still lacks, one sentence each."""
     found = []
-    if recording.recorded < ENOUGH:
+    if round(recording.recorded, 1) < ENOUGH:  # as it is said: 2500 samples at 250 Hz are 9.996 s
         found.append(
             f"{recording.recorded:.1f} s of motion are little, and mostly too short for `bdnn diagnose`, which asks for "
             f"{ENOUGH:g} s; 30 s and more tell causes apart."

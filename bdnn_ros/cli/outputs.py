@@ -18,18 +18,25 @@ from bdnn_ros.written import whole
 
 
 def require_directory(path: Path) -> None:
-    """Refuses a directory for results that is none and cannot be made.
+    """Refuses a directory for results that is none and cannot be made, or that nothing can be put into, which is tried.
+
+    Permissions alone do not tell: some file systems, as /proc, take nothing from anybody.
 
     Raises:
-        UsageError: a file is in its way, or there is no permission.
+        UsageError: a file is in its way, or there is no permission or no room.
     """
     real = _real(path)
     there = next(place for place in (real, *real.parents) if os.path.lexists(place))
     if not there.is_dir():
         what = "a file" if there.exists() else "a link that leads nowhere"
         raise UsageError(f"{path} cannot be a directory: {there} is {what}.", "Name another one.")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise UsageError(f"Nothing can be written into {there}.", "Name another directory.")
+    try:
+        with tempfile.TemporaryDirectory(prefix=".new.", dir=there):
+            pass
+    except OSError as error:
+        raise UsageError(
+            f"Nothing can be written into {there} ({error.strerror or error}).", "Name another directory."
+        ) from None
 
 
 def require_model_place(path: Path) -> None:
@@ -47,10 +54,12 @@ def require_file(path: Path) -> None:
     """Refuses a file for results that cannot be one.
 
     Raises:
-        UsageError: it is a directory, or there can be none around it.
+        UsageError: it is a directory, or there can be none around it; a device or a pipe needs none.
     """
     if path.is_dir():
         raise UsageError(f"{path} is a directory.", "Name a file in it.")
+    if path.exists() and not path.is_file():
+        return
     require_directory(_real(path).parent)
 
 

@@ -73,7 +73,8 @@ def model_place(directory: str, name: str) -> Path:
     A name that ends in `.bdnn` is the file's own, unless there is a directory of that name.
 
     Raises:
-        UsageError: no directory is set, the name would leave it, or what is there cannot be looked at.
+        UsageError: no directory is set, the name is blank, begins like a home directory's or would leave it, or what is
+            there cannot be looked at.
     """
     if not directory:
         raise UsageError("The parameter model_directory is not set.", "Set it to keep models.")
@@ -85,7 +86,8 @@ def model_place(directory: str, name: str) -> Path:
     plain = (
         name.isprintable() and len(name.removesuffix(SUFFIX).encode()) <= LONGEST_NAME and "\\" not in name
     )
-    if not plain or any(part in ("", ".", "..") for part in parts):
+    blank = any(not part.removesuffix(SUFFIX).strip() for part in parts)
+    if not plain or blank or name.startswith("~") or any(part in (".", "..") for part in parts):
         raise UsageError(
             f"{name[:LONGEST_NAME]!r} is not a name inside model_directory.", "Use a plain name."
         )
