@@ -128,9 +128,7 @@ def examine(
     equations.count(pool.sure)
     remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
-    case = Case(
-        recordings, robot, equations, attempt, found, remainder, None if known.model is None else known
-    )
+    case = Case(recordings, robot, equations, attempt, found, remainder, known.since)
     diagnosis, networks = with_rest(told(case, cutoff), case, pool.left())
     return Examination(
         diagnosis,

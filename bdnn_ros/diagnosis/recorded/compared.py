@@ -109,6 +109,11 @@ class Compared:
         return replace(known, velocity_cutoff=model.velocity_cutoff)
 
     @property
+    def since(self) -> Compared | None:
+        """Itself where a model takes the simulation's place, else None."""
+        return None if self.model is None else self
+
+    @property
     def dry(self) -> np.ndarray:
         """What dry friction may hold of each joint while it rests, (n,) [N·m]."""
         dry = self.robot.coulomb.copy()
