@@ -308,7 +308,8 @@ def remarked(
     units = [along("rad/s", slides) for slides in robot.slides]
     where = listed([f"{robot.joints[j]} (all there at {all_at[j]:.2g} {units[j]})" for j in seen])
     said = (
-        f"dry friction comes on little by little with the velocity at {where}, as in a simulator that regularises it; "
+        f"dry friction comes on little by little with the velocity at {where}, as in a simulator that regularises it "
+        "or where noise of the position hides when the joint turns round; "
         "it is taken as it is, and its size is what it comes to"
     )
     return [replace(one, notes=(*one.notes, f"{one.name}: {said}.")) for one in recordings]
