@@ -10,6 +10,7 @@ import numpy as np
 
 from bdnn_ros.diagnosis.recorded.compared import offsets_of
 from bdnn_ros.diagnosis.recorded.velocity_filter import none_is_left
+from bdnn_ros.diagnosis.regression.learned import CONTRACT, STRAIGHT
 from bdnn_ros.diagnosis.regression.term import COMMON
 from bdnn_ros.diagnosis.search.leads import parted
 from bdnn_ros.effects.registry import Installed, get
@@ -231,29 +232,42 @@ def _joints_moved(
 ) -> tuple[ExtendedModel, Robot]:
     """A model with what its joints add, and a robot with armature, viscous and Coulomb friction moved by their errors (U,).
 
-    None of these comes below zero; both are as they were where no model was identified.
+    None of these comes below zero; both are as they were where no model was identified. What joints add is left what no
+    straight friction says: files for other programs have that alone.
     """
     if equations.jointwise is None or equations.learned is None:
         return earlier, robot
     moved = (equations.jointwise @ errors).reshape(len(COMMON), -1)
+    learned = None
+    if earlier.beyond is not None:
+        learned = equations.learned.moved(earlier.beyond.learned, errors)
+    given = np.zeros((len(STRAIGHT), robot.width))
+    if learned is not None:
+        given = equations.learned.handed_back(equations, learned)
+        friction = np.array([robot.viscous, robot.coulomb]) + moved[1:-1]
+        given[:-1] = np.maximum(given[:-1], -friction)
+        learned = replace(learned, straight=learned.straight + given.T * CONTRACT)
+    moved[1:] += given
     kinds = ("armature", "viscous", "coulomb")
     joints = {kind: np.maximum(getattr(robot, kind) + e, 0.0) for kind, e in zip(kinds, moved, strict=False)}
     earlier = _offsets_moved(earlier, moved[COMMON.index("effort_offset")])
     if earlier.beyond is not None:
-        learned = equations.learned.moved(earlier.beyond.learned, errors)
         earlier = replace(earlier, beyond=replace(earlier.beyond, learned=learned))
     return earlier, robot.with_joint_parameters(**joints)
 
 
 def _offsets_moved(model: ExtendedModel, errors: np.ndarray) -> ExtendedModel:
     """A model with its joints' effort offsets moved by their errors, (n,) [N·m]."""
-    effects = tuple(
-        replace(e, values={"offset": e.values["offset"] + float(errors[e.target])})
-        if e.effect.name == "effort_offset"
-        else e
-        for e in model.effects
-    )
-    return replace(model, effects=effects)
+    known, there = [], set()
+    for effect, std in known_effects(model):
+        if effect.effect.name == "effort_offset":
+            there.add(effect.target)
+            effect = replace(
+                effect, values={"offset": effect.values["offset"] + float(errors[effect.target])}
+            )
+        known.append((effect, std))
+    more = offsets_of(np.where([joint in there for joint in range(len(errors))], 0.0, -errors))
+    return with_effects(model, [*known, *((one, {}) for one in more)])
 
 
 def _tilted_further(robot: Robot, found: Sequence[Installed]) -> list[Installed]:

@@ -11,9 +11,17 @@ from bdnn_ros.diagnosis.regression.term import COMMON, Term
 from bdnn_ros.effects.registry import get
 from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.local import LocalResiduals
+from bdnn_ros.physical.sums import FAST
 
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.regression.equations import Equations
+
+STRAIGHT = COMMON[1:]
+"""What the straight part of what joints add is described by: viscous and Coulomb friction and offset, as the contract counts."""
+CONTRACT = np.array([1.0, 1.0, -1.0])
+"""What `LocalResiduals.straight` has is counted so: its offsets add to the measured effort, the contract's to what acts."""
+SHOWN = 1e-2
+"""Of these a motion shows what it shows by this share of the best: at one speed Coulomb friction is not told from viscous."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +47,45 @@ class Learned:
         width, joints = equations.width, self.left_open.joints
         terms = (Term(get(name), joint) for name in COMMON for joint in range(width))
         of_joints = np.concatenate([equations.columns(term) for term in terms], axis=2) @ jointwise
+        rows, own = self._rows(equations), (joints == joint for joint in range(width))
+        return np.asarray(of_joints + np.stack([rows[:, one] @ self.weights[one] for one in own], axis=1))
+
+    def _rows(self, equations: Equations) -> np.ndarray:
+        """What one unit of each weight does at its joint, rows (R, W) [N·m]."""
         motion, passing = equations.motion, equations.passing
         added = self.left_open.columns(motion.robot, motion.signals, self.load)
-        rows = equations.reduced(added if passing is None else added * passing[:, joints], borne=False)
-        own = (joints == joint for joint in range(width))
-        return np.asarray(of_joints + np.stack([rows[:, one] @ self.weights[one] for one in own], axis=1))
+        if passing is not None:
+            added = added * passing[:, self.left_open.joints]
+        return equations.reduced(added, borne=False)
+
+    def straight(self, equations: Equations) -> tuple[np.ndarray, np.ndarray]:
+        """Each weight's best straight description along a motion, (W, 3), and which of these the motion shows, (n, 3, 3).
+
+        As identification does it, where joints are fast: where one turns round, dry friction is anything. The second are
+        projections: what a motion does not tell apart is described by nothing.
+        """
+        rows, joints, width = self._rows(equations), self.left_open.joints, equations.width
+        speed = np.abs(equations.motion.velocity)[equations.rows]
+        counted = equations.usable & (speed > FAST * self.left_open.scale_velocity)
+        weights, shown = (
+            np.zeros((len(joints), len(STRAIGHT))),
+            np.zeros((width, len(STRAIGHT), len(STRAIGHT))),
+        )
+        for joint in range(width):
+            own, when = joints == joint, counted[:, joint]
+            terms = [Term(get(name), joint) for name in STRAIGHT]
+            plain = np.concatenate([equations.columns(term)[when, joint] for term in terms], axis=1)
+            size = np.maximum(np.linalg.norm(plain, axis=0), 1e-12)
+            back = np.linalg.pinv(plain / size, rcond=SHOWN) / size[:, None]
+            weights[own], shown[joint] = (back @ rows[when][:, own]).T, back @ plain
+        return weights, shown
+
+    def handed_back(self, equations: Equations, learned: LocalResiduals) -> np.ndarray:
+        """What of `STRAIGHT` is in what joints add beyond what was taken from it, and a motion shows, (3, n)."""
+        result, (straight, shown) = np.zeros((len(STRAIGHT), equations.width)), self.straight(equations)
+        places = self.left_open.joints, self.left_open.places
+        np.add.at(result.T, places[0], straight * learned.weights[places][:, None])
+        return result - np.einsum("jkl,jl->kj", shown, learned.straight * CONTRACT)
 
     def moved(self, before: LocalResiduals | None, errors: np.ndarray) -> LocalResiduals | None:
         """What joints add that was learned before, with its weights moved by their errors (U,)."""
