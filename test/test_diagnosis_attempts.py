@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -121,3 +122,22 @@ def test_terms_that_do_harm_are_given_up() -> None:
         new, plain, told = harmless(equations, attempt, pool, found)
         assert (len(plain.terms), len(told), len(new.fitted.terms)) == (kept, kept, kept)
     assert np.sum(new.extended**2) < np.sum((1.5 * equations.target) ** 2)
+
+
+def test_corrections_that_do_harm_alone_are_given_up() -> None:
+    """What was compared with stays as it is then, and the error does not grow."""
+    equations = equations_of(["viscous_friction@arm2_joint1:viscous=3"])
+    noise, model = white(equations, 0.02)
+    equations.target = equations.target + noise
+    test = equations.block % 5 == 2
+    pool, whole = Pool(equations, model, [], 0.05), equations.usable
+    attempt = Attempt(test, [], pool, 1.5 * equations.target)
+    equations.target[test] *= -1.0  # what is held out is the opposite of all else
+    new, plain, told = harmless(equations, attempt, pool, [])
+    assert (plain.terms, told) == ([], [])
+    assert not plain.whole.coefficients.any() and not new.fitted.whole.coefficients.any()
+    np.testing.assert_array_equal(new.extended, equations.target)
+    np.testing.assert_array_equal(plain.left(), equations.target)
+    assert gain_of(equations, new.extended, whole & test[:, None]) == (0.0, (0.0, 0.0))
+    same, _, _ = harmless(equations, replace(attempt, extended=0.1 * equations.target), pool, [])
+    assert same.extended is not new.extended and same.fitted is pool

@@ -271,6 +271,7 @@ def _examination(
         extended=pool.residual(fit),
         model=model,
         late=Lateness(),
+        networks=(),
     )
 
 

@@ -175,6 +175,8 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
     if needless(diagnosis):
         much = f"{100.0 * diagnosis.gain:.1f} % {interval}"
         return [f"What {WITHOUT_A_NAME}, takes {much} off the error on held-out data."] * corrected(diagnosis)
+    if diagnosis.stays:
+        return ["Gain on held-out data: none, and nothing grows."]
     if diagnosis.gain >= 0.0:
         return [f"Gain on held-out data: the error falls by {100.0 * diagnosis.gain:.1f} % {interval}."]
     return [f"Gain on held-out data: none, the error grows by {-100.0 * diagnosis.gain:.1f} %."]

@@ -120,6 +120,11 @@ class Diagnosis:
     endless: bool = False
     learned: tuple[float, float, float] | None = None
 
+    @property
+    def stays(self) -> bool:
+        """Whether the extended model has nothing but what it is compared with: errors are the same then."""
+        return not self.findings and self.gain == 0.0 and self.gain_interval == (0.0, 0.0)
+
     def as_json(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""
         return {

@@ -235,7 +235,7 @@ def _joints_moved(
     None of these comes below zero; both are as they were where no model was identified. What joints add is left what no
     straight friction says: files for other programs have that alone.
     """
-    if equations.jointwise is None or equations.learned is None:
+    if equations.jointwise is None or equations.learned is None or not errors.any():
         return earlier, robot
     moved = (equations.jointwise @ errors).reshape(len(COMMON), -1)
     learned = None

@@ -50,7 +50,9 @@ def unsure_of(examination: Examination) -> Unsure:
     whole = every.whole
     terms = _known(examination, [*told, *missing])
     by_all, by_told = _by(every, whole, terms), _by(pool, fit, terms)
-    covariance = by_all @ whole.covariance @ by_all.T
+    # where nothing was taken over of what the data say, what was known before is all that is known
+    known = whole.covariance if fit.coefficients.any() else np.diag(1.0 / whole.precision)
+    covariance = by_all @ known @ by_all.T
     if missing:
         other = by_all @ whole.coefficients - by_told @ fit.coefficients
         joints = np.concatenate(

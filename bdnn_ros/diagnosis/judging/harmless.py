@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
+
+import numpy as np
 
 from bdnn_ros.diagnosis.judging.attempt import Attempt
 from bdnn_ros.diagnosis.judging.posterior import Estimate
@@ -18,17 +21,31 @@ def harmless(
     """An attempt, its terms in all rows and their estimates; none of them where they surely do harm.
 
     Of such terms none has a name. In the extended model they would make other motions worse than the simulation does: as
-    rotors that stand for how joints stick.
+    rotors that stand for how joints stick. Where what links and an identified model's joints are corrected by does harm
+    without them, too, that is given up as well: what is compared with stays as it is.
     """
-    if not pool.terms or not _worse(equations, attempt):
+    if not _worse(equations, attempt):
         return attempt, pool, found
-    counted = equations.usable
-    equations.count(counted & ~attempt.test[:, None])
-    fitted = Pool(equations, pool.noise, [], pool.link_error)
-    extended = fitted.left()
-    equations.count(counted)
-    bare = replace(attempt, judgements=[], fitted=fitted, extended=extended)
-    return bare, Pool(equations, pool.noise, [], pool.link_error), []
+    if pool.terms:
+        counted = equations.usable
+        equations.count(counted & ~attempt.test[:, None])
+        fitted = Pool(equations, pool.noise, [], pool.link_error)
+        attempt = replace(attempt, judgements=[], fitted=fitted, extended=fitted.left())
+        equations.count(counted)
+        pool = Pool(equations, pool.noise, [], pool.link_error)
+    if _worse(equations, attempt):
+        pool = still(pool)
+        attempt = replace(attempt, fitted=still(attempt.fitted), extended=equations.target.copy())
+    return attempt, pool, []
+
+
+def still(pool: Pool) -> Pool:
+    """A pool in which nothing is found: as if all that was measured had been predicted before."""
+    other = copy(pool)
+    other.moment = np.zeros_like(pool.moment)
+    other._fits, other._held_out, other._tall = {}, {}, None
+    other.__dict__.pop("total", None)
+    return other
 
 
 def _worse(equations: Equations, attempt: Attempt) -> bool:

@@ -117,6 +117,11 @@ class Case:
         return share_of(part, self.attempt.fitted.left(), self.equations.target, self.held)
 
     @property
+    def stays(self) -> bool:
+        """Whether all corrections were given up: errors are those of what was compared with; see `harmless`."""
+        return not (self.found or self.attempt.fitted.whole.coefficients.any())
+
+    @property
     def gained(self) -> float:
         """Part of the simulation's squared error that the extended model removes."""
         return 1.0 - self._share(self.extended**2)

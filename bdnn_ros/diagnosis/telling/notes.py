@@ -32,6 +32,10 @@ BY_LINKS = (
     "Errors of {whose}, none of which stands out, make up {share:.0f} % of the {reference}'s squared error; the extended model "
     "mends them."
 )
+STAYS = (
+    "What would be corrected without a name, by errors of {whose}, surely predicts the motion that was held out worse: the "
+    "extended model is the {reference} as it is."
+)
 BY_LEAD = (
     "Efforts are stamped {much:.1f} ms too {way} for the motion, as where one is held for longer or both are not read at once. "
     "That makes up {share:.0f} % of the {reference}'s squared error; the extended model mends it."
@@ -209,6 +213,12 @@ def mended(least: float, by_links: float, by_lead: float, lead: float, hold: flo
         return leading(by_lead, lead, hold, since)
     whose = "the earlier model" if since else "the links' masses and inertias"
     return [BY_LINKS.format(whose=whose, share=100.0 * min(by_links, 1.0), reference=reference(since))]
+
+
+def as_it_was(since: bool) -> str:
+    """The note on corrections that were given up, so that what was compared with stays as it is."""
+    whose = "its links and joints" if since else "the links' masses and inertias"
+    return STAYS.format(whose=whose, reference=reference(since))
 
 
 def leading(share: float, lead: float, hold: float, since: bool) -> list[str]:

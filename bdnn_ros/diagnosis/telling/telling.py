@@ -25,6 +25,7 @@ from bdnn_ros.diagnosis.telling.notes import (
     MOST,
     SLIGHT,
     THROUGHOUT,
+    as_it_was,
     haunted,
     leading,
     loads,
@@ -165,7 +166,8 @@ def _notes(
         *unknown(
             [(one, place, beyond_links(equations, error, one, but_rotor=True)) for one, place in unknowns]
         ),
-        *[FAR_OFF] * case.far_off,
+        *[FAR_OFF] * (case.far_off and not case.stays),
+        *[as_it_was(since)] * case.stays,
         *(mostly_links(case.by_links, case.far_off, since) if names.findings else ()),
         *(_mended(case, least) if of_effort == "nothing_wrong" else _led(case)),
         *([] if alike is None else [alike.said(ALIKE)]),
