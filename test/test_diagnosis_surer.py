@@ -1,0 +1,66 @@
+"""One cause more is tried beside an identified model that is doubted less."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from bdnn_ros.diagnosis.recorded.compared import Compared
+from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.coloring import noise_of
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.search.candidates import Candidates
+from bdnn_ros.diagnosis.search.search import DOUBTS, Search
+from bdnn_ros.diagnosis.search.surer import surer
+from bdnn_ros.online.identifier import Identifier
+from bdnn_ros.physical.model import PhysicalModel
+from bdnn_ros.recording import Recording
+from bdnn_ros.robot import Robot
+from bdnn_ros.signals import flattened, prepare
+from bdnn_ros.simulation.excitation import fourier
+from bdnn_ros.simulation.scenario import Scenario
+
+ARM = Robot.bundled("arm2")
+SECOND = ARM.joints[1]
+
+
+def rubbing(seconds: float, *effects: str) -> Recording:
+    plan = fourier(ARM, np.arange(round(200.0 * seconds)) / 200.0, np.random.default_rng(round(seconds)))
+    return Scenario(ARM, effects, seed=1, worn=True, noise=0.01, plan=plan).run()[0].recording
+
+
+@cache
+def model() -> PhysicalModel:
+    return Identifier(ARM).fit([rubbing(20.0)])
+
+
+@cache
+def against(identified: bool) -> Equations:
+    """A joint that rubs more than it did, against the model of before with what is not known of it, or without."""
+    signals = flattened(prepare(rubbing(15.0, f"coulomb_friction@{SECOND}:coulomb=0.3")), 5.0)
+    known = model()
+    return build(signals, known.robot, known.predict(signals), known.left_open if identified else None)
+
+
+@pytest.mark.parametrize(
+    ("identified", "error", "then"), [(True, 0.1, 0.05), (True, DOUBTS[0], None), (False, 0.1, None)]
+)
+def test_a_cause_is_tried_with_the_next_smaller_doubt(identified, error, then):
+    equations = against(identified)
+    noise = noise_of(equations, 0.05 * equations.target, 1e-4 * equations.effort_scale)
+    held = Compared.of(model(), model().robot).held
+    candidates = Candidates.shown_by(equations, held)
+    candidates = replace(candidates, terms=tuple(candidates.common()))
+    search = Search(equations, candidates, lambda text: None, DOUBTS)
+    sets = surer(search, Pool(equations, noise, [], error), DOUBTS)
+    if then is None:
+        assert sets == []
+        return
+    pool = sets[0]()
+    (term,) = pool.terms
+    assert (term.effect.name, term.target, pool.link_error) == ("coulomb_friction", 1, then)
+    assert pool.coefficients(pool.whole, 0) == pytest.approx(0.3, rel=0.2)
