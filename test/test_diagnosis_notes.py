@@ -17,9 +17,10 @@ from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.diagnosis.search.leads import parted
 from bdnn_ros.diagnosis.telling.advice import advice
+from bdnn_ros.diagnosis.telling.left import unexplained_sentence
 from bdnn_ros.diagnosis.telling.naming import Named, beyond_links
 from bdnn_ros.diagnosis.telling.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
-from bdnn_ros.diagnosis.telling.telling import _above, _advice, _led, _unexplained_sentence
+from bdnn_ros.diagnosis.telling.telling import _above, _advice, _led
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.robot import Robot
@@ -258,20 +259,30 @@ def test_what_a_link_may_be_off_by_anyway_is_not_surely_there(values, weighs, th
 )
 def test_what_is_left_is_told_with_its_place(share, above, said):
     remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)))
-    assert _unexplained_sentence(share, remainder, above, "URDF").startswith(said)
+    assert unexplained_sentence(share, remainder, above, "URDF").startswith(said)
     depends = replace(remainder, inputs={joint: {"j1.velocity": 1.0} for joint in above or ("j1",)})
-    assert "; it depends on j1.velocity" in _unexplained_sentence(0.1, depends, above, "URDF")
+    assert "; it depends on j1.velocity" in unexplained_sentence(0.1, depends, above, "URDF")
 
 
 def test_what_is_left_is_told_to_depend_on_what_it_does_where_it_is_left():
     """Inputs of joints at which no more than noise is left were told of those at which more is."""
     inputs = {"j1": {"j1.load": 0.2, "time": 0.3}, "j2": {"j2.load": 9.0}}
     remainder = Remainder(np.ones(3), inputs, np.zeros((1, 3)))
-    assert _unexplained_sentence(0.1, remainder, ("j3", "j1"), "URDF").endswith(
+    assert unexplained_sentence(0.1, remainder, ("j3", "j1"), "URDF").endswith(
         "left above the noise, at j3, j1; at j1 it depends on time, j1.load."
     )
-    assert "; no position" in _unexplained_sentence(0.1, remainder, ("j3",), "URDF")
-    assert "; it depends on j2.load, time, j1.load." in _unexplained_sentence(0.0, remainder, (), "URDF")
+    assert "; no position" in unexplained_sentence(0.1, remainder, ("j3",), "URDF")
+    assert "; it depends on j2.load, time, j1.load." in unexplained_sentence(0.0, remainder, (), "URDF")
+
+
+def test_an_earlier_model_is_not_blamed_for_what_it_left_before():
+    """Where no change can be shown, a large share would read as a large fault."""
+    remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)))
+    said = unexplained_sentence(0.943, remainder, ("j2",), "earlier model", False, (), " (then)")
+    assert said.startswith("The earlier model does not describe this motion down to its noise")
+    assert "or not (then): 94.3 % of its squared error is left above that, at j2; no position" in said
+    quiet = unexplained_sentence(0.943, remainder, (), "earlier model", False, (), "")
+    assert quiet.startswith("What is left looks like noise")
 
 
 def test_joints_are_told_in_the_order_of_what_is_left():
@@ -282,9 +293,9 @@ def test_joints_are_told_in_the_order_of_what_is_left():
 def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
     """Nothing is named, and nothing wrong: a share of next to nothing would frighten."""
     remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)), ("j2",))
-    said = _unexplained_sentence(0.3, remainder, (), "URDF", named=False)
+    said = unexplained_sentence(0.3, remainder, (), "URDF", named=False)
     assert said.startswith("What is left is hardly more than noise, in bursts at j2")
-    assert "30.0 %" in _unexplained_sentence(0.3, remainder, ("j2",), "URDF", named=False)
+    assert "30.0 %" in unexplained_sentence(0.3, remainder, ("j2",), "URDF", named=False)
 
 
 @pytest.mark.parametrize(
@@ -298,10 +309,10 @@ def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
 def test_what_is_twice_the_noise_is_told_with_its_place_though_it_is_little(named, said, bursts):
     """A joint at seven times its floor was said to look like noise, or to be hardly more."""
     remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)), bursts)
-    told = _unexplained_sentence(0.0, remainder, (), "URDF", named, ("j2",))
+    told = unexplained_sentence(0.0, remainder, (), "URDF", named, ("j2",))
     assert told.startswith(said) and "; no position" in told
     elsewhere = replace(remainder, inputs={"j1": {"j1.load": 1.0}})
-    assert _unexplained_sentence(0.0, elsewhere, (), "URDF", named, ("j2",)) == told
+    assert unexplained_sentence(0.0, elsewhere, (), "URDF", named, ("j2",)) == told
 
 
 def test_that_links_errors_make_up_most_is_said_where_they_do():

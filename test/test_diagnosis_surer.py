@@ -1,4 +1,4 @@
-"""One cause more is tried beside an identified model that is doubted less."""
+"""Beside an identified model: one cause more where that is doubted less, and else where most is that was mended."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from bdnn_ros.diagnosis.judging.attempt import Attempt
 from bdnn_ros.diagnosis.recorded.compared import Compared
 from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.coloring import noise_of
@@ -16,6 +17,9 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.search import DOUBTS, Search
 from bdnn_ros.diagnosis.search.surer import surer
+from bdnn_ros.diagnosis.telling.case import Case
+from bdnn_ros.diagnosis.telling.left import mostly_at, then
+from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.recording import Recording
@@ -64,3 +68,18 @@ def test_a_cause_is_tried_with_the_next_smaller_doubt(identified, error, then):
     (term,) = pool.terms
     assert (term.effect.name, term.target, pool.link_error) == ("coulomb_friction", 1, then)
     assert pool.coefficients(pool.whole, 0) == pytest.approx(0.3, rel=0.2)
+
+
+def test_most_of_what_is_mended_is_told_with_its_joint():
+    equations = against(True)
+    noise = noise_of(equations, 0.05 * equations.target, 1e-4 * equations.effort_scale)
+    pool, test = Pool(equations, noise, [], 0.1), equations.block % 5 == 2
+    attempt = Attempt(test, [], pool, pool.left())
+    remainder, since = Remainder(np.ones(2), {}, np.zeros((1, 2))), Compared.of(model(), model().robot)
+    case = Case((), model().robot, equations, attempt, (), remainder, since)
+    (said,) = mostly_at(case, 0.5)
+    assert f"at {SECOND}, " in said and "friction" in said
+    assert mostly_at(case, 0.05) == [] == mostly_at(replace(case, equations=against(False)), 0.5)
+    times = float(case.simulation[1] / model().noise[1])
+    assert f"errs {times:.1f} times as much" in then(case, (SECOND,))
+    assert then(replace(case, since=None), (SECOND,)) == ""

@@ -11,12 +11,13 @@ from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
 from bdnn_ros.diagnosis.regression.building import least_motion
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.gains import gain_of
-from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference, remaining
+from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference
 from bdnn_ros.diagnosis.telling.advice import MORE, MORE_SINCE, advice
 from bdnn_ros.diagnosis.telling.alike import ALIKE, FEWEST, SETTLED, Common, common, tied, untold
 from bdnn_ros.diagnosis.telling.as_good import at_most
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.endless import endless
+from bdnn_ros.diagnosis.telling.left import mostly_at, then, unexplained_sentence
 from bdnn_ros.diagnosis.telling.naming import Doubts, Named, beyond_links, name_of, named
 from bdnn_ros.diagnosis.telling.notes import (
     AT_AN_END,
@@ -37,7 +38,6 @@ from bdnn_ros.diagnosis.telling.notes import (
     unknown,
     unnamed,
 )
-from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.diagnosis.telling.with_time import with_time
 from bdnn_ros.effects.rigid import LinkInertia
 from bdnn_ros.errors import listed
@@ -82,6 +82,8 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     of_effort = _verdict(causes, unclear, bool(near.all()) and not jumps, said)
     above = _above(robot.joints, near, case.left)
     slight = _above(robot.joints, ~near | (case.extended <= TOLD * case.floor), case.left)
+    # an earlier model that nothing surely betters is not blamed for what it leaves
+    poor = then(case, above) if since and of_effort == "cannot_tell" and interval[0] <= 0.0 else None
     return Diagnosis(
         source=_source(case.recordings, equations),
         verdict="explained" if of_effort == "nothing_wrong" and findings else of_effort,
@@ -91,8 +93,8 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
         gain_interval=interval,
         unexplained_share=case.share_left,
         unexplained_depends_on=tuple(case.remainder.depends_on(above or slight))[:6],
-        unexplained_sentence=_unexplained_sentence(
-            case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight
+        unexplained_sentence=unexplained_sentence(
+            case.share_left, case.remainder, above, reference(bool(since)), bool(causes), slight, poor
         ),
         advice=(*_advice(case, names, of_effort), *_settling(alike, findings)),
         notes=tuple(
@@ -169,6 +171,7 @@ def _notes(
         *[FAR_OFF] * (case.far_off and not case.stays),
         *[as_it_was(since)] * case.stays,
         *(mostly_links(case.by_links, case.far_off, since) if names.findings else ()),
+        *(mostly_at(case, least) if of_effort == "cannot_tell" else ()),
         *(_mended(case, least) if of_effort == "nothing_wrong" else _led(case)),
         *([] if alike is None else [alike.said(ALIKE)]),
         *[AT_REST.format(joints=listed(at_rest), reference=reference(since))] * bool(at_rest),
@@ -248,36 +251,6 @@ def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool, said: bool) 
 def _above(joints: Sequence[str], near: np.ndarray, left: np.ndarray) -> tuple[str, ...]:
     """Where the extended model errs by more than the noise, most first, by what is left, (n,) [(N·m)²]."""
     return tuple(joints[j] for j in np.argsort(-left, kind="stable") if not near[j])
-
-
-def _unexplained_sentence(
-    share: float,
-    remainder: Remainder,
-    above: Sequence[str],
-    reference: str,
-    named: bool = True,
-    slight: Sequence[str] = (),
-) -> str:
-    if share > 1.0:
-        return f"What was found predicts the motion that was held out worse than the {reference} does."
-    much = remaining(share).capitalize()
-    there = above or slight
-    where = f", at {listed(there)}" if there else ""
-    left = f"{much} of the {reference}'s squared error is left above the noise{where}"
-    if not named and not above:  # all of a small error may well be left
-        left = "What is left is hardly more than noise"
-        if slight:
-            left = f"What is left is small, but more than twice the noise at {listed(slight)}"
-    inputs = remainder.depends_on(there)
-    if inputs:
-        of_these = [joint for joint in there if joint in remainder.inputs]
-        it = f"at {listed(of_these)} it" if len(of_these) < len(there) else "it"
-        return f"{left}; {it} depends on {', '.join([*inputs][:3])}."
-    if remainder.bursts:
-        return f"{left}, in bursts at {listed(remainder.bursts)}; no position, velocity, acceleration, load or time predicts it."
-    if there:
-        return f"{left}; no position, velocity, acceleration, load or time predicts it."
-    return "What is left looks like noise: no position, velocity, acceleration, load or time predicts it."
 
 
 def _source(recordings: Sequence[Recording], equations: Equations) -> dict[str, object]:
