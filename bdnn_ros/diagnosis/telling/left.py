@@ -88,12 +88,12 @@ def mostly_at(case: Case, least: float) -> list[str]:
         least: share of the squared error that the extended model surely mends.
     """
     equations, fitted = case.equations, case.attempt.fitted
-    joints = equations.jointwise is not None and equations.learned is not None
-    if not joints or case.found or least < SLIGHT:
+    learned, jointwise = equations.learned, equations.jointwise
+    if learned is None or jointwise is None or case.found or least < SLIGHT:
         return []
     errors = fitted.whole.coefficients[: equations.rigid.shape[2]]
     every = equations.rigid @ errors
-    of_joint = equations.learned.columns(equations, equations.jointwise) @ errors
+    of_joint = learned.columns(equations, jointwise) @ errors
     left, total = fitted.left(), float(np.sum(equations.target[case.held] ** 2))
     counts = case.held.sum(axis=0)
 
