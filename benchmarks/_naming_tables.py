@@ -227,11 +227,21 @@ def confusion(records: Sequence[Record]) -> Rows:
     return rows
 
 
+def plentiful(records: Iterable[Record]) -> list[Record]:
+    """Those of rich motion of at least 30 s."""
+    return [r for r in records if not r["draw"]["poor"] and r["draw"]["duration"] >= 30.0]
+
+
 def shows(records: Sequence[Record]) -> Rows:
-    """What is promised, and what was measured."""
+    """What is promised, and what was measured; and what is not, of less motion and of more effects."""
     seen = [r for r in records if r["draw"]["robot"] in BUNDLED]
-    rich = [r for r in seen if not r["draw"]["poor"] and r["draw"]["duration"] >= 30.0]
-    unseen = Totals([r for r in records if r not in seen and r["draw"]["hidden"] == 1])
+    rich = plentiful(seen)
+    unseen = Totals([r for r in plentiful(records) if r not in seen and r["draw"]["hidden"] == 1])
+    plain = [r for r in seen if not r["draw"]["worn"] and r["draw"]["wrong"] == 0.05]
+    one = [r for r in plain if r["draw"]["hidden"] == 1]
+    short = Totals([r for r in one if not r["draw"]["poor"] and r["draw"]["duration"] < 30.0])
+    poor = Totals([r for r in one if r["draw"]["poor"]])
+    three = Totals([r for r in plentiful(plain) if r["draw"]["hidden"] == 3])
     new, worn = ([r for r in rich if r["draw"]["worn"] is w] for w in (False, True))
     single = Totals([r for r in new if r["draw"]["hidden"] == 1 and r["draw"]["wrong"] == 0.05])
     further = Totals([r for r in new if r["draw"]["hidden"] == 1 and r["draw"]["wrong"] == 0.1])
@@ -256,6 +266,12 @@ def shows(records: Sequence[Record]) -> Rows:
         ["of those that the data can tell", "", *_of_tellable(worn_one, "named")],
         ["worn, one hidden: findings that are false", "≤ 3 %", *_of(worn_one, worn_one.false_findings())],
         ["worn, nothing hidden: draws with a false finding", "0 %", *_of(worn_none, worn_none.with_false())],
+        ["three effects: all named", "", *_of(three, three.all_named())],
+        ["three effects: named", "", *_of(three, three.named())],
+        ["one effect, 10 s of motion: named first", "", *_of(short, short.named("first"))],
+        ["10 s of motion: findings that are false", "", *_of(short, short.false_findings())],
+        ["one effect, poor motion of 30 s: named first", "", *_of(poor, poor.named("first"))],
+        ["poor motion: findings that are false", "", *_of(poor, poor.false_findings())],
         ["parameters: median error", "≤ 3 %", *_of(every, every.error())],
         ["parameters within 10 %", "most", *_of(every, every.within())],
         ["95 % intervals that hold the truth", "≥ 90 %", *_of(every, every.covered())],
