@@ -26,7 +26,6 @@ from bdnn_ros.diagnosis.search.gathering import gathered
 from bdnn_ros.diagnosis.search.leads import DELAY, moved
 from bdnn_ros.diagnosis.search.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves, bends
 from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
-from bdnn_ros.diagnosis.search.surer import surer
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Spreads of the links' relative errors that are tried; the evidence chooses."""
@@ -102,23 +101,23 @@ class Search(Moves):
             if selection.places == previous and not falls:
                 break
         now = self._at_own_noise(selection.pool, selection.chosen)
-        for hidden in (self._by_delays, self._surer, self._without, self._in_noise, self._behind_rivals):
-            if (found := hidden(selection, now)) is not None:
+        for hidden in (self._by_delays, self._without, self._in_noise, self._behind_rivals):
+            found = hidden(selection, now)
+            if found is not None:
                 selection, now = self._from(found)
         return selection
 
     def _from(self, found: Pool) -> tuple[Selection, Pool]:
         """The best set from some terms on, and it at its own noise: those terms alone where what it adds proves worse there."""
-        motion, doubted_less = self.equations.motion, found.link_error < self.link_error
+        motion = self.equations.motion
         selection = self._select(found.noise, found.terms)
         now = self._at_own_noise(selection.pool, selection.chosen)
         places = {term.place: c for c, term in enumerate(selection.pool.terms)}
         alone = tuple(places[term.place] for term in found.terms)
-        kept = doubted_less or set(alone) <= set(selection.chosen)
-        if not kept or self._worth(now) >= self._worth(found):
+        if not set(alone) <= set(selection.chosen) or self._worth(now) >= self._worth(found):
             return selection, now
         self.equations.take(motion)
-        pool, self.link_error = selection.pool.believing(found.link_error), found.link_error
+        pool = selection.pool
         for one, term in zip(alone, found.terms, strict=True):  # with what it added they had other shapes
             pool = pool.replacing({one: term})
         return Selection(pool, alone, pool.fit(alone)), found
@@ -137,10 +136,6 @@ class Search(Moves):
         late = [c for c in chosen if pool.terms[c].effect.name == DELAY]
         sets = [partial(moved, self.candidates, pool, chosen, delay, self.floor) for delay in late]
         return self._first_better(now, sets)
-
-    def _surer(self, selection: Selection, now: Pool) -> Pool | None:
-        """The terms and one more that lets an identified model be doubted less; None without."""
-        return self._first_better(now, surer(self, now, self.link_errors))
 
     def _without(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms but one that the others need only as they were found beside it; None where they need each.

@@ -1,4 +1,4 @@
-"""Beside an identified model: one cause more where that is doubted less, and else where most is that was mended."""
+"""Where most is of what corrections of an identified model mend, and how that did before."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 
 from bdnn_ros.diagnosis.judging.attempt import Attempt
 from bdnn_ros.diagnosis.recorded.compared import Compared
@@ -14,9 +13,6 @@ from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.coloring import noise_of
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
-from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import DOUBTS, Search
-from bdnn_ros.diagnosis.search.surer import surer
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.left import mostly_at, then
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
@@ -48,26 +44,6 @@ def against(identified: bool) -> Equations:
     signals = flattened(prepare(rubbing(15.0, f"coulomb_friction@{SECOND}:coulomb=0.3")), 5.0)
     known = model()
     return build(signals, known.robot, known.predict(signals), known.left_open if identified else None)
-
-
-@pytest.mark.parametrize(
-    ("identified", "error", "then"), [(True, 0.1, 0.05), (True, DOUBTS[0], None), (False, 0.1, None)]
-)
-def test_a_cause_is_tried_with_the_next_smaller_doubt(identified, error, then):
-    equations = against(identified)
-    noise = noise_of(equations, 0.05 * equations.target, 1e-4 * equations.effort_scale)
-    held = Compared.of(model(), model().robot).held
-    candidates = Candidates.shown_by(equations, held)
-    candidates = replace(candidates, terms=tuple(candidates.common()))
-    search = Search(equations, candidates, lambda text: None, DOUBTS)
-    sets = surer(search, Pool(equations, noise, [], error), DOUBTS)
-    if then is None:
-        assert sets == []
-        return
-    pool = sets[0]()
-    (term,) = pool.terms
-    assert (term.effect.name, term.target, pool.link_error) == ("coulomb_friction", 1, then)
-    assert pool.coefficients(pool.whole, 0) == pytest.approx(0.3, rel=0.2)
 
 
 def test_most_of_what_is_mended_is_told_with_its_joint():
