@@ -66,6 +66,7 @@ def test_an_entry_that_makes_no_sense_is_named(kind: str, key: str, value: objec
 def test_what_is_missing_is_named(kind: str) -> None:
     arrays, info = models()[kind].to_state()
     optional = {"held", "lead_std", "lag", "tilt_std", "zeros_std", "sticking", "creep", "lead", "core"}
+    optional |= {"networks", "velocity_lags"}
     for key in [
         *(name for name in arrays if not name.endswith("zeros")),
         *(name for name in info if name not in optional),
