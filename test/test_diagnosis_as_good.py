@@ -51,8 +51,11 @@ def test_what_a_motion_would_have_shown_is_told_by_its_size():
     assert "Only a far longer recording" in said and "excite" not in said
 
 
-@pytest.mark.parametrize("otherwise", [{"one_way": True}, {"noise": 10.0}, {"law": "stribeck_friction"}])
+@pytest.mark.parametrize(
+    "otherwise",
+    [{"one_way": True}, {"noise": 10.0}, {"law": "stribeck_friction"}, {"uneven": 0.3, "noise": 0.4}],
+)
 def test_what_a_motion_has_not_shown_takes_another(otherwise):
-    """Friction that goes one way only, that hides in noise, and a shape that other motions may show."""
+    """Friction that goes one way only, that hides in noise, a shape that other motions may show, and what seems to be there."""
     said = advised(**{"uneven": 0.0, **otherwise})
     assert said.startswith("To tell Coulomb friction at arm2_joint2 from") and "bdnn excite" in said

@@ -37,7 +37,8 @@ def at_most(equations: Equations, fitted: Pool, one: int, rival: Term) -> float 
     """Share of a joint's effort that a richer law may still be beyond a plainer one, where the motion shows it; else None.
 
     One of a usual size has to stand out by what is known of its coefficients, not by what they do along this motion: of a joint
-    that moves one way only nothing is known of friction the other way. A shape that this motion does not show is not denied.
+    that moves one way only nothing is known of friction the other way. A shape that this motion does not show is not denied, nor
+    is what seems to be there.
 
     Args:
         fitted: the terms that were found.
@@ -55,5 +56,9 @@ def at_most(equations: Equations, fitted: Pool, one: int, rival: Term) -> float 
         equations.effort_scale[joint]
     )
     std = unit * math.sqrt(max(variances))
-    share = unit * abs(float(weights @ law.coefficients)) + SHOWN * std
-    return share if CLEAR * std < TYPICAL_SHARE else None
+    excess = unit * abs(float(weights @ law.coefficients))
+    share = excess + SHOWN * std
+    settled = (
+        share < MINIMUM_SHARE or excess <= SHOWN * std
+    )  # else there is something, and more of it may be seen elsewhere
+    return share if settled and CLEAR * std < TYPICAL_SHARE else None
