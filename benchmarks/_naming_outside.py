@@ -163,6 +163,7 @@ def judged(truth: Mapping[str, Any], report: Mapping[str, Any], worn: bool) -> d
         "explained": report["verdict"] == "explained" and bool(named),
         "first": bool(told) and told[0] in truth["inputs"],
         "all": set(truth["inputs"]) <= set(told),
+        "learned": report["unexplained"].get("learned", {}).get("value", 0.0),
     }
 
 
@@ -184,6 +185,8 @@ def table(records: Sequence[Record]) -> Rows:
             "of these",
             "explained by them",
             "nothing wrong",
+            "learned",
+            "networks' gain",
         ]
     ]
     for cause in (*CAUSES, "all"):
@@ -198,9 +201,16 @@ def table(records: Sequence[Record]) -> Rows:
                     percent(share([bool(one["false"]) for one in some])),
                     ", ".join(f"{name} {count}" for name, count in false.most_common(4)) or "-",
                     *(percent(share([one[key] for one in some])) for key in ("explained", "nothing wrong")),
+                    percent(share([one["learned"] > 0.0 for one in some])),
+                    percent(float(np.median(gains))) if (gains := _gains(some)) else "-",
                 ]
             )
     return rows
+
+
+def _gains(outcomes: Sequence[Mapping[str, Any]]) -> list[float]:
+    """What networks take off the extended model's held-out error at the joints where they learned something."""
+    return [one["learned"] for one in outcomes if one["learned"] > 0.0]
 
 
 def section(code: str) -> list[str]:
@@ -216,7 +226,9 @@ def section(code: str) -> list[str]:
         "\n## Causes that the library does not hold\n",
         "Made by `python benchmarks/naming_outside.py --budget 0`: what is added to one joint's effort follows none of the laws\n"
         "that can be named. It should be said what it depends on; a name is false, but of friction there and of a part of the\n"
-        "cause (a spring of the joint itself, a drift). It is 10 to 30 % of the joint's effort; half of the robots are worn.\n",
+        "cause (a spring of the joint itself, a drift). It is 10 to 30 % of the joint's effort; half of the robots are worn.\n"
+        "What motion predicts of it networks [learn](diagnosis.md#the-rest): how often, and the median of what they take off\n"
+        "the extended model's held-out error there.\n",
         f"{len(records)} diagnoses, {standing(records, code)}\n",
         markdown(table(records)),
     ]

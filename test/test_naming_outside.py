@@ -44,9 +44,23 @@ def report(verdict: str, told: list[str], *findings: tuple[str, str]) -> dict[st
 
 def test_what_it_depends_on_is_asked_of_all_inputs_and_of_the_first():
     both = judged(TRUTH, report("cannot_tell", [f"{J2}.position", "time", f"{J1}.position"]), worn=False)
-    assert both == {"false": [], "nothing wrong": False, "explained": False, "first": True, "all": True}
+    assert both == {
+        "false": [],
+        "nothing wrong": False,
+        "explained": False,
+        "first": True,
+        "all": True,
+        "learned": 0.0,
+    }
     other = judged(TRUTH, report("nothing_wrong", ["time", f"{J1}.position"]), worn=False)
-    assert other == {"false": [], "nothing wrong": True, "explained": False, "first": False, "all": False}
+    assert other == {
+        "false": [],
+        "nothing wrong": True,
+        "explained": False,
+        "first": False,
+        "all": False,
+        "learned": 0.0,
+    }
 
 
 @pytest.mark.parametrize(
@@ -66,11 +80,13 @@ def test_a_name_is_false_but_of_friction_there_and_of_a_part(finding, worn, fals
 
 
 def test_a_row_for_each_cause_that_was_drawn_and_one_for_all():
-    record = {
-        "status": "diagnosed",
-        "truth": TRUTH,
-        "outcome": judged(TRUTH, report("explained", [], ("cogging", J1)), False),
-    }
+    told = report("explained", [], ("cogging", J1))
+    told["unexplained"]["learned"] = {"value": 0.9, "interval": [0.8, 0.95]}
+    record = {"status": "diagnosed", "truth": TRUTH, "outcome": judged(TRUTH, told, False)}
     rows = table([record, record])
     assert [row[0] for row in rows] == ["cause", TRUTH["cause"], "all"]
-    assert rows[1][1:] == rows[2][1:] == ["2", "0 %", "0 %", "100 %", "cogging 2", "100 %", "0 %"]
+    assert (
+        rows[1][1:]
+        == rows[2][1:]
+        == ["2", "0 %", "0 %", "100 %", "cogging 2", "100 %", "0 %", "100 %", "90 %"]
+    )
