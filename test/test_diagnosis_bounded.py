@@ -139,3 +139,19 @@ def test_what_may_be_of_several_sizes_is_as_likely_as_each_of_them_on_average(se
     (both,), (best,) = gains_of((gram + np.diag(prior))[None], left[None], prior[None], -ends, ends, kinds)
     assert both == pytest.approx(np.log((np.exp(usual) + np.exp(wide)) / 2.0))
     np.testing.assert_allclose(best, small if usual > wide else large, rtol=1e-9)
+
+
+def test_what_one_block_tells_nearly_alone_is_left_to_what_is_believed_without_it() -> None:
+    """A joint that hardly moves but in one block: less it, a sum of all blocks is rounding, and no matrix with a factor."""
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=(4, 50, 3))
+    white[0] *= 1e9
+    white[1:, :, 2] = 0.0
+    grams, moments = np.einsum("brp,brq->bpq", white, white), white.sum(axis=1)
+    precision, free = np.full(3, 1e-3), np.full(3, np.inf)
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(grams.sum(axis=0) + np.diag(precision) - grams)
+    losses = held_out_losses(grams, moments, np.full(4, 50.0), precision, -free, free)
+    without = np.linalg.solve(grams[1:].sum(axis=0) + np.diag(precision), moments[1:].sum(axis=0))
+    expected = 0.5 * (50.0 - 2.0 * without @ moments[0] + without @ grams[0] @ without)
+    assert losses[0] == pytest.approx(expected, rel=1e-6) and np.isfinite(losses).all()

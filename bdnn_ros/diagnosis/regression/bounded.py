@@ -181,13 +181,21 @@ def held_out_losses(
         grams, moments, powers: of each block's columns (B, P, P), with its target (B, P), and of the target (B,).
         precision, low, high: prior precisions and bounds of the coefficients, (P,).
     """
-    gram, moment = grams.sum(axis=0) + np.diag(precision), moments.sum(axis=0)
-    factors, others = factored(gram - grams), moment - moments
+    factors, others = factored(_of_others(grams) + np.diag(precision)), moments.sum(axis=0) - moments
     best = np.array([cho_solve((factor, True), other) for factor, other in zip(factors, others, strict=True)])
     for b in np.flatnonzero(outside(best, low, high)):
         best[b] = held(factors[b], others[b], low, high)
     squared = np.einsum("bi,bij,bj->b", best, grams, best, optimize=True)
     return np.asarray(0.5 * (powers - 2.0 * np.sum(best * moments, axis=1) + squared))
+
+
+def _of_others(each: np.ndarray) -> np.ndarray:
+    """Sums of all matrices but each, (B, P, P): of what one block tells nearly alone a difference would keep nothing."""
+    before, after = np.cumsum(each, axis=0), np.cumsum(each[::-1], axis=0)[::-1]
+    result = np.zeros_like(each)
+    result[1:] += before[:-1]
+    result[:-1] += after[1:]
+    return result
 
 
 def mean_evidence(each: np.ndarray) -> np.ndarray:
