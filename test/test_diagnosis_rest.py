@@ -16,6 +16,7 @@ from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.onnx_export import inverse_dynamics_graph
 from bdnn_ros.extension.unwritten import NETWORKS, unwritten
 from bdnn_ros.models import load_model, save_model
+from bdnn_ros.online.estimate import parts
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -85,8 +86,14 @@ def test_its_answers_go_together_and_it_comes_back_from_its_file(model, tmp_path
     q, v, a = (rng.uniform(-1.0, 1.0, (20, 2)) for _ in range(3))
     effort = model.inverse_dynamics(q, v, a)
     np.testing.assert_allclose(model.forward_dynamics(q, v, effort), a, atol=1e-9)
-    parts = model.coriolis(q, v) + model.gravity(q) + model.friction(q, v)
-    np.testing.assert_allclose(parts, model.inverse_dynamics(q, v, 0.0 * a))
+    one = parts(model, q[0], v[0], a[0])
+    np.testing.assert_allclose(one.effort, effort[0])
+    np.testing.assert_allclose(
+        one.learned, effort[0] - replace(model, networks=()).inverse_dynamics(q, v, a)[0]
+    )
+    assert one.learned[0] == 0.0 != one.learned[1]
+    together = model.coriolis(q, v) + model.gravity(q) + model.friction(q, v)
+    np.testing.assert_allclose(together, model.inverse_dynamics(q, v, 0.0 * a))
     back = load_model(save_model(tmp_path, model))
     np.testing.assert_array_equal(back.inverse_dynamics(q, v, a), effort)
     assert inverse_dynamics_graph(model).graph.node  # it has agreed with the model

@@ -171,6 +171,10 @@ class ExtendedModel:
         still = self.inverse_dynamics(position, velocity, np.zeros_like(position))
         return still - self.coriolis(position, velocity) - self.gravity(position)
 
+    def learned_effort(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """What of `friction` networks learned, (..., n) [N·m], as it is measured."""
+        return self._learned(position, velocity, self._way(velocity)) / self.plant.scale
+
     @cached_property
     def _inertia_beyond(self) -> np.ndarray:
         """What the identified model's motors add to M, (n, n)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,6 +23,14 @@ FASTEST = 1e5
 """Joint states come at no higher rate [Hz]; stamps that say so are in another unit."""
 BRIDGED, BRIDGED_PERIODS = 2.0, 2.5
 """An effort is bridged over so many standard deviations of the kernel, or periods, if that is longer: one row always."""
+
+
+@runtime_checkable
+class Learned(Dynamics, Protocol):
+    """A model that says what of its friction networks learned."""
+
+    def learned_effort(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """That, (..., n) [N·m], as it is measured."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +79,11 @@ def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, accelerat
     if isinstance(model, PhysicalModel):
         return _physical_parts(model, position, velocity, acceleration)
     told = mechanics.parts(model, position, velocity, acceleration)
-    return Parts(**vars(told), learned=np.zeros_like(told.friction), std=np.empty(0))
+    learned = np.zeros_like(told.friction)
+    if isinstance(model, Learned):
+        learned = model.learned_effort(position, velocity)
+        told = replace(told, friction=told.friction - learned)
+    return Parts(**vars(told), learned=learned, std=np.empty(0))
 
 
 def _physical_parts(
