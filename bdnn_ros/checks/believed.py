@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import WIDEST_SPREAD, Spread, prior
@@ -35,7 +35,7 @@ def further_off(robot: Robot, model: PhysicalModel, spread: Spread | None = None
     kept, directions = np.linalg.eigh(left)
     told = 1.0 - kept > TOLD
     squares = (directions.T @ found)[told] ** 2 / (1.0 - kept[told])
-    if not told.any() or chi2.sf(squares.sum(), told.sum()) > SURPRISING:
+    if not told.any() or chdtrc(told.sum(), squares.sum()) > SURPRISING:
         return
     times = float(np.sqrt(squares.mean()))
     wider = min(times * (spread or Spread()).inertial, WIDEST_SPREAD)

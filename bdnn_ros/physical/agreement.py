@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from bdnn_ros.errors import UsageError
 from bdnn_ros.physical.combinations import Combination, combinations
@@ -96,7 +96,7 @@ def _compared(
     weights = 1.0 / stds**2
     mean = float(weights @ values / weights.sum())
     distance = float(weights @ (values - mean) ** 2)
-    differs = bool(chi2.sf(distance, len(values) - 1) < level)
+    differs = bool(chdtrc(len(values) - 1, distance) < level)
     return Agreement(words, unit, values, stds, mean, float(values.std(ddof=1)), differs, by_motion)
 
 
