@@ -9,10 +9,10 @@ import numpy as np
 
 from bdnn_ros.bdnn.rest import RestNetwork
 from bdnn_ros.diagnosis.regression.unsure import Unsure
-from bdnn_ros.effects.plant import Plant
 from bdnn_ros.effects.registry import Installed
 from bdnn_ros.errors import BdnnError, ModelFileError
 from bdnn_ros.extension.effects_file import entry, from_entries
+from bdnn_ros.extension.holding import plant_of
 from bdnn_ros.extension.recorded import Recorded
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.plausible import TAKEN_OFF, require_plausible
@@ -126,11 +126,7 @@ def _networks(
 
 def _bodies(robot: Robot, effects: Iterable[Installed]) -> np.ndarray:
     """Inertial parameters of the bodies with the loads that effects hang on them or take off, (n, PER_LINK)."""
-    plant = Plant(robot)
-    for effect in effects:
-        if effect.effect.on_body:
-            effect.install(plant)
-    return plant.robot.inertials
+    return plant_of(robot, [effect for effect in effects if effect.effect.on_body]).robot.inertials
 
 
 def _recorded(arrays: dict[str, np.ndarray], begins: list[float], width: int) -> tuple[Recorded, ...]:

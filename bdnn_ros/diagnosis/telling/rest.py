@@ -75,29 +75,27 @@ def learned(case: Case, left: np.ndarray, joints: Sequence[str]) -> Rest | None:
     equations, apart = case.equations, case.attempt.extended
     if not any(_known(case.remainder.inputs.get(joint, {})) for joint in joints):
         return None
-    counted = equations.usable
+    names, counted = equations.motion.signals.joints, equations.usable
     equations.count(counted & ~case.attempt.test[:, None])
     told = describe(equations, apart).inputs
-    wanted = {joint: _known(told.get(joint, {}))[:MOST_INPUTS] for joint in joints}
-    tried = _fitted(equations, apart, wanted)
+    wanted = {names.index(joint): _known(told.get(joint, {}))[:MOST_INPUTS] for joint in joints}
+    made = _made(equations, wanted)
+    tried = _taught(equations, apart, made)
     equations.count(counted)
-    helps = [one.joint for one in tried if _gain(case, tried, [one.joint])[1][0] >= SURELY]
-    names = equations.motion.signals.joints
-    networks = _fitted(equations, left, {names[joint]: wanted[names[joint]] for joint in helps})
+    after, pushed = apart.copy(), pushing(case.attempt.fitted.terms, equations.motion.time[equations.rows])
+    for one in tried:
+        after[:, one.joint] -= made[one.joint][1] @ one.output_weights
+
+    def gain(joints: Sequence[int]) -> tuple[float, tuple[float, float]]:
+        there = np.isin(np.arange(equations.width), joints)
+        return gain_of(equations, after, case.held & there, pushed, apart)
+
+    helps = [one.joint for one in tried if gain([one.joint])[1][0] >= SURELY]
+    networks = _taught(equations, left, {joint: made[joint] for joint in helps})
     if not networks:
         return None
-    inputs = {names[one.joint]: tuple(wanted[names[one.joint]]) for one in networks}
-    return Rest(networks, inputs, *_gain(case, tried, [one.joint for one in networks]))
-
-
-def _gain(
-    case: Case, networks: Sequence[RestNetwork], joints: Sequence[int]
-) -> tuple[float, tuple[float, float]]:
-    """By how much networks lower the extended model's held-out error at some joints, with its interval."""
-    equations, apart = case.equations, case.attempt.extended
-    there = np.isin(np.arange(equations.width), joints)
-    pushed = pushing(case.attempt.fitted.terms, equations.motion.time[equations.rows])
-    return gain_of(equations, apart - _effort(equations, networks), case.held & there, pushed, apart)
+    inputs = {names[one.joint]: tuple(wanted[one.joint]) for one in networks}
+    return Rest(networks, inputs, *gain([one.joint for one in networks]))
 
 
 def _known(inputs: Mapping[str, float]) -> list[str]:
@@ -106,21 +104,32 @@ def _known(inputs: Mapping[str, float]) -> list[str]:
     return sorted(seen, key=lambda key: -inputs[key])
 
 
-def _fitted(
-    equations: Equations, left: np.ndarray, wanted: Mapping[str, Sequence[str]]
-) -> tuple[RestNetwork, ...]:
-    """Networks by the rows that count of what is left, (R, n); none for joints where they would not help."""
-    names, found = equations.motion.signals.joints, []
-    for name, keys in wanted.items():
-        joint = names.index(name)
+Made = Mapping[int, tuple[RestNetwork, np.ndarray]]
+"""A silent network of each of some joints, with its features as rows, (R, F)."""
+
+
+def _made(equations: Equations, wanted: Mapping[int, Sequence[str]]) -> Made:
+    """Networks of joints that see the inputs that are wanted for each; none without any."""
+    motion = equations.motion
+    given = motion.position, motion.velocity, motion.robot.gravity(motion.position)
+    found = {}
+    for joint, keys in wanted.items():
+        if keys:
+            network = RestNetwork.silent(joint, [_input(equations, given, key) for key in keys])
+            features = network.features(given[0], given[1], motion.signals.sign, given[2])
+            found[joint] = network, equations.reduced(features, borne=False)
+    return found
+
+
+def _taught(equations: Equations, left: np.ndarray, made: Made) -> tuple[RestNetwork, ...]:
+    """Networks by the rows that count of what is left, (R, n); none of joints where they would not help."""
+    found = []
+    for joint, (network, features) in made.items():
         rows = np.flatnonzero(equations.usable[:, joint])
-        if not keys or not len(rows):
+        if not len(rows):
             continue
-        network = RestNetwork.silent(joint, [_input(equations, key) for key in keys])
-        features = _features(equations, network)
-        edges = np.flatnonzero(np.diff(equations.block[rows])) + 1
-        pieces = np.array_split(np.arange(len(edges) + 1), min(BLOCKS, len(edges) + 1))
-        parts = np.split(rows, edges)
+        parts = np.split(rows, np.flatnonzero(np.diff(equations.block[rows])) + 1)
+        pieces = np.array_split(np.arange(len(parts)), min(BLOCKS, len(parts)))
         blocks = [
             _sums(features, left[:, joint], np.concatenate([parts[k] for k in some])) for some in pieces
         ]
@@ -135,35 +144,18 @@ def _sums(features: np.ndarray, left: np.ndarray, rows: np.ndarray) -> Sums:
     return Sums(x.T @ x, x.T @ y, float(y @ y), len(rows))
 
 
-def _input(equations: Equations, key: str) -> Input:
-    """What a network sees, as this motion shows it."""
+def _input(equations: Equations, given: Sequence[np.ndarray], key: str) -> Input:
+    """What a network sees, as this motion shows it.
+
+    Args:
+        given: `QUANTITIES` along the motion, (N, n) each.
+    """
     motion = equations.motion
     name, _, quantity = key.rpartition(".")
     joint = motion.signals.joints.index(name)
-    values = _given(equations)[QUANTITIES.index(quantity)][:, joint]
+    values = given[QUANTITIES.index(quantity)][:, joint]
     low, high = float(values.min()), float(values.max())
     scale = max(float(np.std(values)), 1e-9)
     if quantity == POSITION:
         scale = np.pi / max(high - low, 1e-9) if motion.robot.slides[joint] else 1.0
     return Input(joint, quantity, low, high, float(scale))
-
-
-def _given(equations: Equations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity and gravity's effort at the working rate, (N, n) each."""
-    motion = equations.motion
-    return motion.position, motion.velocity, motion.robot.gravity(motion.position)
-
-
-def _features(equations: Equations, network: RestNetwork) -> np.ndarray:
-    """A network's features as rows, (R, F)."""
-    position, velocity, load = _given(equations)
-    made = network.features(position, velocity, equations.motion.signals.sign, load)
-    return equations.reduced(made, borne=False)
-
-
-def _effort(equations: Equations, networks: Sequence[RestNetwork]) -> np.ndarray:
-    """What networks add, as rows (R, n) [N·m]."""
-    result = np.zeros_like(equations.target)
-    for network in networks:
-        result[:, network.joint] += _features(equations, network) @ network.output_weights
-    return result
