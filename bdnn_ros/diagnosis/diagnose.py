@@ -182,7 +182,8 @@ def _measured(recordings: Sequence[Recording], known: Compared, cutoff: float | 
         recordings, late = in_time(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     signals, notes = known.shown(signals)
-    recordings = [replace(recordings[0], notes=(*recordings[0].notes, *notes)), *recordings[1:]]
+    if notes:
+        recordings = [replace(recordings[0], notes=(*recordings[0].notes, *notes)), *recordings[1:]]
     own = softness(signals, robot)
     if own is not None:  # how sharp friction is cannot be told any more
         signals = softened(signals, own)

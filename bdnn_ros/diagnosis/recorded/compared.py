@@ -78,6 +78,7 @@ class Compared:
         creep: how dry friction is known to come on, as `Signals.creep`, else None.
         unloaded: the robot without the loads that the model found on it: its links are off by shares of their own; None for none.
         learned: what joints add that was learned, some of it perhaps with the load, else None.
+        unsure: what is not known of what an earlier diagnosis found at joints, else None.
         networks: what learned of some joints what no effect says, by the motion of that time.
     """
 

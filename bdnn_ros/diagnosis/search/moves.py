@@ -247,7 +247,7 @@ class Moves:
 
     def _settled(self, term: Term, instead: Term | None) -> bool:
         """Whether a term is no more along the motion than what it settles into, which is that in whose place it would be."""
-        plain = term.settled(self.equations.motion)
+        plain = None if instead is None else term.settled(self.equations.motion)
         if instead is None or plain is None or plain.spot != instead.spot:
             return False
         law, of = (self.equations.columns(one).ravel() for one in (term, plain))
