@@ -241,7 +241,7 @@ def test_messages_need_not_be_in_the_order_of_their_log_times(
     path = write_unindexed(tmp_path / "a.mcap", messages, indexes, chunked=chunked)
     assert_equal(bags.read(path), recording)
     twice = replace(recording, effort=2.0 * recording.require_effort())
-    assert_equal(bags.read(path, effort="command"), twice)
+    assert_equal(bags.read(path, bags.Selection(effort="command")), twice)
 
 
 @pytest.mark.parametrize("indexes", WITHOUT_MESSAGES)
@@ -313,14 +313,14 @@ def test_joints_may_change_their_order(tmp_path: Path) -> None:
     shuffled = states(recording.select(order))
     messages = [b if k % 3 else a for k, (a, b) in enumerate(zip(states(recording), shuffled, strict=True))]
     assert_equal(bags.read(write_bag(tmp_path / "bag", messages)), recording)
-    assert_equal(bags.read(tmp_path / "bag", joints=order), recording.select(order))
+    assert_equal(bags.read(tmp_path / "bag", bags.Selection(joints=order)), recording.select(order))
 
 
 def test_joints_may_join_on_the_way(tmp_path: Path) -> None:
     recording = motion(joints=(*ARM, "finger"))
     arm = recording.select(ARM)
     messages = [*states(arm)[:300], *states(recording)[300:]]
-    again = bags.read(write_bag(tmp_path / "bag", messages), joints=ARM)
+    again = bags.read(write_bag(tmp_path / "bag", messages), bags.Selection(joints=ARM))
     assert_equal(again, arm)
     assert "finger" in again.notes[0]
 
@@ -333,9 +333,11 @@ def test_two_publishers_of_different_joints(tmp_path: Path) -> None:
     again = bags.read(path)
     assert_equal(again, arm)
     assert "550 of 1150 joint states hold other joints" in again.notes[1]
-    np.testing.assert_array_equal(bags.read(path, joints=["right"]).position, gripper.position[:, 1:])
     np.testing.assert_array_equal(
-        bags.read(path, robot_joints=["x", "right", "left"]).joints, ["right", "left"]
+        bags.read(path, bags.Selection(joints=["right"])).position, gripper.position[:, 1:]
+    )
+    np.testing.assert_array_equal(
+        bags.read(path, bags.Selection(robot_joints=["x", "right", "left"])).joints, ["right", "left"]
     )
 
 
@@ -344,7 +346,7 @@ def test_two_publishers_of_the_same_joints(tmp_path: Path) -> None:
     late = replace(motion(joints=(*ARM, "finger"), samples=500), epoch=EPOCH - 5_000_000)
     messages = [message for pair in zip(states(arm), states(late), strict=False) for message in pair]
     messages += states(arm)[500:]
-    again = bags.read(write_bag(tmp_path / "bag", messages), joints=ARM)
+    again = bags.read(write_bag(tmp_path / "bag", messages), bags.Selection(joints=ARM))
     assert_equal(again, arm)
 
 
@@ -368,7 +370,7 @@ def test_messages_that_change_their_joints_on_the_way_are_of_one_publisher(tmp_p
             for k, ((topic, kind, log, _), stamp) in enumerate(zip(states(arm), stamps.tolist(), strict=True))
             for one in [arm if k < 300 else more]
         ]
-        again = bags.read(write_bag(tmp_path / name, messages), joints=ARM, drop_invalid=True)
+        again = bags.read(write_bag(tmp_path / name, messages), bags.Selection(joints=ARM), drop_invalid=True)
         assert len(again) == len(arm) - len(strays), name
 
 
@@ -378,7 +380,7 @@ def test_a_second_publisher_that_is_slow_is_known_by_stamps_between_those_of_the
     arm = motion(joints=ARM)
     other = replace(motion(joints=(*ARM, "finger"), samples=60, rate=10.0), epoch=EPOCH + 3_000_000)
     messages = sorted([*states(arm), *states(other)], key=lambda message: message[2])
-    assert_equal(bags.read(write_bag(tmp_path / "bag", messages), joints=ARM), arm)
+    assert_equal(bags.read(write_bag(tmp_path / "bag", messages), bags.Selection(joints=ARM)), arm)
 
 
 def test_the_description_chooses_the_joints(tmp_path: Path) -> None:
@@ -391,7 +393,7 @@ def test_the_description_chooses_the_joints(tmp_path: Path) -> None:
 
 def test_rename_comes_before_the_choice(tmp_path: Path) -> None:
     recording = motion(joints=("old_pivot", "old_x"), urdf=PENDULUM)
-    again = bags.read(bag_of(tmp_path / "bag", recording), rename=["s/old_//"])
+    again = bags.read(bag_of(tmp_path / "bag", recording), bags.Selection(rename=["s/old_//"]))
     assert again.joints == ("pivot",)
     np.testing.assert_array_equal(again.position[:, 0], recording.position[:, 0])
 
@@ -400,7 +402,7 @@ def test_a_namespaced_description_is_found(tmp_path: Path) -> None:
     messages = states(motion(), topic="/left/joint_states")
     messages.append(("/left/robot_description", STRING, messages[-1][2], text(PENDULUM)))
     path = write_bag(tmp_path / "bag", messages)
-    assert bags.read(path, joint_states="/left/joint_states").urdf == PENDULUM
+    assert bags.read(path, bags.Selection(joint_states="/left/joint_states")).urdf == PENDULUM
 
 
 def test_the_description_beside_the_joint_states_is_theirs_whatever_was_logged_last(tmp_path: Path) -> None:
@@ -413,10 +415,12 @@ def test_the_description_beside_the_joint_states_is_theirs_whatever_was_logged_l
             ("/robot_description", STRING, other_at, other),
         ]
         path = write_bag(tmp_path / name, sorted([*messages, *both], key=lambda message: message[2]))
-        assert bags.read(path, joint_states="/left/joint_states").urdf == PENDULUM
+        assert bags.read(path, bags.Selection(joint_states="/left/joint_states")).urdf == PENDULUM
     empty = ("/left/robot_description", STRING, first, text(""))
     path = write_bag(tmp_path / "empty", [*messages, empty, both[1]])
-    assert bags.read(path, joint_states="/left/joint_states").urdf == "<robot name='another'/>"
+    assert (
+        bags.read(path, bags.Selection(joint_states="/left/joint_states")).urdf == "<robot name='another'/>"
+    )
 
 
 def test_stamps_of_the_recorder_stand_in_for_none(tmp_path: Path) -> None:
@@ -536,8 +540,8 @@ def test_commands_of_zero_throughout_are_efforts(tmp_path: Path) -> None:
     """A controller that adds gravity is asked for nothing else; none was said to be recorded."""
     recording = replace(motion(joints=ARM), effort=np.zeros((600, 3)))
     path = bags.write(recording, tmp_path / "bag", commands=(recording.time, np.zeros((600, 3))))
-    assert_equal(bags.read(path, effort="command"), recording)
-    assert not bags.read_every(path, effort="command").effort.any()
+    assert_equal(bags.read(path, bags.Selection(effort="command")), recording)
+    assert not bags.read_every(path, bags.Selection(effort="command")).effort.any()
 
 
 def test_effort_that_one_joint_does_not_report_is_named(tmp_path: Path) -> None:
@@ -550,7 +554,7 @@ def test_effort_that_one_joint_does_not_report_is_named(tmp_path: Path) -> None:
     again = bags.read(path)
     assert "no effort is reported for b" in again.notes[0]
     np.testing.assert_array_equal(again.effort, np.tile([1.0, 0.0, 2.0], (600, 1)))
-    notes = bags.read(path, joints=["a", "c"]).notes
+    notes = bags.read(path, bags.Selection(joints=["a", "c"])).notes
     assert not any("no effort is reported" in note for note in notes)
 
 
@@ -607,19 +611,19 @@ def test_commands_are_held_until_the_next(tmp_path: Path) -> None:
     sent = np.array([0.095, 0.2, 0.3051])
     values = np.arange(9.0).reshape(3, 3)
     path = bags.write(replace(recording, effort=None), tmp_path / "bag", commands=(sent, values))
-    again = bags.read(path, effort="command")
+    again = bags.read(path, bags.Selection(effort="command"))
     expected = [values[0]] * 10 + [values[1]] * 11 + [values[2]] * 19
     np.testing.assert_array_equal(again.effort, expected)
     np.testing.assert_allclose(again.time[0] + again.epoch * 1e-9, EPOCH * 1e-9 + 0.1, rtol=0, atol=1e-6)
     assert "in the order a, b, c" in again.notes[0]
     assert "10 samples before the first command" in again.notes[1]
-    turned = bags.read(path, effort="command", joints=["c", "b", "a"])
+    turned = bags.read(path, bags.Selection(effort="command", joints=["c", "b", "a"]))
     np.testing.assert_array_equal(turned.effort, expected)
-    fewer = bags.read(path, effort="command", joints=["c", "a"])
+    fewer = bags.read(path, bags.Selection(effort="command", joints=["c", "a"]))
     np.testing.assert_array_equal(fewer.effort, np.array(expected)[:, [2, 0]])
     short = bags.write(recording, tmp_path / "short", commands=(sent, values[:, :2]))
     with pytest.raises(RecordingError, match="have 2 values"):
-        bags.read(short, effort="command")
+        bags.read(short, bags.Selection(effort="command"))
 
 
 def test_commands_stand_for_the_described_joints_wherever_the_description_came_from(tmp_path: Path) -> None:
@@ -634,10 +638,10 @@ def test_commands_stand_for_the_described_joints_wherever_the_description_came_f
         replace(told, effort=None), tmp_path / "bag", commands=(told.time[:1], np.arange(3.0)[None])
     )
     for robot_joints in ((), ARM):
-        again = bags.read(path, effort="command", robot_joints=robot_joints)
+        again = bags.read(path, bags.Selection(effort="command", robot_joints=robot_joints))
         assert again.joints == ARM
         np.testing.assert_array_equal(again.require_effort()[0], np.arange(3.0))
-        every = bags.read_every(path, effort="command", robot_joints=robot_joints)
+        every = bags.read_every(path, bags.Selection(effort="command", robot_joints=robot_joints))
         np.testing.assert_array_equal(every.effort[-1], np.arange(3.0))
 
 
@@ -650,20 +654,20 @@ def test_a_few_commands_of_another_length_are_left_out(tmp_path: Path) -> None:
         *states(recording),
         *(("/u", MULTI_ARRAY, t, command(u)) for t, u in zip(stamps, sent, strict=True)),
     ]
-    again = bags.read(write_bag(tmp_path / "bag", messages), effort="command")
+    again = bags.read(write_bag(tmp_path / "bag", messages), bags.Selection(effort="command"))
     expected = np.repeat([sent[1], sent[2], sent[4]], (10, 20, 10), axis=0)
     np.testing.assert_array_equal(again.effort, expected)
     assert "2 of 5 commands on /u do not have 3 values; left out." in again.notes[1]
     most = [message for message in messages if message[3] != command(sent[1])]
     with pytest.raises(RecordingError, match="have 0, 1, 3 values"):
-        bags.read(write_bag(tmp_path / "most", most), effort="command")
+        bags.read(write_bag(tmp_path / "most", most), bags.Selection(effort="command"))
 
 
 def test_a_command_acts_for_half_a_second_at_most(tmp_path: Path) -> None:
     """As in the node: what is commanded every two seconds says nothing of what acts in between."""
     recording, sent = motion(samples=600), np.array([1.0, 3.0])
     path = bags.write(recording, tmp_path / "bag", commands=(sent, np.array([[7.0], [8.0]])))
-    again = bags.read(path, effort="command")
+    again = bags.read(path, bags.Selection(effort="command"))
     np.testing.assert_allclose(
         again.time + again.epoch * 1e-9, recording.epoch * 1e-9 + np.r_[100:151, 300:351] / 100
     )
@@ -673,13 +677,13 @@ def test_a_command_acts_for_half_a_second_at_most(tmp_path: Path) -> None:
     )
     late = bags.write(recording, tmp_path / "late", commands=(np.array([9.0]), np.array([[7.0]])))
     with pytest.raises(RecordingError, match=r"no joint state was recorded within 0.5 s after a command"):
-        bags.read(late, effort="command")
+        bags.read(late, bags.Selection(effort="command"))
 
 
 def test_commands_need_their_topic(tmp_path: Path) -> None:
     path = bags.write(motion(), tmp_path / "bag")
     with pytest.raises(UsageError, match="the bag has no effort commands"):
-        bags.read(path, effort="command")
+        bags.read(path, bags.Selection(effort="command"))
     messages = [
         *states(motion()),
         ("/u", MULTI_ARRAY, EPOCH, command([1.0], ["x"])),
@@ -687,10 +691,12 @@ def test_commands_need_their_topic(tmp_path: Path) -> None:
     ]
     path = write_bag(tmp_path / "two", messages)
     with pytest.raises(UsageError, match="/u, /w"):
-        bags.read(path, effort="command")
-    np.testing.assert_array_equal(bags.read(path, "/joint_states", "/u", "command").effort, np.ones((51, 1)))
+        bags.read(path, bags.Selection(effort="command"))
+    np.testing.assert_array_equal(
+        bags.read(path, bags.Selection("/joint_states", "/u", "command")).effort, np.ones((51, 1))
+    )
     with pytest.raises(UsageError, match="not 'felt'"):
-        bags.read(path, effort="felt")
+        bags.read(path, bags.Selection(effort="felt"))
 
 
 METADATA_OF_NO_USE = (
@@ -995,7 +1001,12 @@ def test_both_readers_count_time_from_the_first_joint_state_whatever_is_left_out
     bag = write_bag(tmp_path / "bag", sorted([*states(recording), *commands], key=lambda message: message[2]))
     blinded = write_bag(tmp_path / "blinded", unknown)
     for begins, lacks, found, every in (
-        (2.0, 0.0, bags.read(bag, effort="command"), bags.read_every(bag, effort="command")),
+        (
+            2.0,
+            0.0,
+            bags.read(bag, bags.Selection(effort="command")),
+            bags.read_every(bag, bags.Selection(effort="command")),
+        ),
         (1.5, 1.5, bags.read(blinded, drop_invalid=True), bags.read_every(blinded, drop_invalid=True)),
     ):
         assert found.epoch == every.motion.epoch == EPOCH

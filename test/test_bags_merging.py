@@ -37,7 +37,7 @@ def bag(path: Path, *parts: Recording, more: Sequence[Message] = ()) -> Path:
 
 def test_messages_of_the_same_stamp_become_one_sample(tmp_path: Path) -> None:
     path = bag(tmp_path, WHOLE.select(["a", "b", "c"]), WHOLE.select(["f", "e", "d"]))
-    again = bags.read(path, robot_joints=[*SIX, "g"])
+    again = bags.read(path, bags.Selection(robot_joints=[*SIX, "g"]))
     assert again.joints == SIX
     for field in ("position", "velocity", "effort"):
         np.testing.assert_array_equal(getattr(again, field), getattr(WHOLE, field))
@@ -45,14 +45,14 @@ def test_messages_of_the_same_stamp_become_one_sample(tmp_path: Path) -> None:
     assert (
         "messages of their own hold d, e, f; they are put to the others of the same stamp" in again.notes[0]
     )
-    assert bags.read(path, joints=["d", "a"]).joints == ("d", "a")
+    assert bags.read(path, bags.Selection(joints=["d", "a"])).joints == ("d", "a")
 
 
 @pytest.mark.parametrize("rate", [100.0, 60.0])
 def test_streams_that_are_not_synchronous_are_interpolated(tmp_path: Path, rate: float) -> None:
     first = smooth(WHOLE.time, SIX[:3])
     second = smooth(np.arange(0.004, 6.0, 1.0 / rate), SIX[3:])
-    again = bags.read(bag(tmp_path, first, second), robot_joints=SIX)
+    again = bags.read(bag(tmp_path, first, second), bags.Selection(robot_joints=SIX))
     expected = smooth(again.time + 1e-9 * (again.epoch - WHOLE.epoch), SIX)
     assert len(again) >= 597
     for field in ("position", "velocity", "effort"):
@@ -65,7 +65,7 @@ def test_a_wheel_that_is_told_within_one_turn_goes_on_between_its_samples(tmp_pa
     time = WHOLE.time + 0.004
     position = (2.0 * time[:, None] + np.pi) % (2.0 * np.pi) - np.pi
     wheel = replace(smooth(time, ["f"]), position=position, velocity=None)
-    again = bags.read(bag(tmp_path, smooth(WHOLE.time, SIX[:5]), wheel), robot_joints=SIX)
+    again = bags.read(bag(tmp_path, smooth(WHOLE.time, SIX[:5]), wheel), bags.Selection(robot_joints=SIX))
     signals = prepare(again)
     np.testing.assert_allclose(signals.velocity[:, 5], 2.0, atol=1e-3)
     np.testing.assert_allclose(signals.acceleration[:, 5], 0.0, atol=0.1)
@@ -76,7 +76,7 @@ def test_a_wheel_that_is_told_within_one_turn_goes_on_between_its_samples(tmp_pa
 def test_nothing_is_interpolated_over_a_gap(tmp_path: Path) -> None:
     second = smooth(WHOLE.time + 0.003, SIX[3:])
     second = second.part((second.time < 2.0) | (second.time > 3.0))
-    again = bags.read(bag(tmp_path, smooth(WHOLE.time, SIX[:3]), second), robot_joints=SIX)
+    again = bags.read(bag(tmp_path, smooth(WHOLE.time, SIX[:3]), second), bags.Selection(robot_joints=SIX))
     pieces = again.segments()
     assert len(pieces) == 2
     assert again.time[pieces[1].start] - again.time[pieces[0].stop - 1] == pytest.approx(1.0, abs=0.03)
@@ -88,7 +88,9 @@ def test_clocks_that_are_set_back_together_are_followed(tmp_path: Path) -> None:
         later = replace(WHOLE.part(slice(start, start + 300)), epoch=WHOLE.epoch - back)
         for pair in zip(states(later.select(SIX[:3])), states(later.select(SIX[3:])), strict=True):
             messages += [(t, k, log + back, data) for t, k, log, data in pair]
-    again = bags.read(write_bag(tmp_path / "bag", messages), robot_joints=SIX, drop_invalid=True)
+    again = bags.read(
+        write_bag(tmp_path / "bag", messages), bags.Selection(robot_joints=SIX), drop_invalid=True
+    )
     np.testing.assert_array_equal(again.effort, WHOLE.effort)
     assert again.segments() == [slice(0, 300), slice(300, 600)]
 
@@ -103,7 +105,7 @@ def test_clocks_that_are_set_back_together_are_followed(tmp_path: Path) -> None:
 )
 def test_a_gripper_that_does_not_fit_stays_out(tmp_path: Path, gripper: Recording, reason: str) -> None:
     arm = WHOLE.select(SIX[:5])
-    again = bags.read(bag(tmp_path, arm, gripper), robot_joints=SIX)
+    again = bags.read(bag(tmp_path, arm, gripper), bags.Selection(robot_joints=SIX))
     np.testing.assert_array_equal(again.effort, arm.effort)
     assert again.joints == arm.joints
     (note,) = again.notes
@@ -112,24 +114,24 @@ def test_a_gripper_that_does_not_fit_stays_out(tmp_path: Path, gripper: Recordin
 
 def test_joints_that_are_asked_for_are_put_together_or_refused(tmp_path: Path) -> None:
     silent = replace(WHOLE.select(["f"]), effort=None)
-    again = bags.read(bag(tmp_path / "silent", WHOLE.select(SIX[:5]), silent), joints=SIX)
+    again = bags.read(bag(tmp_path / "silent", WHOLE.select(SIX[:5]), silent), bags.Selection(joints=SIX))
     assert again.joints == SIX
     late = replace(WHOLE.select(["f"]), time=WHOLE.time + 60.0)
     path = bag(tmp_path / "late", WHOLE.select(SIX[:5]), late)
     with pytest.raises(
         BagError, match=r"no message holds a, f together, and those that hold f come at other times"
     ):
-        bags.read(path, joints=["a", "f"])
+        bags.read(path, bags.Selection(joints=["a", "f"]))
 
 
 def test_commands_may_stand_for_joints_of_several_messages(tmp_path: Path) -> None:
     sent = [("/u", MULTI_ARRAY, WHOLE.epoch, command(np.arange(6.0)))]
     path = bag(tmp_path, WHOLE.select(SIX[:3]), WHOLE.select(SIX[3:]), more=sent)
-    again = bags.read(path, effort="command", robot_joints=SIX)
+    again = bags.read(path, bags.Selection(effort="command", robot_joints=SIX))
     np.testing.assert_array_equal(again.effort[0], np.arange(6.0))
     fewer = [("/u", MULTI_ARRAY, WHOLE.epoch, command(np.arange(5.0)))]
     path = bag(tmp_path / "fewer", WHOLE.select(SIX[:5]), WHOLE.select(SIX[5:]), more=fewer)
-    assert bags.read(path, effort="command", robot_joints=SIX).joints == SIX[:5]
+    assert bags.read(path, bags.Selection(effort="command", robot_joints=SIX)).joints == SIX[:5]
 
 
 def test_controllers_that_take_turns_are_not_put_together(tmp_path: Path) -> None:
@@ -137,11 +139,11 @@ def test_controllers_that_take_turns_are_not_put_together(tmp_path: Path) -> Non
     half = len(WHOLE) // 2
     turns = [WHOLE.select(SIX[2:4]).part(slice(half)), WHOLE.select(SIX[4:]).part(slice(half, None))]
     path = bag(tmp_path, WHOLE.select(SIX[:2]), *turns)
-    again = bags.read(path, robot_joints=SIX)
+    again = bags.read(path, bags.Selection(robot_joints=SIX))
     assert (again.joints, len(again)) == (SIX[:4], half)
     said = "messages of their own hold e, f, at other times than those of c, d; left out."
     assert any(said in note for note in again.notes)
     with pytest.raises(
         BagError, match=r"those that hold e, f come at other times than those of c, d\. .*--joints"
     ):
-        bags.read(path, joints=SIX)
+        bags.read(path, bags.Selection(joints=SIX))

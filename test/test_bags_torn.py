@@ -38,7 +38,7 @@ def commanded(*sent: bytes) -> list[Message]:
 
 def test_a_command_that_cannot_be_decoded_is_left_out(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "bag", commanded(command((1.0,)), TORN, command((2.0,))))
-    again = bags.read(path, effort="command")
+    again = bags.read(path, bags.Selection(effort="command"))
     np.testing.assert_array_equal(again.require_effort()[:, 0], np.repeat([1.0, 2.0], (20, 30)))
     said = "1 of 3 commands on /u cannot be decoded (A message of 9 bytes ends too early); left out."
     assert any(said in note for note in again.notes)
@@ -50,7 +50,7 @@ def test_a_command_that_cannot_be_decoded_is_left_out(tmp_path: Path) -> None:
 def test_commands_of_which_none_can_be_decoded_are_refused(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "bag", commanded(TORN, TORN))
     for read in (
-        lambda: bags.read(path, effort="command"),
+        lambda: bags.read(path, bags.Selection(effort="command")),
         lambda: bags.read_to_play(path, "/joint_states", "/u"),
     ):
         with pytest.raises(BagError, match="no message on /u can be decoded"):

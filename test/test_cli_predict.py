@@ -226,7 +226,7 @@ def test_joints_of_messages_of_their_own_are_known_where_both_are(tmp_path: Path
         for k, m in enumerate(states(recording)[:1000])
     ]
     path = write_bag(tmp_path / "bag", sorted([*states(recording), *wheel], key=lambda message: message[2]))
-    every = bags.read_every(path, joints=["pivot", "wheel"])
+    every = bags.read_every(path, bags.Selection(joints=["pivot", "wheel"]))
     assert len(every) == len(recording) and len(every.motion) == 1000
     np.testing.assert_array_equal(every.row, np.append(np.arange(1000), np.full(600, -1)))
     np.testing.assert_array_equal(np.isfinite(every.effort), np.column_stack([np.ones(1600), every.row >= 0]))

@@ -146,5 +146,5 @@ def test_a_description_is_read_alone(tmp_path: Path, bag: Path) -> None:
         ("theirs", [DESCRIPTION, theirs], "/left/joint_states", "<robot/>"),
     ):
         path = write_bag(tmp_path / name, [*messages, *((topic, *state[1:]) for state in states)])
-        assert bags.read_description(path, topic) == bags.read(path, topic).urdf == told
+        assert bags.read_description(path, topic) == bags.read(path, bags.Selection(topic)).urdf == told
     assert bags.read_description(bag) is None

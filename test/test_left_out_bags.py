@@ -123,7 +123,9 @@ def test_positions_are_read_joint_by_joint(tmp_path: Path) -> None:
         for stamp, row in zip(stamps, spoilt, strict=True)
     ]
     path = write_bag(tmp_path / "bag", messages)
-    first, second = bags.read_positions(path, rename=["y=b"], joints=["x", "b", "z", "no such"])
+    first, second = bags.read_positions(
+        path, bags.Selection(rename=["y=b"], joints=["x", "b", "z", "no such"])
+    )
     assert (first.joints, second.joints) == (("b",), ("z",))
     kept = np.arange(len(seen)) != 7
     np.testing.assert_array_equal(second.position[:, 0], spoilt[kept, 2])
@@ -141,7 +143,7 @@ def test_a_position_is_of_the_driver_not_of_who_makes_up_more_joints(tmp_path: P
     zeros = said(idle.joints, replace(idle, position=np.zeros_like(idle.position)))
     messages = sorted([*said(ARM.joints, seen, effort=seen.effort), *zeros], key=lambda message: message[2])
     path = write_bag(tmp_path / "bag", messages)
-    found = {one.joints: one for one in bags.read_positions(path, joints=["gripper", ELBOW])}
+    found = {one.joints: one for one in bags.read_positions(path, bags.Selection(joints=["gripper", ELBOW]))}
     np.testing.assert_array_equal(found[(ELBOW,)].position, seen.position[:, 2:3])
     assert not found[("gripper",)].position.any() and len(found) == 2
 

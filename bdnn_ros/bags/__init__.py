@@ -8,6 +8,7 @@ from bdnn_ros.bags.left_over import left_over
 from bdnn_ros.bags.playing import Played, read_to_play
 from bdnn_ros.bags.positions import read_positions
 from bdnn_ros.bags.reading import Progress, read, topics
+from bdnn_ros.bags.selection import Selection
 from bdnn_ros.bags.storage import Topic
 from bdnn_ros.bags.writing import refuse_existing, write
 
@@ -15,6 +16,7 @@ __all__ = [
     "EveryState",
     "Played",
     "Progress",
+    "Selection",
     "Topic",
     "commands_among",
     "copies_kept",

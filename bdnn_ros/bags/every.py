@@ -11,7 +11,8 @@ import numpy as np
 from bdnn_ros import stamps
 from bdnn_ros.bags.clock import told
 from bdnn_ros.bags.joint_states import Samples
-from bdnn_ros.bags.reading import Progress, samples_of
+from bdnn_ros.bags.reading import EVERYTHING, Progress, samples_of
+from bdnn_ros.bags.selection import Selection
 from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.readings import credible, refuse_all_left_out
 from bdnn_ros.recording import Recording
@@ -54,41 +55,24 @@ class EveryState:
 
 def read_every(
     path: str | Path,
-    joint_states: str = "/joint_states",
-    effort_commands: str | None = None,
-    effort: str = "measured",
+    selection: Selection = EVERYTHING,
+    *,
     drop_invalid: bool = False,
     progress: Progress | None = None,
-    *,
-    rename: Sequence[str] = (),
-    joints: Sequence[str] = (),
-    robot_joints: Sequence[str] = (),
 ) -> EveryState:
-    """Every message that holds the joints, as it is, where `read` leaves out or refuses what makes no recording.
+    """Read every message that holds the joints, also those for which `read` would refuse the bag or drop them.
 
-    Late messages are put where their stamps belong. Only what cannot be decoded, or names no joint or position, is
-    left out, with a note.
-
-    What is not told of here is as of `read`.
+    Late messages are sorted in by their stamps. Only messages that cannot be decoded, or that name no joint or hold no
+    position, are dropped, with a note.
 
     Args:
-        drop_invalid: move what follows a clock that was set back behind what came before, instead of refusing the bag.
+        drop_invalid: append what follows a clock reset after what came before, instead of refusing the bag.
 
     Raises:
         UsageError, BagError: as `read`.
-        RecordingError: the clock was set back, or no position is finite.
+        RecordingError: the clock was reset, or no position is finite.
     """
-    samples, urdf, notes = samples_of(
-        path,
-        joint_states,
-        effort_commands,
-        effort,
-        progress,
-        rename=rename,
-        joints=joints,
-        robot_joints=robot_joints,
-        every=True,
-    )
+    samples, urdf, notes = samples_of(path, selection, progress, every=True)
     name = str(path)
     if len(set(samples.joints)) < len(samples.joints):
         raise UsageError(f"{name}: a joint is named twice.", "Name each joint once.")

@@ -10,6 +10,7 @@ import numpy as np
 
 from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.reading import recording_of, samples_of
+from bdnn_ros.bags.selection import Selection
 from bdnn_ros.bags.storage import Storage
 from bdnn_ros.efforts import COMMAND_AGE
 from bdnn_ros.errors import RecordingError
@@ -42,10 +43,8 @@ def read_to_play(
     Raises:
         UsageError, BagError, RecordingError: as `read`.
     """
-    samples, urdf, notes = samples_of(
-        path, joint_states, None, "measured", None, rename=rename, joints=(), robot_joints=()
-    )
-    recording, rows = recording_of(str(path), samples, urdf, True, notes)
+    samples, urdf, notes = samples_of(path, Selection(joint_states, rename=rename))
+    recording, rows = recording_of(str(path), samples, urdf, notes, drop_invalid=True)
     if not effort_commands or not len(recording):
         return Played(recording, [], np.zeros(0, int), np.zeros(0))
     commands = _commands(Path(path), effort_commands)

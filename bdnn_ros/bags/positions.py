@@ -1,35 +1,31 @@
-"""Where joints of a bag are, whoever tells it, and whether or not it fits to what others tell."""
+"""Positions of single joints of a bag, whichever messages hold them and whether or not those can be merged."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from bdnn_ros.bags.clock import begun, stamped
 from bdnn_ros.bags.joint_states import Samples
 from bdnn_ros.bags.reading import Progress, collected
+from bdnn_ros.bags.selection import Selection
 from bdnn_ros.readings import credible
 from bdnn_ros.recording import Recording, cleaned, renamed
 
 
 def read_positions(
-    path: str | Path,
-    joint_states: str = "/joint_states",
-    progress: Progress | None = None,
-    *,
-    rename: Sequence[str] = (),
-    joints: Sequence[str],
+    path: str | Path, selection: Selection, progress: Progress | None = None
 ) -> list[Recording]:
-    """A recording without velocity and effort of each of some joints of which the bag holds a position.
+    """A recording of its position alone for each of the selected joints that the bag has a position of.
 
-    Of each joint what is not credible or late is left out, and what follows a clock that was set back is moved behind.
+    Samples that are implausible or late are dropped, and what follows a clock reset is appended after what came before.
 
     Raises:
         UsageError, BagError: as `read`.
     """
-    states, _, _ = collected(path, joint_states, None, "measured", progress)
-    new = dict(zip(states.joints, renamed(states.joints, rename), strict=True))
+    states, _, _ = collected(path, selection, progress)
+    new = dict(zip(states.joints, renamed(states.joints, selection.rename), strict=True))
+    joints = selection.joints
     clocked, _ = stamped(str(path), states.samples([[old] for old, joint in new.items() if joint in joints]))
     return [_recording(str(path), new[one.joints[0]], one) for one in clocked if credible(one.position).any()]
 

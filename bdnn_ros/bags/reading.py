@@ -12,9 +12,10 @@ from bdnn_ros.bags.clock import begun, stamped
 from bdnn_ros.bags.commands import Commands
 from bdnn_ros.bags.description import Descriptions, movable_joints
 from bdnn_ros.bags.joint_states import JointStates, Samples
-from bdnn_ros.bags.left_over import LeftOver, subject
+from bdnn_ros.bags.left_over import LeftOver
 from bdnn_ros.bags.merging import together
 from bdnn_ros.bags.reported import reported_effort
+from bdnn_ros.bags.selection import Selection, available_joints
 from bdnn_ros.bags.storage import JOINT_STATE, Storage, Topic
 from bdnn_ros.errors import BagError, UsageError, listed
 from bdnn_ros.recording import Recording, cleaned, renamed
@@ -24,7 +25,8 @@ REPORT_EVERY = 2048
 """Messages between two reports of progress."""
 
 Progress = Callable[[int, int], None]
-"""Told how many messages are read, and of how many."""
+"""Called with the number of messages read so far and their total."""
+EVERYTHING = Selection()
 
 
 def topics(path: str | Path) -> list[Topic]:
@@ -39,90 +41,50 @@ def topics(path: str | Path) -> list[Topic]:
 
 def read(
     path: str | Path,
-    joint_states: str = "/joint_states",
-    effort_commands: str | None = None,
-    effort: str = "measured",
+    selection: Selection = EVERYTHING,
+    *,
     drop_invalid: bool = False,
     progress: Progress | None = None,
-    *,
-    rename: Sequence[str] = (),
-    joints: Sequence[str] = (),
-    robot_joints: Sequence[str] = (),
 ) -> Recording:
-    """The joint states of a bag as a recording; its time 0 is that of the first joint state, even if that is left out.
+    """Read the joint states of a bag as a recording.
 
-    Messages are streamed: memory holds the joint data and one chunk, not the file. Stamps are those of the
-    headers; where all of these are zero, those of the recorder. Joints that come in messages of their own are put
-    together by the stamps.
+    Time 0 is the stamp of the first joint state, even if that one is dropped. Messages are streamed: memory holds the
+    joint data and one chunk of the file, never the whole file. Stamps are those of the headers, or the recorder's if all
+    header stamps are zero. Joints that are published in separate messages are merged by their stamps.
 
     Args:
         path: `.mcap` file, `.db3` file or rosbag2 directory.
-        joint_states: topic of sensor_msgs/JointState.
-        effort_commands: topic of std_msgs/Float64MultiArray; None takes the bag's only one.
-        effort: "measured" is JointState.effort; "command" is the command last recorded before each of them,
-            not longer ago than `efforts.COMMAND_AGE`. Its values stand for `joints`, `robot_joints` (or those of the
-            description in the bag) or the joints of the messages, the first that fits.
         drop_invalid: as of `recording.cleaned`, instead of refusing the bag.
-        rename: rules as in `Recording.rename`, applied before joints are chosen.
-        joints: the joints to read, all needed, in this order; with commands, those that no message holds only have a
-            place among their values.
-        robot_joints: without `joints`, those of these that the bag has, in this order, but for those whose messages
-            do not fit to the others'. Without either, the robot description in the bag says the joints; where there
-            is none, all of one message are read.
 
     Raises:
         UsageError: there is no such file, topic or joint.
         BagError: not a bag, damaged, or without the messages needed.
         RecordingError: as `recording.cleaned`.
     """
-    samples, urdf, notes = samples_of(
-        path,
-        joint_states,
-        effort_commands,
-        effort,
-        progress,
-        rename=rename,
-        joints=joints,
-        robot_joints=robot_joints,
-    )
-    return recording_of(str(path), samples, urdf, drop_invalid, notes)[0]
+    return recording_of(str(path), *samples_of(path, selection, progress), drop_invalid=drop_invalid)[0]
 
 
 def samples_of(
-    path: str | Path,
-    joint_states: str,
-    effort_commands: str | None,
-    effort: str,
-    progress: Progress | None,
-    *,
-    rename: Sequence[str],
-    joints: Sequence[str],
-    robot_joints: Sequence[str],
-    every: bool = False,
+    path: str | Path, selection: Selection, progress: Progress | None = None, every: bool = False
 ) -> tuple[Samples, str | None, list[str]]:
-    """The joint states of a bag as they are in it, its robot description, and what there is to say.
-
-    What is not told of here is as of `read`.
+    """Read the joint states of a bag unfiltered, its robot description, and notes for the user.
 
     Args:
-        every: leave out no message that holds the joints (or most of them, where none holds all); what is unknown
-            then is NaN.
+        every: drop no message that holds the joints (or most of them, where none holds all); unknown values are NaN.
 
     Raises:
         UsageError, BagError: as `read`.
     """
-    name = str(path)
-    states, commands, descriptions = collected(path, joint_states, effort_commands, effort, progress)
+    name, joints = str(path), selection.joints
+    states, commands, descriptions = collected(path, selection, progress)
     urdf = descriptions.theirs
-    old = states.joints
-    new = renamed(old, rename)
-    described = tuple(robot_joints) or movable_joints(urdf)
-    held = [joint for joint in joints if commands is None or joint in new] or joints
-    wanted = _wanted(name, states.groups, dict(zip(old, new, strict=True)), held, described)
-    main = tuple(new[old.index(joint)] for joint in states.groups[0])
-    samples, notes = _samples(
-        name, states, dict(zip(new, old, strict=True)), wanted, bool(joints), commands, every
-    )
+    new = dict(zip(states.joints, renamed(states.joints, selection.rename), strict=True))
+    main = tuple(new[joint] for joint in states.groups[0])
+    described = tuple(selection.robot_joints) or movable_joints(urdf)
+    names = list(new.values())
+    held = [joint for joint in joints if commands is None or joint in names] or joints
+    wanted = available_joints(name, held, described, names, main)
+    samples, notes = _samples(name, states, new, wanted, bool(joints), commands, every)
     if commands is None:
         samples, more = reported_effort(name, samples)
     else:
@@ -133,23 +95,22 @@ def samples_of(
 
 
 def collected(
-    path: str | Path, joint_states: str, effort_commands: str | None, effort: str, progress: Progress | None
+    path: str | Path, selection: Selection, progress: Progress | None
 ) -> tuple[JointStates, Commands | None, Descriptions]:
-    """The joint states of a bag, at least one; the commands, where they are the effort; the robot descriptions.
+    """The joint states of a bag, at least one; the effort commands, if they are selected; the robot descriptions.
 
     Raises:
         UsageError, BagError: as `read`.
     """
-    name = str(path)
-    if effort not in ("measured", "command"):
-        raise UsageError(f"The effort is measured or command, not {effort!r}.", "Choose one of these.")
+    name, topic = str(path), selection.joint_states
     with Storage(Path(path)) as storage:
         available = storage.topics
-        _require_joint_states(name, joint_states, available)
-        commands = Commands(name, effort_commands, available) if effort == "command" else None
-        states, descriptions = _collect(storage, joint_states, commands, progress)
+        _require_joint_states(name, topic, available)
+        commanded = selection.effort == "command"
+        commands = Commands(name, selection.effort_commands, available) if commanded else None
+        states, descriptions = _collect(storage, topic, commands, progress)
     if not states.joints:
-        raise _none(name, states, joint_states)
+        raise _none(name, states, topic)
     return states, commands, descriptions
 
 
@@ -204,40 +165,22 @@ def _none(name: str, states: JointStates, topic: str) -> BagError:
     )
 
 
-def _wanted(
-    name: str,
-    groups: Sequence[tuple[str, ...]],
-    renaming: dict[str, str],
-    joints: Sequence[str],
-    robot_joints: Sequence[str],
-) -> tuple[str, ...]:
-    """The joints to read, by their new names."""
-    every = tuple(renaming.values())
-    if joints:
-        missing = [joint for joint in joints if joint not in every]
-        if missing:
-            raise UsageError(
-                f"{name}: {subject(missing)} not in the recording, which has {listed(every, 20)}.",
-                "Name the joints with --joints, or map the names with --rename old=new.",
-            )
-        if len(set(joints)) != len(joints):
-            raise UsageError(f"A joint is named twice in {listed(joints, 20)}.", "Name each joint once.")
-        return tuple(joints)
-    common = tuple(joint for joint in robot_joints if joint in every)
-    return common or tuple(renaming[joint] for joint in groups[0])
-
-
 def _samples(
     name: str,
     states: JointStates,
-    old: dict[str, str],
+    new: dict[str, str],
     wanted: Sequence[str],
     needed: bool,
     commands: Commands | None,
     every: bool,
 ) -> tuple[Samples, list[str]]:
-    """The joint states of the joints that are wanted, or needed, by their new names, and what there is to say."""
-    new = {theirs: ours for ours, theirs in old.items()}
+    """The merged joint states of the wanted joints, and notes for the user.
+
+    Args:
+        new: names after renaming, by those in the bag.
+        needed: refuse a bag whose messages cannot be merged so that all wanted joints are in it.
+    """
+    old = {ours: theirs for theirs, ours in new.items()}
     parts = states.together([old[joint] for joint in wanted])
     if commands is not None and not needed and not commands.stand_for(len(wanted)):
         parts = parts[:1]
@@ -273,9 +216,9 @@ def _notes(name: str, states: JointStates, held: int, unused: Sequence[str]) -> 
 
 
 def recording_of(
-    name: str, samples: Samples, urdf: str | None, drop_invalid: bool, notes: list[str]
+    name: str, samples: Samples, urdf: str | None, notes: Sequence[str], *, drop_invalid: bool
 ) -> tuple[Recording, np.ndarray]:
-    """The recording of samples, and which of them it holds: fields that nobody measured recognised."""
+    """The recording of samples without fields that were never measured, and which of the samples it holds."""
     velocity, silent, more = reported_velocity(name, samples.joints, samples.position, samples.velocity)
     effort, also = samples.effort, []
     if effort is not None:

@@ -233,7 +233,8 @@ def _with_others(path: Path, args: argparse.Namespace, recording: Recording, rob
     if not others:
         return recording
     with progress(f"reading {path.name}") as show:
-        found = bags.read_positions(path, args.joint_states, show, rename=args.rename, joints=others)
+        chosen = bags.Selection(args.joint_states, rename=args.rename, joints=others)
+        found = bags.read_positions(path, chosen, show)
     return beside(recording, found)
 
 
@@ -268,18 +269,11 @@ def _read_with(
     joints: Sequence[str],
     robot_joints: Sequence[str],
 ) -> Read:
+    selection = bags.Selection(
+        args.joint_states, args.effort_commands, args.effort, args.rename, joints, robot_joints
+    )
     with progress(f"reading {path.name}") as show:
-        return reader(
-            path,
-            args.joint_states,
-            args.effort_commands,
-            args.effort,
-            args.drop_invalid,
-            show,
-            rename=args.rename,
-            joints=joints,
-            robot_joints=robot_joints,
-        )
+        return reader(path, selection, drop_invalid=args.drop_invalid, progress=show)
 
 
 def _common_joints(recordings: Sequence[Recording], robot: Robot | None) -> tuple[str, ...]:
