@@ -30,7 +30,7 @@ class Model(Dynamics, Protocol):
 KINDS = {
     "physical": "bdnn_ros.physical.model:PhysicalModel",
     "bdnn": "bdnn_ros.bdnn.dynamics:BDNN",
-    "bdnn_on_prior": "bdnn_ros.bdnn.on_prior:BDNNOnPrior",
+    "bdnn_on_prior": "bdnn_ros.bdnn.dynamics:BDNNOnPrior",
     "extended": "bdnn_ros.extension.extended:ExtendedModel",
 }
 """Where the class of each kind of model is, imported when one is met."""

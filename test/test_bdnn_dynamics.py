@@ -10,10 +10,9 @@ from bdnn_cases import black_box, random_field, scales, signals, worn
 
 from bdnn_ros.bdnn import modelfile
 from bdnn_ros.bdnn.cores import NetworkCore, PriorCore
-from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.bdnn.dynamics import BDNN, BDNNOnPrior
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.networks import Network, vector_size
-from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.models import load_model, save_model

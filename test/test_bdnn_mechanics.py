@@ -116,7 +116,7 @@ def test_a_robot_is_found_sound():
     assert found.gravity_curl < 1e-6
     assert found.passive == 1.0
     assert found.created_power == 0.0
-    assert found.as_json()["sound"] is True
+    assert found.sound
 
 
 def test_friction_that_drives_is_found():

@@ -14,11 +14,11 @@ from bdnn_ros.bdnn import chain, chain_training, mechanics, modelfile, training
 from bdnn_ros.bdnn.chain_training import ChainTraining
 from bdnn_ros.bdnn.cores import PriorCore
 from bdnn_ros.bdnn.correction import Task
+from bdnn_ros.bdnn.dynamics import BDNNOnPrior
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local, sums_of
 from bdnn_ros.bdnn.network_training import NetworkTraining, Rollouts, effort_loss
 from bdnn_ros.bdnn.networks import Network
-from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.bdnn.training import identify
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
 from bdnn_ros.robot.state import robot_state

@@ -11,9 +11,9 @@ import yaml
 from bdnn_cases import black_box
 
 from bdnn_ros.bdnn.cores import PriorCore
+from bdnn_ros.bdnn.dynamics import BDNNOnPrior
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.bdnn.local import LocalNetworks
-from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.cli.main import main
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.effects_file import EffectsFile

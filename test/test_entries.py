@@ -9,9 +9,9 @@ import pytest
 from bdnn_cases import black_box
 
 from bdnn_ros.bdnn.cores import PriorCore
+from bdnn_ros.bdnn.dynamics import BDNNOnPrior
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.bdnn.local import LocalNetworks
-from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.models import Model, build_model

@@ -11,9 +11,8 @@ from bdnn_cases import black_box, scales
 from live_support import real_robot
 
 from bdnn_ros.bdnn.cores import PriorCore
-from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.bdnn.dynamics import BDNN, BDNNOnPrior
 from bdnn_ros.bdnn.local import LocalNetworks
-from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.extended import ExtendedModel

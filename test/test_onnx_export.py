@@ -9,11 +9,10 @@ import pytest
 from bdnn_cases import black_box
 
 from bdnn_ros.bdnn.cores import PriorCore
-from bdnn_ros.bdnn.dynamics import BDNN
+from bdnn_ros.bdnn.dynamics import BDNN, BDNNOnPrior
 from bdnn_ros.bdnn.field import Scales
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.networks import Network
-from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import DataError

@@ -109,6 +109,12 @@ class BDNN:
             return cls(prior_core(arrays, info, build))
 
 
+class BDNNOnPrior(BDNN):
+    """A BDNN whose core is a prior given by the user (`cores.PriorCore`) and networks that learn the rest."""
+
+    kind: ClassVar[str] = "bdnn_on_prior"
+
+
 def _rows(values: np.ndarray) -> np.ndarray:
     """Values (..., n) as rows, (B, n)."""
     values = np.asarray(values, dtype=float)

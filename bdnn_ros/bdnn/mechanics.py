@@ -5,8 +5,7 @@ Works on any `Dynamics`; a model that gives ∂M/∂q itself is taken at its wor
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,10 +68,6 @@ class Consistency:
     def sound(self) -> bool:
         """Whether M is positive-definite and symmetric, and friction passive but for a trace."""
         return self.smallest_eigenvalue > 0.0 and self.asymmetry < 1e-6 and self.passive > 0.99
-
-    def as_json(self) -> dict[str, Any]:
-        """For reports."""
-        return {**asdict(self), "sound": self.sound}
 
 
 def mass_matrix_derivative(model: Dynamics, position: np.ndarray) -> np.ndarray:

@@ -11,9 +11,9 @@ import numpy as np
 from bdnn_ros.bdnn import correction
 from bdnn_ros.bdnn.bodies import PER_JOINT, Belief, columns, fit, quadratic
 from bdnn_ros.bdnn.cores import PriorCore
+from bdnn_ros.bdnn.dynamics import BDNNOnPrior
 from bdnn_ros.bdnn.local import LocalNetworks
 from bdnn_ros.bdnn.local_training import fit_local
-from bdnn_ros.bdnn.on_prior import BDNNOnPrior
 from bdnn_ros.bdnn.restoring import fingerprint, prior_core, prior_core_state
 from bdnn_ros.bdnn.samples import (
     Samples,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
-from pathlib import Path
 
 from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
@@ -25,9 +24,7 @@ from bdnn_ros.signals import Signals, prepare
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn evaluate`."""
-    parser.add_argument(
-        "model", metavar="MODEL", type=Path, help="model.bdnn, or the directory that holds it"
-    )
+    options.add_model_argument(parser)
     options.add_recording_arguments(parser, bags="one")
     parser.add_argument(
         "--holdout",

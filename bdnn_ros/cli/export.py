@@ -32,7 +32,7 @@ PARAMETERS, GRAPH = "parameters.yaml", "inverse_dynamics.onnx"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn export`."""
-    parser.add_argument("model", metavar="MODEL", type=Path, help="model.bdnn or the directory that holds it")
+    options.add_model_argument(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="directory for the files")
     parser.add_argument(
         "--formats",

@@ -102,6 +102,13 @@ def _add_effort_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_model_argument(parser: argparse.ArgumentParser) -> None:
+    """MODEL, required."""
+    parser.add_argument(
+        "model", metavar="MODEL", type=Path, help="model.bdnn, or the directory that holds it"
+    )
+
+
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     """--urdf and --robot, for a verb that reads no bag."""
     parser.add_argument("--urdf", metavar="FILE", type=Path, help="robot description")

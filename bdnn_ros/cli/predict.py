@@ -38,9 +38,7 @@ LEAST_FOR_PARABOLA = 8
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `bdnn predict`."""
-    parser.add_argument(
-        "model", metavar="MODEL", type=Path, help="model.bdnn, or the directory that holds it"
-    )
+    options.add_model_argument(parser)
     options.add_recording_arguments(parser, bags="one")
     parser.add_argument(
         "--out",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bdnn_ros.diagnosis.diagnose import Examination
+from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.recorded.compared import offsets_of
 from bdnn_ros.diagnosis.recorded.velocity_filter import none_is_left
+from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.learned import CONTRACT, STRAIGHT
 from bdnn_ros.diagnosis.regression.term import COMMON
 from bdnn_ros.diagnosis.search.leads import parted
@@ -27,11 +29,6 @@ from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import tilt_of
-
-if TYPE_CHECKING:
-    from bdnn_ros.diagnosis.diagnose import Examination
-    from bdnn_ros.diagnosis.judging.posterior import Estimate
-    from bdnn_ros.diagnosis.regression.equations import Equations
 
 __all__ = ["ExtendedModel", "corrected_links", "extend", "of_physical"]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.term import COMMON, Term
@@ -17,9 +17,6 @@ from bdnn_ros.effects.friction import SLIDING
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.extension.earlier import Known
 from bdnn_ros.robot import Robot
-
-if TYPE_CHECKING:
-    from bdnn_ros.diagnosis.diagnose import Examination
 
 AT_JOINTS = frozenset({*COMMON, *SLIDING, "quadratic_drag", "joint_spring", "cogging"})
 """Effects of which it is counted how well they are known: they last, add up and depend on the motion alone."""
