@@ -29,6 +29,13 @@ def whole(path: Path) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
+def write_bytes(path: Path, content: bytes) -> Path:
+    """Write a file, whole or not at all; returns its path."""
+    with whole(path) as beside:
+        beside.write_bytes(content)
+    return path
+
+
 def spelled(text: object) -> str:
     """A path, or a sentence with one, in characters that every file holds: bytes that are none get a code, as on a terminal."""
     return str(text).encode("utf-8", "backslashreplace").decode("utf-8")

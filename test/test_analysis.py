@@ -12,8 +12,10 @@ import pytest
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity
 from bdnn_ros.effects.environment import ExternalTorque
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.online.analysis import Analyst, Noticed, diagnosis_with_stamps, with_stamps
+from bdnn_ros.online.analysis import Analyst
 from bdnn_ros.online.channel import Message
+from bdnn_ros.online.noticed import Noticed
+from bdnn_ros.online.stamping import diagnosis_with_stamps, with_stamps
 from bdnn_ros.online.stream.buffer import Chunk, Ring
 from bdnn_ros.online.stream.feed import Feed
 from bdnn_ros.online.stream.intake import Intake

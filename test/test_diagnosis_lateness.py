@@ -15,7 +15,8 @@ from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.recorded.lateness import Lateness, in_time, lateness
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.registry import parse_spec
-from bdnn_ros.extension.extend import ExtendedModel, extend
+from bdnn_ros.extension.extend import extend
+from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.models import load_model, save_model
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.recording import Recording

@@ -13,7 +13,6 @@ from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError, RobotError, UsageError
 from bdnn_ros.extension.effects_file import EffectsFile, effects_text
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.extension.files import write_text
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
 from bdnn_ros.extension.urdf_text import UrdfText
 from bdnn_ros.recording import Recording
@@ -384,7 +383,7 @@ def test_a_description_of_another_encoding_is_written_in_the_one_it_declares(tmp
     line = f'<?xml version="1.0" encoding="{declared}"?>'
     text = line + Robot.bundled("arm2").urdf.partition("?>")[2].replace("arm2_joint1", "gélenk")
     model = model_of(Robot.from_urdf(text), "coulomb_friction@gélenk:coulomb=1")
-    write_text(tmp_path / "extended.urdf", extended_urdf(model))
+    (tmp_path / "extended.urdf").write_text(extended_urdf(model), encoding="utf-8")
     again = Robot.from_file(tmp_path / "extended.urdf")
     assert again.joints == model.joints
     assert extended_urdf(model).startswith(line) == (declared == "utf-8")

@@ -19,8 +19,9 @@ from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.registry import Installed, parse_spec
 from bdnn_ros.errors import ModelFileError, UsageError
 from bdnn_ros.extension import extended
-from bdnn_ros.extension.extend import _bodies, corrected_links, extend, of_physical
+from bdnn_ros.extension.extend import _bodies, corrected_links, extend
 from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.identified import of_physical
 from bdnn_ros.models import Model, load_model, save_model
 from bdnn_ros.physical.consistency import feasible
 from bdnn_ros.physical.couplings import CoupledMotors, Coupling

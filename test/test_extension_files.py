@@ -11,9 +11,9 @@ import pytest
 
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.effects_file import EffectsFile
-from bdnn_ros.extension.extend import of_physical
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.files import write_model_files
+from bdnn_ros.extension.identified import of_physical
 from bdnn_ros.extension.unwritten import NETWORKS
 from bdnn_ros.physical.couplings import PER_COUPLING, CoupledMotors, Coupling
 from bdnn_ros.physical.dictionary import CURVE_FEATURES

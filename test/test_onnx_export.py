@@ -16,8 +16,8 @@ from bdnn_ros.bdnn.networks import Network
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import DataError
-from bdnn_ros.extension.extend import of_physical
 from bdnn_ros.extension.extended import ExtendedModel
+from bdnn_ros.extension.identified import of_physical
 from bdnn_ros.physical.couplings import CoupledMotors, Coupling
 from bdnn_ros.physical.dictionary import CURVE_FEATURES, FEATURES, GROUPS
 from bdnn_ros.physical.dictionary import Scales as FeatureScales

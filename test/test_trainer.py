@@ -17,10 +17,11 @@ from reading_cases import repeating
 from bdnn_ros.efforts import COMMAND_AGE
 from bdnn_ros.errors import DataError, ModelFileError, RecordingError, UsageError
 from bdnn_ros.models import save_model
-from bdnn_ros.online.analysis import Analyst, Noticed
+from bdnn_ros.online.analysis import Analyst
 from bdnn_ros.online.channel import Channel, Message
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.online.learning import Learning, check, squared_error
+from bdnn_ros.online.noticed import Noticed
 from bdnn_ros.online.places import make_directory, model_place, model_to_load
 from bdnn_ros.online.serving import Settings, nominal
 from bdnn_ros.online.session import Session

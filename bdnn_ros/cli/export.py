@@ -16,15 +16,16 @@ from bdnn_ros.cli import options, outputs
 from bdnn_ros.dynamics import Dynamics
 from bdnn_ros.errors import DataError, UsageError, listed
 from bdnn_ros.extension.effects_file import entry
-from bdnn_ros.extension.extend import of_physical
 from bdnn_ros.extension.extended import ExtendedModel
-from bdnn_ros.extension.files import MODEL, ROBOTS, require_own_effects, write_bytes, write_model_files
+from bdnn_ros.extension.files import MODEL, ROBOTS, require_own_effects, write_model_files
+from bdnn_ros.extension.identified import of_physical
 from bdnn_ros.extension.unwritten import NETWORKS, of_joints
 from bdnn_ros.models import Model, load_model
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.physical.parameters import INERTIAL_NAMES
 from bdnn_ros.physical.parameters_report import tilt_entry, zeros_entry
 from bdnn_ros.robot import Robot
+from bdnn_ros.written import write_bytes
 
 FORMATS = (*ROBOTS, "yaml", "onnx")
 PARAMETERS, GRAPH = "parameters.yaml", "inverse_dynamics.onnx"

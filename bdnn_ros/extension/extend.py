@@ -17,11 +17,11 @@ from bdnn_ros.diagnosis.regression.term import COMMON
 from bdnn_ros.diagnosis.search.leads import parted
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
-from bdnn_ros.effects.sensing import VelocityFilter
 from bdnn_ros.errors import UsageError
 from bdnn_ros.extension.earlier import Known, at_another_time, by_the_clock, known_effects, with_effects
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.holding import IN_BODIES, IN_ROBOT, plant_of
+from bdnn_ros.extension.identified import filters_of, of_physical
 from bdnn_ros.extension.merging import merged
 from bdnn_ros.extension.recorded import on_one_clock
 from bdnn_ros.extension.unsure import joints_moved, unsure_of
@@ -29,8 +29,6 @@ from bdnn_ros.physical.consistency import consistent
 from bdnn_ros.physical.model import PhysicalModel
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.robot.mounting import tilt_of
-
-__all__ = ["ExtendedModel", "corrected_links", "extend", "of_physical"]
 
 SURE = 2.0
 """A lead of dry friction is worth keeping at so many standard deviations."""
@@ -125,32 +123,11 @@ def _earlier(examination: Examination) -> tuple[ExtendedModel, list[Known]]:
         beside = [one for one in known_effects(acting) if one[0].effect.name not in IN_ROBOT]
         return with_effects(replace(acting, bare=acting.robot), beside), sensors
     if isinstance(model, PhysicalModel):
-        return of_physical(model), _filters_of(model)
+        return of_physical(model), filters_of(model)
     raise UsageError(
         "The model compared with has learned more than a robot with effects can say.",
         "Identify the earlier recording with --prior urdf.",
     )
-
-
-def of_physical(model: PhysicalModel) -> ExtendedModel:
-    """An identified model as a robot with effects, and beyond them what its joints have learned.
-
-    Also where nothing was learned: its dry friction takes a travel to turn round, which no effect says.
-    """
-    offsets = offsets_of(model.offset)
-    stds: tuple[dict[str, float], ...] = ({},) * len(offsets)
-    return ExtendedModel(model.robot, offsets, model.noise, stds, beyond=model)
-
-
-def _filters_of(model: PhysicalModel) -> list[Known]:
-    """The low-passes that an identified model's reported velocities had passed, as effects."""
-    each = enumerate(model.velocity_cutoff.tolist())
-    known = get(VelocityFilter.name)
-    return [
-        (Installed(known, joint, None, {"cutoff": cutoff}), {})
-        for joint, cutoff in each
-        if np.isfinite(cutoff)
-    ]
 
 
 def _sticking(examination: Examination, robot: Robot, effects: Sequence[Installed]) -> np.ndarray:

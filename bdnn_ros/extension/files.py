@@ -11,7 +11,7 @@ from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.mjcf import beside_mjcf, extended_mjcf
 from bdnn_ros.extension.unwritten import unwritten
 from bdnn_ros.extension.urdf import beside_urdf, extended_urdf
-from bdnn_ros.written import whole
+from bdnn_ros.written import write_bytes
 
 EFFECTS = "effects.yaml"
 SUFFIXES = {"urdf": ".urdf", "mjcf": ".mjcf.xml"}
@@ -49,7 +49,7 @@ def write_model_files(
     if urdf:
         texts = {urdf: extended_urdf(model), **texts}
     out.mkdir(parents=True, exist_ok=True)
-    return [write_text(out / name, text) for name, text in texts.items()]
+    return [write_bytes(out / name, text.encode()) for name, text in texts.items()]
 
 
 def require_own_effects(out: Path, written: Path) -> None:
@@ -85,15 +85,3 @@ def _says(path: Path) -> list[object] | None:
         {**one, ALSO_IN: ALSO_IN in one} if isinstance(one, dict) else one for one in content["effects"]
     ]
     return [effects, content.get("joints"), content.get(HELD)]
-
-
-def write_text(path: Path, text: str) -> Path:
-    """Write a text file, whole or not at all."""
-    return write_bytes(path, text.encode("utf-8"))
-
-
-def write_bytes(path: Path, content: bytes) -> Path:
-    """Write a file, whole or not at all."""
-    with whole(path) as beside:
-        beside.write_bytes(content)
-    return path

@@ -18,10 +18,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from bdnn_ros.errors import BdnnError, UsageError
-from bdnn_ros.online.analysis import Analyst, Noticed, with_stamps
+from bdnn_ros.online.analysis import Analyst
 from bdnn_ros.online.channel import Channel, Message, close_all, leave_signals_to_the_node
 from bdnn_ros.online.learning import Learning, Version
+from bdnn_ros.online.noticed import Noticed
 from bdnn_ros.online.serving import Settings
+from bdnn_ros.online.stamping import with_stamps
 from bdnn_ros.online.stream.buffer import Ring
 from bdnn_ros.online.stream.feed import Feed
 from bdnn_ros.physical.model import PhysicalModel

@@ -19,7 +19,7 @@ from bdnn_ros.report import contents, panels, words
 from bdnn_ros.report.chart import SIZE
 from bdnn_ros.report.view import coverage, link_changes, view
 from bdnn_ros.robot.units import printed
-from bdnn_ros.written import spelled, whole
+from bdnn_ros.written import spelled, write_bytes
 
 SEEN = 0.03
 """A cause whose contribution is this share of the spread of a joint's effort is named there."""
@@ -40,8 +40,7 @@ def write_report(
         data_check: what the check of the recordings had to say, one sentence each.
     """
     text = spelled(render(examination, model, data_check))
-    with whole(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+    write_bytes(path, text.encode())
 
 
 def render(examination: Examination, model: ExtendedModel, data_check: Sequence[str] = ()) -> str:
