@@ -1,4 +1,4 @@
-"""Work in two processes: the second is forked off, knows all that this one does, and is gone once it has answered."""
+"""Runs work in two processes: the second is a fork that knows all the first one does, and ends once it has answered."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ MOST_TICKETS = select.PIPE_BUF // TICKET
 
 
 def in_two(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """What comes of each of some items, by two processes, each of which takes the next item once it is done with one.
+    """Map `work` over items in two processes, each of which takes the next item when it is done with one.
 
-    What the second one has learned on its way is lost: answers have to be plain values, and alike whoever gives them. What it
-    leaves unanswered is done here, so that whatever is wrong is raised here.
+    State that the second process changes is lost, so results must be plain values that do not depend on the process. Items
+    that it does not answer are done here, so that exceptions are raised here.
     """
     done = _shared(work, items, lambda found: False)
     return [done[one] if one in done else work(item) for one, item in enumerate(items)]
 
 
 def first_in_two(work: Callable[[T], R | None], items: Sequence[T]) -> tuple[int, R] | None:
-    """Which is the first item that something comes of, and what, sought as by `in_two`; None where nothing comes of any."""
+    """The first item for which `work` returns a value, with that value, searched as by `in_two`; None if there is none."""
     done = _shared(work, items, lambda found: found is not None)
     for one, item in enumerate(items):
         found = done[one] if one in done else work(item)
@@ -43,7 +43,7 @@ def first_in_two(work: Callable[[T], R | None], items: Sequence[T]) -> tuple[int
 
 
 def _shared(work: Callable[[T], R], items: Sequence[T], enough: Callable[[R], bool]) -> dict[int, R]:
-    """What comes of items by their number: of all up to one that is enough, or of none where there is no second process."""
+    """Results by item number, up to the first one that is enough; empty if no second process can run."""
     if len(items) < 2 or not spare():
         return {}
     row = -(-len(items) // MOST_TICKETS)
@@ -71,7 +71,7 @@ def _shared(work: Callable[[T], R], items: Sequence[T], enough: Callable[[R], bo
 
 @contextmanager
 def aside(work: Callable[[], R]) -> Iterator[Callable[[], R | None]]:
-    """Have something done by a second process meanwhile: what waits for its answer, None where there is none."""
+    """Run `work` in a second process meanwhile; yields a function that waits for the result (None if there is none)."""
     global _busy
     ours, theirs = Pipe(duplex=False)
     _busy = True
@@ -105,7 +105,7 @@ def aside(work: Callable[[], R]) -> Iterator[Callable[[], R | None]]:
 
 
 def _answer(work: Callable[[], R], to: Connection) -> None:
-    """What a second process does."""
+    """Body of the second process."""
     try:
         to.send(work())
     finally:
@@ -113,5 +113,5 @@ def _answer(work: Callable[[], R], to: Connection) -> None:
 
 
 def spare() -> bool:
-    """Whether there is a core for a second process: what yields to others, as beside a robot, takes no other's."""
+    """Whether a core is free for a second process; never for a process that yields to others (nice), as beside a robot."""
     return not _busy and sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1 and os.nice(0) <= 0

@@ -1,4 +1,4 @@
-"""What recorded efforts are, where they are not all of the N·m that drive the joints."""
+"""Conversion of recorded efforts to the effort that drives each joint, in N·m."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMMAND_AGE = 0.5
 
 
 def in_force(times: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which command is in force at each time: the last one before, unless that is too long ago.
+    """Which command is in force at each time: the last one before it, unless that is too old.
 
     Args:
         times, commands: [ns], (N,) any and (M,) in order, both by one clock.
@@ -36,7 +36,7 @@ def in_force(times: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.nd
 
 @dataclass(frozen=True)
 class EffortConvention:
-    """How what a driver reports becomes the effort that drives the joints.
+    """How the effort that a driver reports becomes the effort that drives the joints.
 
     Attributes:
         factors: what a reported effort is multiplied by, (n,) [N·m, or N, a reported unit].
@@ -48,7 +48,7 @@ class EffortConvention:
 
     @classmethod
     def of(cls, rules: Sequence[str], joints: Sequence[str], robot: Robot | None = None) -> EffortConvention:
-        """The convention that rules say, `JOINT=FACTOR` each, or `FACTOR` for all joints without one of their own.
+        """The convention given by rules: `JOINT=FACTOR` for a joint, or `FACTOR` for all joints without a rule of their own.
 
         Raises:
             UsageError: as `factors_by_joint`, or a rule names none of the joints.
@@ -64,15 +64,15 @@ class EffortConvention:
         return cls(np.array([given.get(joint, general) for joint in joints], float), robot)
 
     def acting(self, position: np.ndarray, effort: np.ndarray) -> np.ndarray:
-        """The effort that drives the joints [N·m] where this one is reported, (N, n) at positions (N, n) [rad].
+        """The effort that drives the joints [N·m], from a reported one, (N, n) at positions (N, n) [rad].
 
-        An effort that was not measured must be NaN, and stays so: gravity is none of a joint without a sensor.
+        An effort that was not measured must be NaN and stays NaN: no gravity is added for a joint without a sensor.
         """
         effort = self.factors * effort
         return effort if self.robot is None else effort + self.robot.gravity(position)
 
     def applied(self, recording: Recording, commanded: bool = False) -> Recording:
-        """The recording with the effort that drives the joints; as it is without an effort.
+        """The recording with the effort that drives the joints; unchanged if it has none.
 
         Args:
             commanded: the efforts are commands, which may be zero throughout; where a measured one is, there is no sensor.
@@ -82,13 +82,13 @@ class EffortConvention:
         return replace(recording, effort=self.sensed(recording.position, recording.effort, commanded))
 
     def sensed(self, position: np.ndarray, effort: np.ndarray, commanded: bool) -> np.ndarray:
-        """As `acting`, of a whole recording: a measured effort that is zero throughout, where there is one, stays so."""
+        """As `acting`, for a whole recording: an effort that is zero throughout is no measurement and stays zero."""
         there = commanded | np.nan_to_num(effort).any(axis=0)
         return np.where(there, self.acting(position, effort), effort)
 
 
 def factors_by_joint(rules: Sequence[str]) -> dict[str | None, float]:
-    """The factors that rules say, by joint; that of `EVERY_JOINT` counts for joints without one of their own.
+    """The factors of rules by joint; that of `EVERY_JOINT` applies to joints without one of their own.
 
     Raises:
         UsageError: a rule is malformed, its factor is zero or not finite, or there are two for the same.

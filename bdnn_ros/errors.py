@@ -1,4 +1,4 @@
-"""What can go wrong, each said in one sentence with its remedy."""
+"""The errors of the package; each says in one sentence what is wrong, and in another what to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints of a robot that are not looked at, although its recordings hold them: where they stand, and what they do."""
+"""Joints of the robot that are not selected although recordings contain them: where they stand, and whether they matter."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ MOST_ROWS = 500
 
 
 def beside(recording: Recording, others: Sequence[Recording]) -> Recording:
-    """A recording with other joints' positions at its times, linear between their samples and held at their ends.
+    """A recording with the positions of further joints, interpolated to its times and held at their ends.
 
-    Of these joints there is no effort (zero), and of none a velocity.
+    The effort of these joints is zero, and the result has no velocity.
 
     Args:
         others: by the same clock.
@@ -41,7 +41,7 @@ def beside(recording: Recording, others: Sequence[Recording]) -> Recording:
 
 
 def standing(recordings: Sequence[Recording], joints: Sequence[str], urdf: str) -> Held:
-    """Where those of some joints stand that a recording holds, in the middle of all their samples, or whose leader one holds.
+    """Median position of each of the joints that a recording contains, and of mimic joints whose leader one contains.
 
     Args:
         urdf: says which joints mimic others.
@@ -59,7 +59,7 @@ def standing(recordings: Sequence[Recording], joints: Sequence[str], urdf: str) 
 
 
 def led(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
-    """Joints of a robot that move, and what mimics them: both are one drive. Not where the other is seen to stand still."""
+    """Moving joints that a mimic joint follows, with that joint: one drive moves both. Not if the follower is seen to stand."""
     found = {}
     for recording in recordings:
         moves = dict(zip(recording.joints, moving(recording), strict=True))
@@ -70,7 +70,7 @@ def led(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
 
 
 def unseen(whole: Robot, robot: Robot) -> list[float]:
-    """Where each joint of the whole robot stands as long as nothing is seen of it [rad] ([m]).
+    """The position of each joint of the whole robot while nothing is seen of it [rad] ([m]).
 
     Args:
         robot: where it holds a joint that joint stands; the others at zero, or at the nearest limit.
@@ -81,7 +81,7 @@ def unseen(whole: Robot, robot: Robot) -> list[float]:
 
 
 def disturbing(recording: Recording, whole: Robot, robot: Robot) -> list[str]:
-    """Joints that a recording holds, that are left out of a robot, and whose motion those feel that are looked at.
+    """Joints in the recording that are not selected and whose motion the selected joints feel.
 
     Args:
         recording: with all its joints.

@@ -1,6 +1,6 @@
-"""Whether a model is of the arm that a description describes: the same joints in the same places.
+"""Whether a model belongs to the arm of a description: the same joints in the same places.
 
-What the arm weighs, and its friction, may differ: that is what a model has learned, and what corrected descriptions correct.
+Masses and friction may differ: that is what models learn and corrected descriptions correct.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ of one arm differ by its calibration, those of two arms of a series by more."""
 
 @dataclass(frozen=True)
 class Seat:
-    """Where a joint sits, with all joints at zero.
+    """Where a joint is mounted, with all joints at zero.
 
     Attributes:
         parent: the joint that carries it; "universe" for the base.
@@ -38,7 +38,7 @@ class Seat:
     axis: np.ndarray
 
     def like(self, other: Seat, reach: float) -> bool:
-        """Whether another is the same but for a calibration of an arm with this reach [m]."""
+        """Whether another is the same up to calibration, on an arm with this reach [m]."""
         turned = np.linalg.norm(self.rotation - other.rotation) / np.sqrt(2.0)
         moved = np.linalg.norm(self.place - other.place)
         askew = np.linalg.norm(self.axis - other.axis)
@@ -48,7 +48,7 @@ class Seat:
 
 
 def require_arm(model: Dynamics, robot: Robot, name: str) -> None:
-    """Refuse a model of another arm whose joints have the same names; of networks alone nobody can tell.
+    """Refuse a model of another arm with the same joint names; for networks alone this cannot be told.
 
     Args:
         robot: the description, with the model's joints in any order.
@@ -72,9 +72,9 @@ def require_arm(model: Dynamics, robot: Robot, name: str) -> None:
 
 
 def description_of(model: object) -> Robot | None:
-    """The robot that a model holds, or that its prior does; None where there is none, or one learned from motion alone.
+    """The robot that a model or its prior contains; None without one, or if it was learned from motion alone.
 
-    Links and axes of such a one are its own: they move as the arm does, but need not sit where the arm's do.
+    The links and axes of a robot learned from motion need not be where the arm's are.
     """
     if type(model) is BDNN:
         return None
@@ -86,7 +86,7 @@ def description_of(model: object) -> Robot | None:
 
 
 def _seats(urdf: str, joints: Sequence[str]) -> list[Seat]:
-    """One of each joint of a URDF, in this order: with its zeros, whatever was learned of them."""
+    """The seats of these joints of a URDF, without any joint zeros that were learned."""
     model, order = Robot.from_urdf(urdf, joints).pinocchio_model()
     data = model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))

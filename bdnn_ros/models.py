@@ -1,4 +1,4 @@
-"""Models of every kind, from their files."""
+"""Loading and saving models of every kind."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def load_model(path: str | Path) -> Model:
 def build_model(
     kind: str, arrays: dict[str, np.ndarray], info: dict[str, Any], source: str = "The state"
 ) -> Model:
-    """The model of a kind and its state.
+    """The model of a kind from its state.
 
     Raises:
         ModelFileError: the kind is not known, or the state is incomplete.
@@ -73,17 +73,17 @@ def build_model(
 
 @runtime_checkable
 class KnowsTimes(Protocol):
-    """A model of which something acts at times of its recordings only."""
+    """A model with effects that act only at certain times of its recordings."""
 
     def along(self, recording: Recording) -> tuple[Any, str]:
-        """Itself by a recording's clock, and in words what is left out of it."""
+        """The model for another recording's clock, and a sentence on what is left out."""
 
     def afterwards(self) -> Model:
-        """Itself once these are over."""
+        """The model once these times are over."""
 
 
 def load_to_serve(path: Path) -> Model:
-    """As `load_model`, for a stream: what its recordings had at times is over.
+    """As `load_model`, for a live stream: effects bound to times of the recordings are over.
 
     Raises:
         ModelFileError: see `load_model`.

@@ -1,4 +1,4 @@
-"""What a sensor may say: a number, and not any."""
+"""Which numbers a sensor may report."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ LEAVE_OUT = "Fix the driver, or pass --drop-invalid to leave such samples out."
 
 
 def credible(values: np.ndarray) -> np.ndarray:
-    """Which readings are finite and no larger than a robot's can be, bool of the same shape."""
+    """Which readings are finite and not beyond any robot's, bool of the same shape."""
     return np.asarray(np.abs(values) <= MOST)
 
 
 def incredible(position: np.ndarray, *others: np.ndarray | None) -> np.ndarray:
-    """Where any of some readings (N, n) is not credible, (N, n) bool; None was not measured."""
+    """Where any of some readings (N, n) is not credible, (N, n) bool; None stands for not measured."""
     wrong = ~credible(position)
     for values in others:
         if values is not None:
@@ -28,7 +28,7 @@ def incredible(position: np.ndarray, *others: np.ndarray | None) -> np.ndarray:
 
 
 def of_dropped(name: str, dropped: int, count: int, clocks: int) -> list[str]:
-    """Notes on how many samples of a recording were left out, and on a clock that started anew."""
+    """Notes on the samples of a recording that were dropped, and on clock resets."""
     notes = []
     if dropped:
         notes.append(
@@ -43,7 +43,7 @@ def of_dropped(name: str, dropped: int, count: int, clocks: int) -> list[str]:
 def refuse_not_finite(
     name: str, field: str, joints: Sequence[str], time: np.ndarray, values: np.ndarray
 ) -> None:
-    """Refuses readings that are no numbers; arguments as of `refuse_incredible`.
+    """Refuse readings that are not finite; arguments as of `refuse_incredible`.
 
     Raises:
         RecordingError: there are some.
@@ -61,7 +61,7 @@ def refuse_not_finite(
 def refuse_incredible(
     name: str, field: str, joints: Sequence[str], time: np.ndarray, values: np.ndarray
 ) -> None:
-    """Refuses readings that no robot can have.
+    """Refuse readings that are beyond any robot's.
 
     Args:
         name, field: of the recording, and of what was read, for the message.
@@ -80,7 +80,7 @@ def refuse_incredible(
 
 
 def refuse_all_left_out(name: str, joints: Sequence[str], wrong: np.ndarray) -> None:
-    """Refuses samples of which none can be used.
+    """Refuse samples of which none is usable.
 
     Args:
         wrong: readings that are not credible, (N, n) bool.
@@ -106,7 +106,7 @@ def _refuse(
     otherwise: str,
     after: str = "",
 ) -> None:
-    """Refuses a recording of which some readings are wrong, (N, n) bool, naming the joint of which most are."""
+    """Refuse a recording with wrong readings, (N, n) bool, naming the joint with most of them."""
     if not wrong.any():
         return
     column = int(np.argmax(wrong.sum(axis=0)))
@@ -121,12 +121,12 @@ def _refuse(
 
 
 def _mostly(joints: Sequence[str], wrong: np.ndarray) -> list[str]:
-    """Joints of which most readings are wrong."""
+    """Joints with mostly wrong readings."""
     return [joint for joint, often in zip(joints, 2 * wrong.sum(axis=0) >= len(wrong), strict=True) if often]
 
 
 def _without(joints: Sequence[str], bad: Sequence[str]) -> str:
-    """The remedy where some joints, but not all, are to be left out; nothing where it would be none."""
+    """The remedy of leaving some joints out; empty if that is none or all of them."""
     if not 0 < len(bad) < len(joints):
         return ""
     kept = ",".join(joint for joint in joints if joint not in bad)

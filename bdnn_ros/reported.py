@@ -1,4 +1,4 @@
-"""Which velocities messages report, and which a driver only fills in."""
+"""Velocities that messages really report, as opposed to placeholders of a driver."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ def reported_velocity(
 
 
 def _covered(position: np.ndarray) -> np.ndarray:
-    """How much each joint covers, (n,) [rad], by those of the positions (N, n) that may be one; -inf without any."""
+    """Range that each joint covers, (n,) [rad], over credible positions (N, n); -inf without any."""
     seen = credible(position)
     return np.where(seen, position, -np.inf).max(axis=0) - np.where(seen, position, np.inf).min(axis=0)
 
 
 def with_derived(recording: Recording, silent: np.ndarray) -> Recording:
-    """The recording with the velocity of joints whose own is not reported, (n,) bool, derived from their position.
+    """The recording with the velocity of joints that report none, (n,) bool, derived from their position.
 
-    Where a message repeats the one before, its velocity does so too: that is what shows it as a repeat.
+    A message that repeats the one before repeats the derived velocity, too, by which it is recognised as a repeat.
     """
     if recording.velocity is None or not silent.any():
         return recording

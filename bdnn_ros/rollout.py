@@ -1,4 +1,4 @@
-"""The motion that a model's forward dynamics make of a measured effort."""
+"""Integration of a model's forward dynamics under the measured effort."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Step = Callable[
 def integrated(
     model: Dynamics, signals: Signals, effort: np.ndarray, starts: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Positions `steps` samples after each start, (W, n) [rad]; infinite where the motion runs away.
+    """Positions `steps` samples after each start, (W, n) [rad]; infinite where the motion diverges.
 
-    By Runge-Kutta's fourth order at the working rate, all windows at once. Where that runs away, which it does where friction
-    brakes a light link within less than a sample, again by a method that damping however stiff does not upset.
+    Fourth-order Runge-Kutta at the working rate, all windows at once. Where that diverges, as with friction that stops a
+    light link within less than a sample, the window is repeated with an L-stable method for stiff systems.
 
     Args:
         effort: (N, n) [N·m].

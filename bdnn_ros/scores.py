@@ -19,7 +19,7 @@ STILL = 1e-9
 
 
 class Predictor(Protocol):
-    """What predicts the effort along a motion."""
+    """Anything that predicts the effort along a motion."""
 
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is."""
@@ -27,7 +27,7 @@ class Predictor(Protocol):
 
 @runtime_checkable
 class Ahead(Protocol):
-    """What predicts an effort that is ahead of the motion, or behind: beyond the motion's ends nothing is known of it."""
+    """A model whose effort leads or lags the motion; beyond the ends of the motion its effort is unknown."""
 
     @property
     def leads(self) -> np.ndarray:
@@ -57,14 +57,14 @@ class Scores:
     nrmse_mean: float
 
     def of(self, joints: Sequence[str]) -> Scores:
-        """Those of some of the joints, in this order."""
+        """The scores of some of the joints, in this order."""
         rows = [self.joints.index(joint) for joint in joints]
         nrmse = self.nrmse[rows]
         return Scores(tuple(joints), self.rmse[rows], nrmse, self.nmse[rows], _mean(nrmse))
 
     @property
     def in_mean(self) -> int:
-        """Number of joints that the means are of."""
+        """Number of joints in the means."""
         return int(np.count_nonzero(np.isfinite(self.nrmse)))
 
     @property
@@ -139,7 +139,7 @@ def _mean(values: np.ndarray) -> float:
 
 
 def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
-    """Errors of a model's effort, both sides low-passed alike, where it was measured and neither filter nor lead saw an end.
+    """Errors of a model's effort, both sides low-passed alike, over measured samples away from the ends of the motion.
 
     Raises:
         RecordingError: a part has no effort, or no sample is left.
@@ -171,13 +171,13 @@ class _Described:
 
 
 def described_effort(robot: Robot, signals: Signals) -> np.ndarray:
-    """Effort of a robot's bodies, armature and friction along a motion, as of `Predictor`, (N, n) [N·m]."""
+    """Effort of the description's bodies, armature and friction along a motion, as of `Predictor`, (N, n) [N·m]."""
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     return robot.rigid_effort(signals.position, signals.velocity, signals.acceleration) + drive
 
 
 def score_description(robot: Robot, parts: Sequence[Signals]) -> Scores:
-    """Errors of what a robot's description alone predicts, on the same samples as those of a model.
+    """Errors of the robot description alone, on the same samples as those of a model.
 
     Raises:
         RecordingError: as `score_model`.
@@ -186,16 +186,16 @@ def score_description(robot: Robot, parts: Sequence[Signals]) -> Scores:
 
 
 def without_effort(signals: Signals) -> list[str]:
-    """Joints whose effort is nowhere measured."""
+    """Joints whose effort was never measured."""
     seen = np.any(signals.seen, axis=0)
     return [joint for joint, some in zip(signals.joints, seen.tolist(), strict=True) if not some]
 
 
 def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutError:
-    """Error of the motion that a model integrates from the measured effort, started anew every `horizon`.
+    """Error of the motion that a model integrates from the measured effort, restarted every `horizon`.
 
-    Only where every joint's effort is measured: it moves the others as well. Of a model that knows how far the measured
-    effort is ahead, and what low-pass it has passed, by the effort as it acted.
+    Only stretches in which every joint's effort is measured count, since each effort moves all joints. For a model that knows the
+    lead and the low-pass of the measured effort, the effort is corrected for them first.
 
     Args:
         horizon: [s]; cut to the longest such piece without a gap.
@@ -224,7 +224,7 @@ def rollout_error(model: Dynamics, signals: Signals, horizon: float) -> RolloutE
 
 
 def _acted(model: Ahead, signals: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """The measured effort at the time at which a model says it acted, (N, n) [N·m], and where it is known, (N, n) bool."""
+    """The measured effort corrected for a model's lead and low-pass, (N, n) [N·m], and where it is known, (N, n) bool."""
     assert signals.effort is not None
     seen, known = signals.seen, signals.seen.copy()
     effort = signals.effort + (model.lag * signals.derivative(signals.effort) if model.lag else 0.0)

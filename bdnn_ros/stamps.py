@@ -1,4 +1,4 @@
-"""Stamps that go back, of stray late messages or a clock that starts anew, and those of two publishers."""
+"""Stamps that go back: late messages, clock resets, and two publishers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FEW_TURNS = 8
 
 
 def runs(time: np.ndarray) -> tuple[np.ndarray, list[int]]:
-    """What to keep of stamps that may go back, and where the clock starts anew.
+    """Which samples to keep if stamps may go back, and where the clock was reset.
 
     Args:
         time: finite stamps, (N,), none equal to the one before.
@@ -44,7 +44,7 @@ def runs(time: np.ndarray) -> tuple[np.ndarray, list[int]]:
 
 
 def joined(time: np.ndarray, kept: np.ndarray, starts: list[int]) -> np.ndarray:
-    """The kept stamps [s] of `runs`, what each clock shows moved behind the one before with a pause between them."""
+    """The kept stamps [s] of `runs`, each clock appended to the one before with a pause between them."""
     moved = time[kept]
     if len(starts) > 1:
         pause = max(RESTART_PAUSE, PAUSE_PERIODS * float(np.median(np.diff(moved))))

@@ -1,4 +1,4 @@
-"""What is written: files that take their names when complete, names that any file can hold, numbers in full precision."""
+"""Writing of files: atomic replacement, encodable names, numbers in full precision."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _number = itertools.count()
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A place in the same directory to write a file to, which takes its name at the end; what is there stays until then.
+    """A temporary path in the same directory, which replaces the file at the end; until then the old file stays.
 
-    Whatever fails, nothing of the new file is left. A link stays one: it is what it leads to that is replaced.
+    On failure nothing of the new file is left. If the path is a link, the file that it leads to is replaced.
 
     Raises:
         OSError: it cannot take the name.
@@ -37,10 +37,10 @@ def write_bytes(path: Path, content: bytes) -> Path:
 
 
 def spelled(text: object) -> str:
-    """A path, or a sentence with one, in characters that every file holds: bytes that are none get a code, as on a terminal."""
+    """Text with bytes that are no valid characters (as in odd file names) escaped."""
     return str(text).encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def numbers(*values: float) -> str:
-    """Numbers as an attribute of an XML element has them: in full precision, with spaces between."""
+    """Numbers for an XML attribute: in full precision, separated by blanks."""
     return " ".join(repr(float(value)) for value in values)

@@ -1,4 +1,4 @@
-"""`bdnn demo`: a worn robot with a hidden effect, from the bag to the report, and then the truth."""
+"""`bdnn demo`: simulates a worn robot with a hidden effect, identifies, diagnoses, and then reveals the truth."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def revealed(truth: Mapping[str, Any]) -> list[str]:
-    """What was hidden, a line each."""
+    """The hidden effects, one line each."""
     lines = []
     for effect in truth["effects"]:
         numbers = ", ".join(f"{name} {value:.3g}" for name, value in effect["parameters"].items())

@@ -1,4 +1,4 @@
-"""The robot of some recordings: whose description counts, and which of its joints are looked at."""
+"""The robot for some recordings: which description is used, and which of its joints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bdnn_ros.robot.urdf_file import text_of
 
 
 def robot_of_file(path: Path, joints: Sequence[str] = ()) -> Robot:
-    """As `Robot.from_file`, whatever is wrong with it told of the file.
+    """As `Robot.from_file`, with the path in every error message.
 
     Raises:
         RobotError: the file cannot be read, or its robot cannot be used.
@@ -34,12 +34,14 @@ def robot_of_file(path: Path, joints: Sequence[str] = ()) -> Robot:
 def described_robot(
     bags: Mapping[str, str | None], name: str | None, needed: bool, chosen: bool = False
 ) -> Robot | None:
-    """The robot that the bags describe, else the bundled one of that name; None without either.
+    """The robot described in the bags, else the bundled robot of this name; None without either.
+
+    The first usable description is taken. Unusable ones before it are reported to the user.
 
     Args:
         bags: the description in each of some bags, None where there is none.
         needed: refuse descriptions of which none can be used; otherwise they count as none.
-        chosen: whether it is said which joints are looked at: others may have more than one degree of freedom.
+        chosen: the joints are chosen already; only then may the description have joints with several degrees of freedom.
 
     The first description that can be used counts. Those before it that cannot are said.
 
@@ -73,7 +75,7 @@ def described_robot(
 
 
 def unusable(recordings: Sequence[Recording]) -> str | None:
-    """What is wrong with the first description in the bags, and what to do; None without one, or where it can be used."""
+    """What is wrong with the first description in the bags, and what to do; None without one, or if it is usable."""
     for recording in recordings:
         if recording.urdf is not None:
             try:
@@ -86,7 +88,7 @@ def unusable(recordings: Sequence[Recording]) -> str | None:
 
 
 class Unheld(list[str]):
-    """Joints of a description that a recording lacks, and what its bag holds that may be one of them.
+    """Joints of a description that are missing in a recording.
 
     Attributes:
         strangers: joints of the bag that the description does not have.
@@ -96,7 +98,7 @@ class Unheld(list[str]):
 
 
 def unheld(robot: Robot | None, recording: Recording) -> Unheld:
-    """Joints that a robot's description has move by themselves, and that stand nobody knows where: a recording lacks them."""
+    """Movable joints of the description that the recording lacks and whose position nothing tells."""
     found = Unheld()
     if robot is None:
         return found
@@ -108,7 +110,7 @@ def unheld(robot: Robot | None, recording: Recording) -> Unheld:
 
 
 def of_the_unheld(joints: Sequence[str]) -> list[str]:
-    """What it means that no message that is used holds some joints."""
+    """The note on joints that no message in use contains."""
     if not joints:
         return []
     are, their, it = ("is", "its", "it stands") if len(joints) == 1 else ("are", "their", "they stand")
@@ -120,13 +122,13 @@ def of_the_unheld(joints: Sequence[str]) -> list[str]:
 
 
 def _strangers(complete: Robot, recordings: Sequence[Recording]) -> list[str]:
-    """Joints of the recordings' bags that a robot with all joints does not have."""
+    """Joints in the recordings' bags that the complete robot does not have."""
     known = {*with_mimics(complete), *free_joints(complete.urdf)}
     return [joint for joint in bags.left_over(recordings) if joint not in known]
 
 
 def _misnamed(joints: Sequence[str], strangers: Sequence[str]) -> str:
-    """A sentence on joints of the bag that may be some of the robot's that it lacks, after a space; "" without either."""
+    """A sentence (after a blank) on unknown joints in the bag that may be missing joints under other names; empty without any."""
     if not joints or not strangers:
         return ""
     verb, it = ("is", "it is") if len(strangers) == 1 else ("are", "one of them is")
@@ -139,7 +141,7 @@ def _misnamed(joints: Sequence[str], strangers: Sequence[str]) -> str:
 
 
 def without_led(robot: Robot, joints: Sequence[str], recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Some joints but those that move another, as a gripper's second finger, which is said; all where no other is left."""
+    """The joints without those that a mimic joint follows (as in a gripper), which is reported; all if no other joint is left."""
     leading = {leader: joint for leader, joint in led(robot, recordings).items() if leader in joints}
     others = tuple(joint for joint in joints if joint not in leading)
     if not leading or not others:
@@ -150,9 +152,9 @@ def without_led(robot: Robot, joints: Sequence[str], recordings: Sequence[Record
 
 
 def acting(named: Sequence[str], recordings: Sequence[Recording], robot: Robot | None) -> tuple[str, ...]:
-    """Of joints that are named for commands, those of the recordings and the robot: of the others only values are sent.
+    """Those of the joints named for effort commands that the recordings and the robot have; all if none is known.
 
-    All where there is none of these.
+    The others only mark places among the values of a command.
     """
     known = {*named}.intersection(*(recording.joints for recording in recordings))
     if robot is not None:
@@ -170,7 +172,7 @@ def acting(named: Sequence[str], recordings: Sequence[Recording], robot: Robot |
 def with_joints(
     robot: Robot, chosen: Sequence[str], whole: Sequence[Recording], undisturbed: bool, known: Held
 ) -> Robot:
-    """The robot with the chosen joints, others where the whole recordings have them stand; what is left out is said.
+    """The robot with the chosen joints, the others held where the recordings show them; reports what is left out.
 
     Args:
         known: where joints stand that no recording holds.
@@ -212,7 +214,7 @@ def with_joints(
 
 
 def _disturbed(name: str, felt: Sequence[str], undisturbed: bool) -> None:
-    """Says which joints move although they are left out, or refuses them."""
+    """Report joints that move although they are left out, or refuse the recording."""
     one = len(felt) == 1
     it, does = ("it", "moves and is") if one else ("them", "move and are")
     problem = f"{name}: {listed(felt)} {does} left out"

@@ -1,4 +1,4 @@
-"""`bdnn diagnose`: what the simulation gets wrong, the cause, and the gain of mending it."""
+"""`bdnn diagnose`: what the simulation gets wrong, the causes, and how much correcting them gains."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose, write the files, say the verdict."""
+    """Diagnose, write the files, print the verdict."""
     outputs.require_directory(args.out)
     earlier = load_model(args.model) if args.model else None
     if earlier is not None and (args.urdf or args.robot):
@@ -146,7 +146,7 @@ def _write(examination: Examination, remarks: Sequence[str], place: Path) -> Non
 
 
 def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[str]:
-    """The verdict as a person would write it, a line each, without notes that are known already."""
+    """The verdict in plain sentences, one a line, without notes that were reported before."""
     diagnosis = examination.diagnosis
     beside = OPEN if diagnosis.endless else MOSTLY_UNNAMED
     beside = LEFT.format(where=listed(diagnosis.above)) if diagnosis.above else beside
@@ -169,7 +169,7 @@ def verdict_lines(examination: Examination, known: Sequence[str] = ()) -> list[s
 
 
 def _gain(diagnosis: Diagnosis) -> list[str]:
-    """The line on the gain. Where no cause is needed it is told only if it is sure, and of what it is."""
+    """The line on the gain. If no cause was needed, only a gain that is certain is reported, with what it comes from."""
     low, high = diagnosis.gain_interval
     interval = f"(95 % interval {100.0 * low:.1f} to {100.0 * high:.1f} %)"
     if needless(diagnosis):
@@ -183,7 +183,7 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
 
 
 def _grouped(findings: Sequence[Finding]) -> list[list[Finding]]:
-    """Findings of a kind and its units that many joints have as one, in the order of the sums of their shares."""
+    """Findings grouped by kind and unit, sorted by the sum of their shares."""
     kinds: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:
         units = (quantity.unit for quantity in finding.parameters.values())
@@ -244,7 +244,7 @@ def _called(one: Finding | Rival) -> str:
 
 
 def _completed(examination: Examination, args: argparse.Namespace, remarks: Sequence[str]) -> Diagnosis:
-    """The diagnosis with what it was asked of, and what the data check found."""
+    """The diagnosis with its source and the results of the data check."""
     robot = examination.robot
     in_bag = any(recording.urdf == robot.urdf for recording in examination.recordings)
     described = "/robot_description of the bag" if in_bag else args.robot

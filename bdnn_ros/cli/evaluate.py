@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _say_rollout(rollout: RolloutError, signals: Signals) -> None:
-    """Says why a motion could not be integrated, or not for so long."""
+    """Report why no motion could be integrated, or only a shorter one."""
     unmeasured = without_effort(signals)
     if unmeasured:
         options.say(

@@ -1,4 +1,4 @@
-"""`bdnn excite`: a motion that tells the rivals of a diagnosis apart."""
+"""`bdnn excite`: plans a motion that distinguishes the rivals of a diagnosis."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _numbers(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find the motion, write it, say what it is expected to settle."""
+    """Plan the motion, write it, and print what it is expected to decide."""
     if args.seed < 0:
         raise UsageError(f"--seed {args.seed} is negative.", "Use a whole number from 0.")
     outputs.require_directory(args.out)
@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _say_leading(robot: Robot) -> None:
-    """Tells of joints that move others as well: of a bag they are left out, and the rest of the arm may feel them."""
+    """Report joints that a mimic joint follows: recordings leave them out, and the rest of the arm may feel them move."""
     leading = {leader: joint for joint, leader in held_mimics(robot).items() if leader in robot.joints}
     others = [joint for joint in robot.joints if joint not in leading]
     if leading and others:
@@ -149,7 +149,7 @@ def _say_leading(robot: Robot) -> None:
 
 
 def _say_open(robot: Robot) -> None:
-    """Tells of limits that the description lacks, and what stands for them."""
+    """Report limits that are missing in the description, and what is assumed for them."""
     limits = robot.limits
     within = np.isfinite(limits.lower) & np.isfinite(limits.upper)
     for known, taken in (
@@ -190,9 +190,9 @@ def yaml_lines(motion: Trajectory, joints: tuple[str, ...]) -> Iterator[str]:
 
 
 def _given(args: argparse.Namespace) -> tuple[Robot, Model | None]:
-    """The robot of MODEL with the model itself, or that of --urdf or --robot.
+    """The robot of MODEL with the model, or that of --urdf or --robot.
 
-    Else that of the diagnosis: of the model beside it, or the one that it names.
+    Otherwise that of the diagnosis: of the model beside its file, or the description that it names.
     """
     given = [name for name in ("model", "urdf", "robot") if getattr(args, name) is not None]
     if len(given) > 1:

@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write what the model's kind can be written as, and say what cannot."""
+    """Write the formats that the kind of model allows, and report what cannot be written."""
     formats = {name.strip() for name in args.formats.split(",") if name.strip()}
     unknown = sorted(formats - set(FORMATS))
     if not formats:
@@ -85,7 +85,7 @@ def _write_robot(model: Model, out: Path, formats: set[str]) -> list[Path]:
 
 
 def _as_robot(model: Dynamics) -> tuple[ExtendedModel | None, str]:
-    """The robot with effects that a model is or contains, and what of the model is left out of it."""
+    """The extended model that a model is or contains, and what of the model it leaves out."""
     if isinstance(model, ExtendedModel):
         return model, "" if model.beyond is None else _beyond(model.beyond)
     if isinstance(model, Robot):
@@ -130,7 +130,7 @@ def _with_memory(model: Model) -> list[str]:
 
 
 def describe(model: Model) -> dict[str, Any]:
-    """What a model holds, in plain numbers: kind, joints, parameters with standard deviations."""
+    """The content of a model in plain numbers: kind, joints, parameters with standard deviations."""
     result: dict[str, Any] = {"format": "bdnn_ros/parameters", "version": 1, "kind": model.kind}
     result["joints"] = list(model.joints)
     if isinstance(model, PhysicalModel):

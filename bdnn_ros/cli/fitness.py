@@ -1,4 +1,4 @@
-"""Whether a recording can answer: enough samples, motion, and an effort that says something of it."""
+"""Whether recordings are fit for identification: enough samples, motion, and an effort that responds to it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LITTLE = 0.2
 
 
 def require_motion(recording: Recording) -> None:
-    """Says which joints do not move.
+    """Refuse a recording in which nothing moves.
 
     Raises:
         RecordingError: there are too few samples to tell, or too few a second, or no joint moves.
@@ -44,7 +44,7 @@ def require_motion(recording: Recording) -> None:
 
 
 def require_samples(recording: Recording) -> None:
-    """Says that there are too few samples to tell a motion.
+    """Refuse a recording with too few samples to see a motion.
 
     Raises:
         RecordingError: in all, or in a second.
@@ -62,7 +62,7 @@ def require_samples(recording: Recording) -> None:
 
 
 def require_measured(recording: Recording) -> np.ndarray:
-    """The effort, (N, n) [N·m], which says something of the motion.
+    """The effort, (N, n) [N·m]; refuses a recording whose effort says nothing about the motion.
 
     Raises:
         RecordingError: there is none, or that of no joint that moves ever changes.
@@ -77,7 +77,7 @@ def require_measured(recording: Recording) -> np.ndarray:
 
 
 def prepared(part: Recording, whole: Recording, cutoff: float | None, what: str) -> Signals:
-    """Clean signals of a part of a recording, with samples that can be scored.
+    """Prepared signals of a part of a recording, with samples that can be scored.
 
     Args:
         cutoff: of the low-pass [Hz].
@@ -104,7 +104,7 @@ def prepared(part: Recording, whole: Recording, cutoff: float | None, what: str)
 
 
 def require_distinct(recordings: Sequence[Recording]) -> None:
-    """Says that some of it was recorded once and is given twice: it would count twice.
+    """Refuse recordings that overlap: the same motion would count twice.
 
     Raises:
         UsageError: of a motion at stamps that two recordings share, both measured the same.
@@ -119,20 +119,20 @@ def require_distinct(recordings: Sequence[Recording]) -> None:
 
 
 def _shared(one: Recording, other: Recording) -> tuple[Recording, Recording]:
-    """The samples of two recordings at the stamps that both have."""
+    """The samples of two recordings at their common stamps."""
     first, second = (each.epoch + np.round(each.time * 1e9).astype(np.int64) for each in (one, other))
     _, mine, theirs = np.intersect1d(first, second, return_indices=True)
     return one.part(mine), other.part(theirs)
 
 
 def _alike(one: Recording, other: Recording) -> bool:
-    """Whether positions and efforts are the same."""
+    """Whether positions and efforts are equal."""
     pairs = ((one.position, other.position), (one.effort, other.effort))
     return all(a is b or np.array_equal(a, b, equal_nan=True) for a, b in pairs)  # type: ignore[arg-type]
 
 
 def require_length(recordings: Sequence[Recording]) -> None:
-    """Says how little there is to learn from.
+    """Refuse recordings that are too short to learn from.
 
     Raises:
         RecordingError: the recordings last less than `LEAST_SECONDS` together.
@@ -146,7 +146,7 @@ def require_length(recordings: Sequence[Recording]) -> None:
 
 
 def split(recording: Recording, signals: Signals, holdout: float) -> tuple[Recording, Recording]:
-    """The first part and the last share of the motion: of a robot that stands at its end nothing could be scored.
+    """The first part and the last share of the motion; a standstill at the end of the recording does not count as motion.
 
     Args:
         signals: of all of the recording.
@@ -162,7 +162,7 @@ def split(recording: Recording, signals: Signals, holdout: float) -> tuple[Recor
 def parted(
     recordings: Sequence[Recording], holdout: float, cutoff: float | None
 ) -> list[tuple[Recording, Recording]]:
-    """What to learn from and what to be scored on, of each recording.
+    """The training part and the held-out part of each recording.
 
     Args:
         cutoff: of the low-pass [Hz]; None takes what suits each.
@@ -182,14 +182,14 @@ def parted(
 
 
 def prepared_last(part: Recording, whole: Recording, cutoff: float | None, holdout: float) -> Signals:
-    """Clean signals of what is kept out to be scored."""
+    """Prepared signals of the held-out part."""
     return prepared(part, whole, cutoff, f"its last {100 * holdout:.3g} %, which is kept out to be scored,")
 
 
 def unscored(
     recordings: Sequence[Recording], lasts: Sequence[Recording], tested: Sequence[Signals]
 ) -> list[str]:
-    """What there is to say of joints that could be learned about, but not where they are to be scored: a sentence, or none.
+    """A sentence on joints that move in the training part but not in the held-out part; empty list if there is none.
 
     Args:
         lasts: of each recording what is kept out.
@@ -212,7 +212,7 @@ def unscored(
 
 
 def worse(model: Scores, described: Scores | None, from_nothing: bool) -> list[str]:
-    """What there is to say of joints that a description predicts better than the model does: a sentence, or none.
+    """A sentence on joints that the description predicts better than the model; empty list if there is none.
 
     Args:
         model, described: of the same samples, which the model was not learned from.
@@ -233,8 +233,7 @@ def worse(model: Scores, described: Scores | None, from_nothing: bool) -> list[s
 
 
 def hardly_better(model: Scores, described: Scores | None, recordings: Sequence[Recording]) -> list[str]:
-    """What there is to say of joints that move, and that the model predicts about as badly as the description: a sentence, or
-    none.
+    """A sentence on moving joints that the model predicts about as badly as the description; empty list if there is none.
 
     Args:
         model, described: as of `worse`, which tells those that the description predicts better.

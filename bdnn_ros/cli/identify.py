@@ -1,4 +1,4 @@
-"""`bdnn identify`: a model of the robot from its recordings."""
+"""`bdnn identify`: identifies a model of the robot from its recordings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HOLDOUT = 0.2
 
 
 class Told(NamedTuple):
-    """What there is to say of the data: what it leaves open, and what several recordings agree on."""
+    """Remarks on the data, and the parameters on which several recordings agree or differ."""
 
     remarks: list[Remark]
     agreements: list[Agreement]
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Identify, score on what was held out, write the model."""
+    """Identify, score on the held-out parts, write the model."""
     outputs.require_model_place(args.out)
     spread = learning.checked_spread(args)
     recordings, robot = loading.load(args, needs_robot=args.prior == "urdf")
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) -> None:
-    """Draw measured, simulated and learned effort of what was held out."""
+    """Draw measured, simulated and identified effort of the held-out part."""
     from bdnn_ros.report.plots import identification_png
 
     assert signals.effort is not None
@@ -140,7 +140,7 @@ def _parameters(
     spread: Spread | None,
     disturbed: bool,
 ) -> tuple[dict[str, Any], Told]:
-    """What was identified and how sure it is, for parameters.json; and what the data leaves open."""
+    """The content of parameters.json, and the remarks on the data."""
     from bdnn_ros.checks import data
     from bdnn_ros.online.identifier import Identifier
     from bdnn_ros.physical import agreement, parameters_report
@@ -156,7 +156,7 @@ def _parameters(
 
 
 def _tell(told: Told, path: Path) -> None:
-    """Say the first of it, and where the rest is."""
+    """Print the most important remarks, and the file that has the rest."""
     for sentence in options.shortened([str(remark) for remark in told.remarks], MOST_REMARKS, path):
         options.say(sentence)
     differing = sorted((one for one in told.agreements if one.differs), key=lambda one: one.by_motion)
@@ -168,7 +168,7 @@ def _tell(told: Told, path: Path) -> None:
 
 
 def _are_parameters_of(model: Path, path: Path) -> bool:
-    """Whether a file tells what was identified of a model: not that of another model beside it, nor somebody else's."""
+    """Whether the file is the parameters.json of this model, and not another model's or somebody else's."""
     from bdnn_ros.physical import parameters_report
     from bdnn_ros.physical.model import PhysicalModel
 

@@ -1,4 +1,4 @@
-"""`bdnn info`: what a bag holds, and whether it is fit for identification."""
+"""`bdnn info`: the content of a bag, and whether it is fit for identification."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FEW_REVERSALS = 2
 
 @dataclass(frozen=True)
 class Excitation:
-    """What one joint did.
+    """The motion of one joint.
 
     Attributes:
         lower, upper: range of the position [rad].
@@ -68,7 +68,7 @@ class Excitation:
     moves: bool
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values, null for what is not known."""
+        """Plain values, null where unknown."""
         return {k: numbers([v])[0] if isinstance(v, float) else v for k, v in vars(self).items()}
 
 
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Tell what is there, then whether it will do; the reason why not is the error."""
+    """Print what the bag contains, then whether it is usable; if not, the reason is the error."""
     topics = bags.topics(args.bags[0])
     report: dict[str, Any] = {"bag": spelled(args.bags[0]), "topics": [vars(topic) for topic in topics]}
     problem, robot = None, None
@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _of_the_description(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:
-    """What is doubtful about the robot's description, or why the bag's cannot be used."""
+    """Doubts about the robot description, or why the one in the bag cannot be used."""
     if robot is None:
         problem = unusable([recording])
         return [problem] if problem else []
@@ -124,7 +124,7 @@ def _of_the_description(recording: Recording, signals: Signals, robot: Robot | N
 
 
 def _of_the_efforts(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:
-    """What load or contact comes and goes, and what the efforts had passed before they were recorded."""
+    """Remarks on a load or contact that comes and goes, and on low-passes that the efforts have passed."""
     if robot is None or signals.effort is None:
         return []
     load = [str(remark) for told in (handled, pushed) for remark in told(recording, signals, robot)]
@@ -159,7 +159,7 @@ def timing(recording: Recording) -> dict[str, Any]:
 
 
 def excitation(recording: Recording, signals: Signals, limits: Limits | None) -> list[Excitation]:
-    """What each joint did, and how much of it at a limit."""
+    """The motion of each joint, and how much of it is at a limit."""
     saturated, fast = _saturated(recording, limits), np.zeros(recording.width)
     if limits is not None:
         fast = np.mean(np.abs(signals.velocity) >= AT_LIMIT * limits.velocity, axis=0)
@@ -185,7 +185,7 @@ def excitation(recording: Recording, signals: Signals, limits: Limits | None) ->
 
 
 def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
-    """What a usable recording still lacks, one sentence each."""
+    """Weaknesses of a usable recording, one sentence each."""
     found = []
     if round(recording.recorded, 1) < ENOUGH:  # as it is said: 2500 samples at 250 Hz are 9.996 s
         found.append(

@@ -1,4 +1,4 @@
-"""What `bdnn identify` learns, from which prior and with which architecture."""
+"""The learning options of `bdnn identify`: prior, architecture, spread."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STOPS_BY = 0.2
 
 
 def add_learning_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments that choose what is learned, and how."""
+    """Arguments that choose the prior, the architecture and the budget."""
     parser.add_argument(
         "--prior",
         choices=("urdf", "none"),
@@ -61,7 +61,7 @@ def add_learning_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def checked_spread(args: argparse.Namespace) -> Spread | None:
-    """The spread that the arguments ask for, None where they do not.
+    """The prior spread given by --spread, None without; checks that the arguments are compatible.
 
     Raises:
         UsageError: it is none, or the arguments do not go together.
@@ -89,14 +89,14 @@ def checked_spread(args: argparse.Namespace) -> Spread | None:
 
 
 def has_parameters(args: argparse.Namespace) -> bool:
-    """Whether the model has physical parameters, of links and joints, rather than being a BDNN."""
+    """Whether the model has physical parameters of links and joints, rather than being a BDNN."""
     return args.prior == "urdf" and args.architecture is None
 
 
 def learned(
     args: argparse.Namespace, robot: Robot | None, training: Sequence[Recording], spread: Spread | None
 ) -> Model:
-    """The model of some recordings.
+    """The model identified from the recordings.
 
     Raises:
         BdnnError: there is no URDF to start from or it has no masses, or the recordings do not suffice.
@@ -134,7 +134,7 @@ def _spread(given: Sequence[str]) -> Spread | None:
 
 
 def _bdnn(args: argparse.Namespace, prior: Robot | None, training: Sequence[Recording]) -> Model:
-    """A BDNN that chooses and stops by the last of what there is to learn from."""
+    """A BDNN, validated on the last part of the training recordings."""
     from bdnn_ros.bdnn.training import identify
 
     parts = [(one, fitness.split(one, prepare(one, args.cutoff), STOPS_BY)) for one in training]
@@ -151,7 +151,7 @@ def _bdnn(args: argparse.Namespace, prior: Robot | None, training: Sequence[Reco
 
 
 def _progress(share: float, what: str) -> None:
-    """Progress on a terminal only: a log wants none of it."""
+    """Progress on a terminal only, not in logs."""
     if sys.stderr.isatty():
         end = "" if share < 1.0 else "\n"
         print(f"\r{100.0 * share:3.0f} % {what:40.40}", end=end, file=sys.stderr, flush=True)

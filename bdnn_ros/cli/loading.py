@@ -1,4 +1,4 @@
-"""The recordings and the robot that the arguments of a verb ask for."""
+"""Loads the recordings and the robot that the arguments of a verb name."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def load(
     undisturbed: bool = False,
     picks: bool = False,
 ) -> tuple[list[Recording], Robot | None]:
-    """The recordings that the arguments ask for, all with the same joints, and their robot.
+    """The recordings that the arguments name, all with the same joints, and their robot.
 
-    The robot is that of --urdf, else of the (first) bag's description, else of --robot; None without any.
-    Its joints and the recordings' are the model's, else --joints, else those of the robot that every bag has.
-    What is left out or repaired is said on stderr.
+    The robot is that of --urdf, else of the description in the (first) bag, else of --robot; None without any. The joints are
+    those of the model, else --joints, else those of the robot that every bag has. What is left out or repaired is reported on
+    stderr.
 
     Args:
         model: its joints must be there.
@@ -81,7 +81,7 @@ def load(
 
 
 def require_efforts(args: argparse.Namespace, recordings: Sequence[Recording]) -> None:
-    """Refuses efforts that say nothing of the motion; commands that their bag holds may stand for them.
+    """Refuse efforts that do not respond to the motion; suggests effort commands if the bag has them.
 
     Raises:
         RecordingError: as `fitness.require_measured`.
@@ -102,7 +102,10 @@ def require_efforts(args: argparse.Namespace, recordings: Sequence[Recording]) -
 
 
 def disturbed(args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot | None) -> bool:
-    """Whether joints that a robot leaves out move in the bags so that its own feel it: no convention shows in efforts then."""
+    """Whether joints outside the selection move in the bags so that the selected ones feel it.
+
+    Conventions cannot be checked by the efforts then.
+    """
     if robot is None:
         return False
     complete = Robot.from_urdf(robot.urdf, with_mimics(Robot.from_urdf(robot.urdf)))
@@ -110,7 +113,7 @@ def disturbed(args: argparse.Namespace, recordings: Sequence[Recording], robot: 
 
 
 def load_every(args: argparse.Namespace, model: Model) -> bags.EveryState:
-    """Every joint state of the bag that the arguments ask for, with a model's joints; what is left out is said on stderr.
+    """Every joint state of the bag that the arguments name, with the model's joints; reports on stderr what is left out.
 
     Raises:
         BdnnError: as `bags.read_every` and `Robot.from_urdf`.
@@ -133,7 +136,7 @@ def load_every(args: argparse.Namespace, model: Model) -> bags.EveryState:
 
 
 def along(model: Known, recording: Recording) -> Known:
-    """A model as it acts along a recording: what acts at times of other recordings only is left out, which is said."""
+    """The model as it applies to a recording; effects bound to times of other recordings are left out, which is reported."""
     if not isinstance(model, KnowsTimes):
         return model
     there, left_out = model.along(recording)
@@ -143,7 +146,7 @@ def along(model: Known, recording: Recording) -> Known:
 
 
 def shown(args: argparse.Namespace, joints: Sequence[str]) -> tuple[str, ...]:
-    """The joints of a model that --joints picks, in its order; all of them without it.
+    """The joints of a model that --joints selects, in its order; all of them without it.
 
     Raises:
         UsageError: it picks none, or one that the model does not have, which only the order of commands may name.
@@ -159,12 +162,12 @@ def shown(args: argparse.Namespace, joints: Sequence[str]) -> tuple[str, ...]:
 
 
 def _held(args: argparse.Namespace, joints: Sequence[str]) -> Sequence[str]:
-    """What a bag is read for: --joints, the order of its commands, where that holds all of some joints; else those."""
+    """The joints to read from a bag: --joints (the order of its commands) if it contains all the required ones, else those."""
     return args.joints if {*joints} <= {*args.joints} else joints
 
 
 def require_joints(args: argparse.Namespace, joints: Sequence[str], whose: str = "model") -> None:
-    """Refuses --joints that leave out one of a model's, or of a diagnosis's.
+    """Refuse --joints that leave out a joint of a model or a diagnosis.
 
     Raises:
         UsageError: they do.
@@ -178,7 +181,7 @@ def require_joints(args: argparse.Namespace, joints: Sequence[str], whose: str =
 
 
 def _robot(args: argparse.Namespace, needed: bool, chosen: bool) -> Robot | None:
-    """The robot of --urdf, else of the bags, else of --robot; it says which joints joint states are then read for.
+    """The robot of --urdf, else of the bags, else of --robot; its joints decide which joint states are read.
 
     Raises:
         BdnnError: as `describing.robot_of_file` and `describing.described_robot`, or a bag cannot be read.
@@ -195,7 +198,7 @@ def _robot(args: argparse.Namespace, needed: bool, chosen: bool) -> Robot | None
 
 
 def _every_joint(robot: Robot | None, model: Model | None) -> Sequence[str]:
-    """All joints of the robot, else of that which the model is of; none where neither is known."""
+    """All joints of the robot, else of the robot that the model describes; empty if neither is known."""
     robot = robot or description_of(model)
     return Robot.from_urdf(robot.urdf).joints if robot else ()
 
@@ -208,9 +211,9 @@ def _fitted(
     needed: bool,
     model: Model | None,
 ) -> Robot | None:
-    """The robot with these joints, others where the recordings or else the model have them stand.
+    """The robot with these joints, the others held where the recordings, or else the model, have them.
 
-    None where it lacks one and is not needed.
+    None if it lacks a joint and is not needed.
     """
     own = description_of(model)
     try:
@@ -224,7 +227,7 @@ def _fitted(
 def _of_all_joints(
     args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot
 ) -> list[Recording]:
-    """The recordings of the bags with the positions of all joints of the URDF that these hold, whoever tells them."""
+    """The recordings with the positions of all joints of the URDF that the bags contain."""
     return [_with_others(path, args, one, robot) for path, one in zip(args.bags, recordings, strict=True)]
 
 
@@ -241,7 +244,7 @@ def _with_others(path: Path, args: argparse.Namespace, recording: Recording, rob
 def _convention(
     args: argparse.Namespace, recordings: Sequence[Recording], robot: Robot | None
 ) -> EffortConvention | None:
-    """How the recorded efforts become those that drive the joints; None where they are."""
+    """How reported efforts become the efforts that drive the joints; None if they are the same."""
     if not args.effort_factor and not args.add_gravity:
         return None
     if args.add_gravity and robot is None:
@@ -250,13 +253,13 @@ def _convention(
 
 
 def _with_notes(recording: Recording) -> Recording:
-    """The recording as it was read but for copies, at its driver's rate, with notes on what every use of it will mend."""
+    """The recording without duplicated samples, with notes on what will be repaired whenever it is used."""
     recording = without_copies(recording)
     return replace(recording, notes=mended(recording).notes)
 
 
 def say_unusable(recordings: Sequence[Recording]) -> None:
-    """Says why there is nothing to compare with although a bag holds a description."""
+    """Report why a description in the bags cannot be used for comparison."""
     problem = unusable(recordings)
     if problem:
         say(problem)

@@ -1,4 +1,4 @@
-"""`bdnn VERB ...`: finds the verb, runs it, turns what goes wrong into one sentence and an exit status."""
+"""`bdnn VERB ...`: runs the verb and turns every error into one sentence and an exit status."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ PATIENCE = 5.0
 
 
 class Ended(KeyboardInterrupt):
-    """A signal has come that ends the work.
+    """A signal has asked to stop.
 
     Args:
         number: the signal's.
@@ -60,7 +60,7 @@ class Ended(KeyboardInterrupt):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose complaints are errors like all others."""
+    """An argument parser that raises `UsageError`."""
 
     def error(self, message: str) -> NoReturn:
         """Raises `UsageError`."""
@@ -68,7 +68,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one command line and returns its exit status: 0 done, 1 the data cannot answer, 2 wrong usage."""
+    """Run one command line; returns the exit status: 0 done, 1 the data cannot answer, 2 wrong usage."""
     words = list(sys.argv[1:] if argv is None else argv)
     _open_closed_streams()
     _print_anything()
@@ -98,7 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _signals() -> Iterator[None]:
-    """Raises `Ended` where a signal of `ENDING` comes meanwhile, unless somebody else minds it, as nohup does."""
+    """Raise `Ended` when a signal of `ENDING` arrives, unless it is ignored (as under nohup)."""
     main_thread = threading.current_thread() is threading.main_thread()
     before = {number: signal.getsignal(number) for number in ENDING if main_thread}
     minded = [number for number, handler in before.items() if handler in UNMINDED]
@@ -121,9 +121,9 @@ def _signals() -> Iterator[None]:
 
 
 def _open_closed_streams() -> None:
-    """Of a stream that the caller closed Python makes None; what is printed there goes nowhere, and no file takes its place.
+    """Replace standard streams that the caller has closed by /dev/null, here and for child processes.
 
-    Nor in a process that this one starts: it gets the stream as well.
+    Otherwise Python sets them to None, and the next file that is opened would take their place.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -133,7 +133,7 @@ def _open_closed_streams() -> None:
 
 
 def _print_anything() -> None:
-    """A terminal or pipe that lacks a character gets its code: units have a dot, and names may have any letter."""
+    """Print characters that the terminal or pipe cannot encode as escapes instead of failing."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -170,7 +170,7 @@ def _help() -> str:
 
 
 def _of_a_file(error: OSError) -> str:
-    """What to say of a file that nobody else has said anything of: the result's printed on a full disk, for example."""
+    """The message for a file error that nothing else has handled, such as a full disk behind stdout."""
     remedy = " Make room on its disk." if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
     where = error.filename or "the standard output or a temporary file"
     return f"{error.strerror or error}: {where}.{remedy}"

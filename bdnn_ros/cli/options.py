@@ -1,4 +1,4 @@
-"""Options that several verbs share, and how they talk."""
+"""Options that several verbs share, and output to the user."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ USUAL_CUTOFF = "low-pass of all signals (default: 10, or a sixth of the rate if 
 def add_recording_arguments(
     parser: argparse.ArgumentParser, bags: Literal["one", "many"], cutoff: str = USUAL_CUTOFF
 ) -> None:
-    """BAG, what to read from it and how to clean it, and the robot.
+    """BAG, what to read from it and how to filter it, and the robot.
 
     Args:
         cutoff: what the low-pass does for the verb.
@@ -75,7 +75,7 @@ def add_recording_arguments(
 
 
 def _add_effort_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which efforts to read, and what they are."""
+    """Which efforts to read, and how to convert them."""
     parser.add_argument(
         "--effort-commands",
         metavar="TOPIC",
@@ -121,12 +121,12 @@ def add_joints_argument(parser: argparse.ArgumentParser, text: str) -> None:
 
 
 def say(sentence: str) -> None:
-    """Tells the user something beside the result."""
+    """Tell the user something on stderr."""
     print(f"bdnn: note: {sentence}", file=sys.stderr)
 
 
 def say_unread_commands(args: argparse.Namespace) -> None:
-    """Tells of a topic of commands of which nothing is read, so that nobody takes measured efforts for commands."""
+    """Warn that --effort-commands has no effect without --effort command."""
     if args.effort_commands is not None and args.effort != "command":
         say(
             f"--effort-commands {args.effort_commands} is not read: the efforts are the measured ones. "
@@ -135,25 +135,25 @@ def say_unread_commands(args: argparse.Namespace) -> None:
 
 
 def say_mimics(robot: Robot) -> None:
-    """Tells which joints a motion leaves alone because they mimic another."""
+    """Report joints that a motion leaves out because they mimic another."""
     if mimics := held_mimics(robot):
         say(f"{standing_still(mimics)}, not moved on its own.")
 
 
 def counted(count: int, what: str) -> str:
-    """So many of something, as `1 joint` and `2 joints`."""
+    """A count with its noun: `1 joint`, `2 joints`."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def shortened(sentences: Sequence[str], most: int, where: Path) -> list[str]:
-    """The first of some sentences, and how many more there are elsewhere."""
+    """The first sentences, and how many more there are in a file."""
     more = len(sentences) - most
     return [*sentences[:most], f"{more} more in {where}."] if more > 0 else list(sentences)
 
 
 @contextmanager
 def progress(label: str) -> Iterator[Progress]:
-    """A bar on stderr, on a terminal only: a callback that takes what is done and how much there is."""
+    """A progress bar on stderr (terminals only): a function of the amount done and the total."""
     with tqdm(desc=label, disable=not sys.stderr.isatty(), leave=False, unit_scale=True) as bar:
 
         def show(done: int, total: int) -> None:
@@ -165,7 +165,7 @@ def progress(label: str) -> Iterator[Progress]:
 
 @contextmanager
 def stages(label: str) -> Iterator[Callable[[str], None]]:
-    """What is being done, on one line of stderr, on a terminal only: a callback that takes it."""
+    """A line on stderr (terminals only) that shows the present stage: a function of its name."""
     with tqdm(
         total=0,
         bar_format="{desc} ({elapsed})",

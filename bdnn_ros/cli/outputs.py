@@ -1,4 +1,4 @@
-"""Where results go: files that appear whole, and places that cannot hold any refused before the work."""
+"""Output files that appear only when complete; places that cannot be written are refused before the work begins."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from bdnn_ros.written import whole
 
 
 def require_directory(path: Path) -> None:
-    """Refuses a directory for results that is none and cannot be made, or that nothing can be put into, which is tried.
+    """Refuse an output directory that cannot be made or written to, which is tried.
 
-    Permissions alone do not tell: some file systems, as /proc, take nothing from anybody.
+    Permissions alone do not tell: some file systems, such as /proc, accept no files.
 
     Raises:
         UsageError: a file is in its way, or there is no permission or no room.
@@ -40,7 +40,7 @@ def require_directory(path: Path) -> None:
 
 
 def require_model_place(path: Path) -> None:
-    """Refuses what `save_model` cannot write to: a file if it ends in `.bdnn`, else a directory.
+    """Refuse a place where `save_model` cannot write: a file if it ends in `.bdnn`, else a directory.
 
     Raises:
         UsageError: as `require_directory`; or a file is there that is no model.
@@ -51,7 +51,7 @@ def require_model_place(path: Path) -> None:
 
 
 def require_file(path: Path) -> None:
-    """Refuses a file for results that cannot be one.
+    """Refuse a path at which no output file can be written.
 
     Raises:
         UsageError: it is a directory, or there can be none around it; a device or a pipe needs none.
@@ -64,13 +64,13 @@ def require_file(path: Path) -> None:
 
 
 def _real(path: Path) -> Path:
-    """Where a path leads, whether there is something or not: a link stays one."""
+    """The path with links resolved, whether or not it exists."""
     return Path(os.path.realpath(path))
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[TextIO]:
-    """A text file that appears under its name only when it is complete; a device or a pipe is written to as it is.
+    """Open a text file that takes its name only when complete; devices and pipes are written to directly.
 
     Raises:
         UsageError: it is a directory, or cannot be written.
@@ -92,10 +92,10 @@ def written_whole(path: Path) -> Iterator[TextIO]:
 
 @contextmanager
 def written_together(out: Path, refuse: Callable[[], None] = lambda: None) -> Iterator[Path]:
-    """A place beside the results for files and directories that then appear in a directory together: all or none.
+    """A temporary directory whose content moves to `out` at the end: all of it or nothing.
 
-    What was there under their names goes when all of them are written, and comes back if they cannot take its place.
-    Of results that are written at once one after the other takes its place.
+    What had these names before is removed only when all is written, and restored if the move fails. Concurrent writers take
+    turns with the move, so that results never mix.
 
     Args:
         out: the directory, made if there is none.
@@ -129,7 +129,7 @@ def written_together(out: Path, refuse: Callable[[], None] = lambda: None) -> It
 
 @contextmanager
 def _alone(directory: Path) -> Iterator[None]:
-    """Whoever else wants to be alone in the directory waits; nobody does where it cannot be locked, as on some network disks."""
+    """Lock the directory against other writers; where it cannot be locked (some network disks) it is not."""
     descriptor = os.open(directory, os.O_RDONLY)
     try:
         with suppress(OSError):
@@ -140,7 +140,7 @@ def _alone(directory: Path) -> Iterator[None]:
 
 
 def _exchange(new: Path, old: Path, out: Path) -> None:
-    """Moves all from one directory to another, and what is there under these names to a third; undone if it fails."""
+    """Move everything from `new` to `out`, and what had these names there to `old`; undone on failure."""
     places = {name: _place(out / name) for name in sorted(path.name for path in new.iterdir())}
     try:
         for name, place in places.items():
@@ -158,7 +158,7 @@ def _exchange(new: Path, old: Path, out: Path) -> None:
 
 
 def _place(path: Path) -> Path:
-    """Where what takes this name is put: where a link leads, unless that is a directory."""
+    """Where a file of this name is really put: through a link, unless it leads to a directory."""
     return path if path.is_dir() else _real(path)
 
 

@@ -1,4 +1,4 @@
-"""`bdnn predict`: the effort a model expects along a recording."""
+"""`bdnn predict`: the effort that a model predicts along a recording."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Predict and write one row a joint state, whether or not something can be predicted there."""
+    """Write one row per joint state, also where nothing can be predicted."""
     if args.out:
         outputs.require_file(args.out)
     model = load_model(args.model)
@@ -74,12 +74,12 @@ def run(args: argparse.Namespace) -> int:
 def effort_along(
     model: Model, recording: Recording, cutoff: float | None = None, progress: Progress | None = None
 ) -> np.ndarray:
-    """The effort a model expects at every joint state, (N, n) [N·m].
+    """The predicted effort at every joint state, (N, n) [N·m].
 
-    The model sees the low-passed motion at the working rate; between its samples the effort is interpolated
-    monotonely (PCHIP). The low-pass needs samples on both sides, so every gap-free piece is continued at its
-    ends by its point reflection and a parabola, which keep position, velocity and acceleration continuous. A
-    piece too short even so has the effort of its positions at the reported velocity (or none), unaccelerated.
+    The model sees the low-passed motion at the working rate; its effort is interpolated monotonically (PCHIP). The low-pass
+    needs samples on both sides, so every gap-free piece is extended at its ends by point reflection and a parabola, which
+    keeps position, velocity and acceleration continuous. In pieces that are too short even so, the effort is that of the
+    positions at the reported velocity (or zero), without acceleration.
 
     Args:
         cutoff: of the low-pass [Hz]; None takes the usual one.
@@ -114,7 +114,7 @@ def _unaccelerated(model: Model, piece: Recording) -> np.ndarray:
 
 
 def _continued(piece: Recording, cutoff: float) -> Recording:
-    """A piece continued at both ends as far as the low-pass reaches.
+    """A piece extended at both ends as far as the low-pass reaches.
 
     Beyond the end e: q(e + s) = 2 q(e) - q(e - s) + a s², with the acceleration a of a parabola through the
     last samples.
@@ -149,7 +149,7 @@ def _acceleration_at(piece: Recording, end: int, window: float) -> np.ndarray:
 
 
 def _lines(every: EveryState, effort: np.ndarray) -> Iterator[str]:
-    """The CSV in blocks: stamps are the bag's, to the nanosecond; a cell is empty where nothing is known."""
+    """The CSV in blocks; stamps are the bag's to the nanosecond, and cells without a value are empty."""
     kinds = ("effort", "measured")
     yield csv_header(["time", *(f"{joint}.{kind}" for joint in every.motion.joints for kind in kinds)])
     for start in range(0, len(every), ROWS_AT_ONCE):

@@ -1,4 +1,4 @@
-"""`bdnn replay`: the online identifier over a bag, and its error against time."""
+"""`bdnn replay`: runs the live learner over a bag and shows its error against time."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay, print the error of each second by the model of the time, save the last one."""
+    """Replay, print the error of each second under the model of that time, save the last model."""
     if args.rate is not None and not 0.0 < args.rate < float("inf"):
         raise UsageError(
             f"--rate {args.rate:g} is not a speed above 0.",
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def replayed(learning: Learning, recording: Recording, rate: float | None = None) -> Iterator[Error]:
-    """Feed a recording to the identifier as a stream would; yields each chunk's error before it is learned.
+    """Feed a recording to the learner as a stream would; yields each chunk's error before it is learned from.
 
     Args:
         rate: speed as a multiple of the recording's own, above 0; None for as fast as it goes.

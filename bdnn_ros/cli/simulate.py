@@ -1,4 +1,4 @@
-"""`bdnn simulate`: a recording of a simulated robot, with the truth beside it."""
+"""`bdnn simulate`: records a simulated robot, with the truth beside the bag."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_sensor_arguments(parser: argparse.ArgumentParser) -> None:
-    """How well the sensors measure."""
+    """Arguments for the quality of the sensors."""
     parser.add_argument(
         "--noise",
         metavar="SHARE",
@@ -98,7 +98,7 @@ def _add_sensor_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate, write the bag and the truth, say where."""
+    """Simulate, write the bag and the truth, print where."""
     outputs.require_directory(args.out)
     robot, found = _robot(args), None
     if args.effects:
@@ -163,7 +163,7 @@ def _refuse_existing(bag: Path, overwrite: bool) -> None:
 
 
 def _say_left_out(found: EffectsFile, args: argparse.Namespace) -> None:
-    """Tells what a truth.yaml holds beside effects, where it is not asked for: friction, rotors and links of its robot."""
+    """Report the parts of a truth.yaml other than effects (friction, rotors, links of its robot) that are not used."""
     truth, what, needed = found.content, list[str](), list[str]()
     wrong = truth.get("wrong") or 0.0
     if truth.get("worn"):
@@ -182,7 +182,7 @@ def _say_left_out(found: EffectsFile, args: argparse.Namespace) -> None:
 
 
 def _say_held(simulated: Simulated) -> None:
-    """Tells which joints hardly do what is planned."""
+    """Report joints that hardly follow the plan."""
     planned, moved = (np.ptp(each, axis=0) for each in (simulated.plan.position, simulated.motor_position))
     for joint, want, did in zip(simulated.recording.joints, planned, moved, strict=True):
         if did < HARDLY * want:

@@ -1,4 +1,4 @@
-"""Cells of the tables that verbs print."""
+"""Formatting of the tables that verbs print."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from bdnn_ros.scores import Scores
 
 
 def csv_header(names: Sequence[str]) -> str:
-    """The first line of a CSV; joints may have commas and quotes in their names."""
+    """The first line of a CSV; joint names may contain commas and quotes."""
     line = io.StringIO()
     csv.writer(line, lineterminator="\n").writerow(names)
     return line.getvalue()
 
 
 def cell(value: float, width: int, digits: str) -> str:
-    """A number as a format says, in a column; `-` for what is not known."""
+    """A formatted number of a column; `-` if unknown."""
     return f"{'-' if math.isnan(value) else format(value, digits):>{width}}"
 
 
 def headed(robot: Robot | None, title: str, unit: str) -> str:
-    """The head of a column with its unit, which the rows have where a joint slides."""
+    """The head of a column with its unit; if any joint slides, the units stand in the rows instead."""
     return title if some_slide(robot) else f"{title} [{printed(unit)}]"
 
 
 def labels(robot: Robot | None, joints: Sequence[str], *units: str) -> list[str]:
-    """What the rows of joints begin with: their names; and where one slides, the units of each, given for those that turn."""
+    """The first cells of the joints' rows: the name, and if any joint slides, its units (given for revolute joints)."""
     if robot is None or not some_slide(robot):
         return list(joints)
     width = max(map(len, joints))
@@ -41,12 +41,12 @@ def labels(robot: Robot | None, joints: Sequence[str], *units: str) -> list[str]
 
 
 def some_slide(robot: Robot | None) -> bool:
-    """Whether a table has rows of joints that are known to slide."""
+    """Whether any joint is known to be prismatic."""
     return robot is not None and bool(robot.slides.any())
 
 
 def mean_of(scores: Scores) -> str:
-    """What the row of the means is called: of which joints, where those are not all."""
+    """The label of the row of means, with the number of joints if it is not all of them."""
     count = len(scores.joints)
     if scores.in_mean == count:
         return "mean"

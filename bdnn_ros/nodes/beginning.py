@@ -1,4 +1,4 @@
-"""The beginning of every node: ROS is started, or it is said in one sentence why not; and its end, undisturbed."""
+"""Start-up and shutdown that all nodes share, and what happens to exceptions in their callbacks."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ ERROR_PERIOD = 60.0
 
 
 def begin(arguments: list[str] | None) -> None:
-    """Start ROS with these arguments, the command line's where they are None.
+    """Initialise ROS with these arguments, or with those of the command line where they are None.
 
-    SIGTERM, and a terminal that goes, then interrupt whatever is under way as Ctrl-C does.
+    SIGTERM and the hang-up of the terminal (SIGHUP) interrupt the node like Ctrl-C.
 
     Raises:
         UsageError: what follows --ros-args cannot be understood.
@@ -47,19 +47,19 @@ def begin(arguments: list[str] | None) -> None:
 
 
 def undisturbed() -> None:
-    """Ignore signals from now on: a second one must not break off what a node does at its end."""
+    """Ignore further signals, so that a second Ctrl-C does not interrupt the shutdown."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
 
 def end() -> None:
-    """End ROS, unless what ROS does at a signal is ending it at this very moment."""
+    """Shut ROS down; does nothing if its own signal handler is doing so at the same time."""
     with suppress(RuntimeError):  # of rclpy's binding, where both found it running and the other was first
         rclpy.try_shutdown()
 
 
 def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """The lifecycle transition, but that an error of the program in it is printed: rclpy says nothing of it."""
+    """Decorate a lifecycle transition to print the traceback of an exception, which rclpy swallows."""
 
     @wraps(transition)
     def telling(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
@@ -75,7 +75,7 @@ def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]
 def outlived(
     method: Callable[Concatenate[Self, Arguments], None],
 ) -> Callable[Concatenate[Self, Arguments], None]:
-    """The method of a node, but that an error of the program in it is logged and does not end the node, while ROS runs."""
+    """Decorate a callback of a node so that an exception in it is logged and does not end the node, as long as ROS runs."""
 
     @wraps(method)
     def outliving(node: Self, *arguments: Arguments.args, **named: Arguments.kwargs) -> None:

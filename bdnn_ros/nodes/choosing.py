@@ -1,4 +1,4 @@
-"""The joints that the node uses: those that it is told to, else all but one drive's two."""
+"""Selection of the joints that the identification node uses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from bdnn_ros.robot.urdf import refuse_free
 
 
 def with_joints(robot: Robot, joints: Sequence[str]) -> Robot:
-    """The robot with these joints only, in this order; where none is named all but `leading` and those that mimic another.
+    """The robot with these joints only, in this order.
+
+    Without names: all movable joints except mimic joints and the leaders that `leading` finds.
 
     Raises:
         RobotError: none is named, and one has more than one degree of freedom.
@@ -32,9 +34,10 @@ def with_joints(robot: Robot, joints: Sequence[str]) -> Robot:
 
 
 def leading(robot: Robot) -> dict[str, str]:
-    """Joints of a robot that move another as well, and which: both are one drive. None where the robot has no others.
+    """Joints that other joints mimic, so that one drive moves two joints, with the mimic joint of each.
 
-    Nor any that carries others of the robot's, as of an arm with parallel links: they would feel it stand where it does not.
+    Left out are leaders that carry further joints of the robot, as in an arm with parallel links: those joints would feel the
+    leader stand where it does not. Empty if the robot has no other joints.
     """
     ends = [joint for joint, carried in zip(robot.joints, robot.carried, strict=True) if not carried]
     found = {leader: joint for joint, leader in mimicking(robot.urdf).items() if leader in ends}
@@ -42,6 +45,6 @@ def leading(robot: Robot) -> dict[str, str]:
 
 
 def one_drive(led: Mapping[str, str]) -> str:
-    """Why joints are left out that move others as well."""
+    """The message that says why leaders of mimic joints are left out."""
     pairs = listed([f"{leader} moves {joint} as well, which mimics it" for leader, joint in led.items()])
     return f"{pairs}: left out, unless the parameter joints names it"

@@ -1,4 +1,4 @@
-"""What the node's parameters tell a session."""
+"""From node parameters to the settings of a session."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from bdnn_ros.online import serving
 
 
 def session_settings(settings: Settings) -> serving.Settings:
-    """What a session is told once, by the values of `IDENTIFICATION`."""
+    """The settings of a session by the values of the parameters `IDENTIFICATION`."""
     return serving.Settings(
         effort_source=settings["effort_source"],
         effort_factors=tuple(settings["effort_factors"]),

@@ -1,4 +1,4 @@
-"""Between messages and arrays: what is asked is checked by name, what is answered is filled in."""
+"""Between ROS messages and arrays: requests are validated with messages that name the field, responses are filled in."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from bdnn_ros.readings import credible
 
 
 def stamp(nanoseconds: int) -> Time:
-    """A stamp of [ns]."""
+    """A ROS time from nanoseconds."""
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
 def numbers(values: np.ndarray) -> array.array[float]:
-    """Values in row-major order, in the type whose elements a message does not check one by one."""
+    """Values in row-major order as an `array.array`, whose elements rclpy does not check one by one."""
     return array.array("d", np.ascontiguousarray(values, float).tobytes())
 
 
 def requested(
     joints: Sequence[str], names: Sequence[str], fields: dict[str, Sequence[float]]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """What a request asks, in the model's order.
+    """The fields of a service request, validated and put in the order of the model's joints.
 
     Args:
         joints: the model's n joints.
@@ -73,12 +73,12 @@ def requested(
 
 
 def _shown(name: str) -> str:
-    """A name as a sentence shows it: quoted where it would not be seen otherwise."""
+    """A joint name for a message: quoted if it is empty, not printable, or begins or ends with a blank."""
     return name if name.isprintable() and name.strip() == name and name else repr(name)
 
 
 def estimate_message(joints: Sequence[str], instant: Instant, parts: Parts, version: int) -> DynamicsEstimate:
-    """Everything about one instant; an effort that was not measured is NaN, and left empty where none was."""
+    """The estimate at one instant as a message; NaN marks an effort that was not measured, an empty list that none was."""
     message = DynamicsEstimate()
     message.header.stamp = stamp(instant.stamp)
     message.joint_names = list(joints)
@@ -99,7 +99,7 @@ def estimate_message(joints: Sequence[str], instant: Instant, parts: Parts, vers
 
 
 def effort_message(joints: Sequence[str], instant: Instant, parts: Parts) -> JointState:
-    """The estimated effort as a joint state of the same stamp."""
+    """The estimated effort as a JointState with the stamp of the instant."""
     message = JointState()
     message.header.stamp = stamp(instant.stamp)
     message.name = list(joints)
@@ -122,7 +122,7 @@ def findings_message(diagnosis: dict[str, Any], now: Time) -> Findings:
 
 
 def nothing_yet_message(now: Time) -> Findings:
-    """What is found before any diagnosis: nothing, as nothing was looked at."""
+    """The message before the first diagnosis: no findings, because nothing was examined."""
     message = Findings()
     message.header.stamp = now
     message.verdict = "cannot_tell"

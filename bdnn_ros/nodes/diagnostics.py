@@ -1,4 +1,4 @@
-"""What the node tells on /diagnostics: once a second, in numbers."""
+"""The status that the node publishes on /diagnostics once a second, and the warnings in its log."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ UNSTAMPED = "joint_states comes without stamps: when it was sent stands for them
 
 
 class Warnings:
-    """What also goes to the log, each subject once in a while.
+    """Writes warnings to the log without repeating the same one every second.
 
     Args:
         log: writes one warning.
@@ -50,8 +50,12 @@ class Warnings:
         self._said: dict[str, tuple[str, float]] = {}
 
     def say(self, subject: str, sentence: str, again: bool = False, ends: bool = False) -> None:
-        """Log it, unless that was done; `again`, unless that was done just now. Empty says nothing, or that it `ends`: the
-        same is said when it comes anew."""
+        """Log a sentence on a subject, unless it is the one logged last for that subject.
+
+        Args:
+            again: log it even if it is the same, at most once in `THROTTLE` [s].
+            ends: an empty sentence means that the problem is over: it is logged anew if it returns.
+        """
         before, since = self._said.get(subject, ("", -math.inf))
         now = time.monotonic()
         if ends and not sentence:
@@ -62,14 +66,14 @@ class Warnings:
 
 
 class Repetitions:
-    """Drives that repeated their last reading of late although the robot moves."""
+    """Joints whose drive repeated its last reading within the last `PERSISTENCE` [s] while the robot moved."""
 
     def __init__(self) -> None:
         self._known: dict[str, int] = {}
         self._since: dict[str, float] = {}
 
     def look(self, repeated: Mapping[str, int]) -> str:
-        """What is wrong with them, by the samples of each joint that were left out so far; empty if nothing is."""
+        """The complaint about them, by the number of samples left out of each joint so far; empty if there is none."""
         now = time.monotonic()
         self._since |= {joint: now for joint, count in repeated.items() if count > self._known.get(joint, 0)}
         self._known = dict(repeated)
@@ -78,14 +82,14 @@ class Repetitions:
 
 
 class Refusals:
-    """Effort commands that were refused of late."""
+    """Effort commands that were refused within the last `PERSISTENCE` [s]."""
 
     def __init__(self) -> None:
         self._count = 0
         self._since = -math.inf
 
     def look(self, commands: CommandIntake | None) -> tuple[str, bool]:
-        """What is wrong with them, empty if nothing is; and whether more were refused since the last look."""
+        """The complaint about them, empty if there is none; and whether more were refused since the last call."""
         count = sum(dict(commands.rejected).values()) if commands else 0
         more, self._count = count > self._count, count
         now = time.monotonic()
@@ -96,7 +100,7 @@ class Refusals:
 
 
 class Reporter:
-    """Turns the session's counts into a status.
+    """Builds the diagnostic status from the counts of the session.
 
     Args:
         session: that counts.
@@ -128,10 +132,11 @@ class Reporter:
         """The status now.
 
         Args:
+            active: the node is in the lifecycle state active.
             trouble: what keeps the node from working, one sentence; empty if nothing does.
-            message_lost: messages the middleware says it lost.
-            unheard: who is not heard, one sentence and what to do; empty if all are.
-            refused: why a robot description does not replace the one in use; empty if none was refused.
+            message_lost: messages that the middleware reported as lost.
+            unheard: which publisher is not received and what to do, one sentence; empty if all are.
+            refused: why a new robot description was refused; empty if none was.
         """
         now = time.monotonic()
         rate = self._rate(now, active)
@@ -159,7 +164,7 @@ class Reporter:
         return rate
 
     def _complaints(self, unheard: str, lacking: Sequence[str], still: Sequence[str]) -> list[str]:
-        """What is wrong with what comes, empty for what is not; it goes to the log, too, with what else is said of joints."""
+        """Complaints about the incoming data, empty strings where there are none; they are logged, too."""
         session, intake, say = self._session, self._session.intake, self._warnings.say
         complaint, more = self._refusals.look(session.commands)
         unstamped = self._look_for_stamps()
@@ -256,7 +261,7 @@ class Reporter:
 
 
 def _without_effort(session: Session) -> tuple[list[str], list[str]]:
-    """Joints in use that have no sensor for their effort: whose effort never came, and whose never changed."""
+    """Joints in use without an effort sensor: those whose effort never came, and those whose effort never changed."""
     intake = session.intake
     if intake is None:
         return [], []
@@ -268,7 +273,7 @@ def _without_effort(session: Session) -> tuple[list[str], list[str]]:
 
 
 def setup(model: Dynamics) -> dict[str, object]:
-    """How an identified robot turned out to be set up: its base [deg], zeros [rad] ([m]); nothing of what is as described."""
+    """The base tilt [deg] and joint zeros [rad] ([m]) that were identified; only values that differ from the description."""
     if not isinstance(model, PhysicalModel):
         return {}
     angles = zip(("roll", "pitch"), model.tilt, strict=True) if model.leans else ()

@@ -1,4 +1,4 @@
-"""The entry of every node, light itself: what a node is made of takes seconds to import, which Ctrl-C may end."""
+"""Entry point of all nodes. It imports little, so that Ctrl-C ends the node during the slow imports, too."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ INTERRUPTED_STATUS = 128 + signal.SIGINT
 
 
 def enter(module: str, arguments: list[str] | None) -> int:
-    """Import the module of a node and run its `main`; the exit status, with nothing printed where Ctrl-C came meanwhile."""
+    """Import the module of a node and run its `main`; returns the exit status, without a traceback after Ctrl-C."""
     try:
         node = import_module(module)
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""How well the model that serves explains the effort just now."""
+"""How well the model in service explains the effort at present (`effort_nrmse` on /diagnostics)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ALONE, ALONE_IN_SPREAD = 2, 8
 
 @dataclass(frozen=True)
 class _Block:
-    """Some instants together.
+    """Sums over some consecutive instants.
 
     Attributes:
         start: of the first [s].
@@ -41,9 +41,9 @@ class _Block:
 
 
 class ErrorNow:
-    """NRMSE of the estimates: RMSE of the last seconds / spread of the effort of the last minutes.
+    """NRMSE of the estimated effort: RMSE over the last seconds divided by the spread of the effort over the last minutes.
 
-    One thread adds, another may ask. Wrong readings are left out: one among thousands would be all that is seen.
+    One thread adds while another may read. Single implausible readings are left out: one in thousands would dominate.
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class ErrorNow:
         self._open: _Block | None = None
 
     def add(self, stamp: int, measured: np.ndarray, estimated: np.ndarray) -> None:
-        """One instant: efforts (n,) [N·m], NaN where not measured, at a stamp [ns]."""
+        """Add one instant: efforts (n,) [N·m], NaN where not measured, and its stamp [ns]."""
         known = np.isfinite(measured)
         measured, estimated = measured[known], estimated[known]
         with np.errstate(over="ignore", invalid="ignore"):
@@ -79,7 +79,7 @@ class ErrorNow:
 
     @property
     def nrmse(self) -> np.ndarray:
-        """Of each joint, (n,), NaN where not measured or unchanged throughout; empty before the first instant."""
+        """NRMSE of each joint, (n,), NaN where the effort was not measured or never changed; empty before the first instant."""
         last = self._open
         if last is None:
             return np.zeros(0)
@@ -102,7 +102,7 @@ class ErrorNow:
 
 
 def _usual(squared: np.ndarray, times: float, alone: int) -> np.ndarray:
-    """Which mean squares, (N, n), are in root no more than so many times the largest but for `alone` of them."""
+    """Mask of mean squares, (N, n), whose root is at most `times` the largest one apart from the `alone` largest."""
     rest = np.sort(squared, axis=0)[-1 - min(alone, (len(squared) - 1) // 3)]
     return np.asarray(squared <= times**2 * rest)
 

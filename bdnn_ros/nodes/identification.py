@@ -1,4 +1,4 @@
-"""`identification_node`: learns a robot's dynamics from its joint states, beside the robot."""
+"""`identification_node`: learns the dynamics of a robot from its joint states while it works."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ COMPARED = 20.0
 
 
 class IdentificationNode(Lifecycle):
-    """Takes joint states, has a model learned from them, publishes estimates and answers.
+    """Receives joint states, has a trainer process learn a model from them, publishes estimates and answers service calls.
 
     Raises:
         UsageError: a parameter given at start is wrong.
@@ -124,7 +124,7 @@ class IdentificationNode(Lifecycle):
 
     @told
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Listen as soon as the trainer is ready: what arrives earlier would only fill the queue."""
+        """Subscribe once the trainer is ready: earlier messages would only fill the queue."""
         self._active = True
         self._waited_since = time.monotonic()
         self._opening = self._every(0.02, self._open)
@@ -151,7 +151,7 @@ class IdentificationNode(Lifecycle):
     on_shutdown = on_error = on_cleanup
 
     def finish(self) -> None:
-        """Learn what came, save the model, end the trainer, give back the memory; an error in one does not spare the rest."""
+        """Learn from the rest, save, stop the trainer, free the memory; an error in one step does not skip the others."""
         self._session, self._description, self._active = None, None, False
         self._set_up.close()
 
@@ -160,12 +160,12 @@ class IdentificationNode(Lifecycle):
         self.failed = self._lane.error is not None
 
     def _log(self) -> Any:
-        """The logger; after the end of ROS one whose messages no longer go to /rosout, which is gone."""
+        """The logger; after ROS has shut down, one that does not publish to /rosout."""
         logger = self.get_logger()
         return logger if self.context.ok() else get_logger(f"{logger.name}.end")
 
     def _every(self, period: float, callback: Callable[[], None]) -> Any:
-        """A timer by the steady clock: simulated time may stand still."""
+        """A timer on the steady clock: simulated time may stand still."""
         return self.create_timer(period, callback, clock=self._steady)
 
     # -- the robot -------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ class IdentificationNode(Lifecycle):
             self._trouble = ""
 
     def _meet(self, session: Session, robot: Robot) -> None:
-        """Get to know the robot: choose joints if they are given, and go on from a model that was kept."""
+        """Set the robot up: choose the joints if parameters name them, and continue from a saved model."""
         joints = self.settings["joints"]
         self._kept.serve(with_joints(robot, joints))
         led = {} if joints else leading(robot)
@@ -205,7 +205,7 @@ class IdentificationNode(Lifecycle):
     # -- the stream ------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        """Subscribe to joint states once there is somebody to learn from them."""
+        """Subscribe to joint states once the trainer is ready."""
         session = self._session
         if session is None or session.robot is None:
             return
@@ -230,7 +230,7 @@ class IdentificationNode(Lifecycle):
             self._streams = None
 
     def _choose_joints(self, names: Sequence[str]) -> bool:
-        """Fix the joints by the names in joint states that have some of the robot's."""
+        """Choose the joints from the names in the first joint states that contain joints of the robot."""
         session = self._session
         if session is None or session.description is None:
             return False
@@ -273,7 +273,7 @@ class IdentificationNode(Lifecycle):
 
 
 def main(arguments: list[str] | None) -> int:
-    """Run the node until it is ended; its exit status."""
+    """Run the node until it is shut down; returns the exit status."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     node = None
     status = 0

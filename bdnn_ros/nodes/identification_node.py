@@ -1,4 +1,4 @@
-"""`identification_node`: what starts the node that learns a robot's dynamics from its joint states, beside the robot."""
+"""Executable `identification_node`, see `identification`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model that `model_directory` keeps: gone on from at start, saved now and then and at the end."""
+"""The model in `model_directory`: resumed at start, saved periodically and at shutdown."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ PAUSED = "training is paused, it cannot go on from this kind"
 
 
 class Kept:
-    """The first of `model.bdnn`, `model_2.bdnn`, ... in a directory that holds a model of the robot in use.
+    """The saved model: the first of `model.bdnn`, `model_2.bdnn`, ... that is a model of the robot in use.
 
-    A file that holds none, as another arm's or a damaged one, is left as it is; so is a model of another kind than
-    is saved: what is learned never takes the place of networks or of an extended model.
+    Files that are not (another arm's, a damaged one, or a model of a kind that is not learned live) are never overwritten: a new
+    name is chosen.
 
     Args:
         directory: where; empty keeps none.
@@ -46,7 +46,7 @@ class Kept:
         self._saved: Served | None = None
 
     def serve(self, robot: Robot) -> None:
-        """Serve this robot, and until joint states say which joints are in use, the model that is kept of all."""
+        """Serve this robot; until joint states show which joints are in use, with the saved model of all its joints."""
         before = self._session.served
         self._session.set_robot(robot)
         if self._session.served is before:
@@ -57,10 +57,9 @@ class Kept:
             self._found = self._look(early=True)
 
     def begin(self, joints: Sequence[str]) -> None:
-        """Begin the session's stream of these joints, going on from the model that is kept of them, if there is one.
+        """Begin the session's stream of these joints and continue from the saved model of them, if there is one.
 
-        What serves already is not replaced by it, as another model that was loaded, nor is a robot description after a reset,
-        whichever joints come.
+        The saved model does not replace a model that was loaded by service, nor the robot description after a reset.
         """
         before = self._session.served
         self._session.begin(joints)
@@ -70,7 +69,7 @@ class Kept:
             self.resume()
 
     def reset(self) -> None:
-        """Forget what was learned, and the model that is kept, which may be of joints that are still to come.
+        """Forget what was learned, and do not resume the saved model later, when further joints come into use.
 
         Raises:
             UsageError: the robot is not known yet.
@@ -79,11 +78,15 @@ class Kept:
         self._forgotten = True
 
     def resume(self) -> None:
-        """Serve the model that is kept, if there is one, and go on from it."""
+        """Serve the saved model, if there is one, and continue learning from it."""
         self._found = self._look()
 
     def _look(self, early: bool = False) -> bool:
-        """As `resume`; says whether there is one, but early, why there is none: fewer joints may come into use."""
+        """As `resume`; returns whether there is such a model.
+
+        Args:
+            early: further joints may still come into use, so it is not logged why there is none.
+        """
         refused: list[str] = []
         try:
             existing = self._existing()
@@ -111,7 +114,7 @@ class Kept:
             self._logger().warning(sentence)
 
     def save_meanwhile(self) -> None:
-        """Keep what was learned since the last time, without waiting for the disk: who ends without an end loses no more."""
+        """Save what was learned since the last save without waiting for the disk, so that a killed node loses little."""
         served = self._session.served
         if served is None or not self._keeps(served) or not served.learned or served is self._saved:
             return
@@ -120,7 +123,7 @@ class Kept:
         writing.add_done_callback(partial(self._take_note, served))
 
     def _take_note(self, served: Served, saved: Future[Path]) -> None:
-        """What was written need not be again; what was not is tried the next time."""
+        """Remember which version was written; a failed save is tried again the next time."""
         if saved.cancelled():
             return
         error = saved.exception()
@@ -130,7 +133,7 @@ class Kept:
             self._logger().error(str(error))
 
     def leave(self) -> None:
-        """End the session, which has time to learn what came only where that is kept, and keep it."""
+        """End the session and save. The trainer gets time to learn the rest only if the result is saved."""
         session = self._session
         worth = session.stop(PATIENCE if self._directory else 0.0)
         if self._directory and session.unlearned:
@@ -139,7 +142,7 @@ class Kept:
             self.save()
 
     def save(self) -> None:
-        """Keep what was learned at the end, or what was loaded where nothing is kept yet."""
+        """Save at shutdown what was learned, or what was loaded if nothing is saved yet."""
         served = self._session.served
         assert served is not None  # only of a session that served something else than its robot
         if not self._keeps(served):
@@ -152,7 +155,7 @@ class Kept:
             self._logger().error(str(error))
 
     def place(self, model: Model | None = None) -> Path:
-        """Where a model is saved, or the one that serves.
+        """The file to save a model to; by default for the model in service.
 
         Raises:
             UsageError: no directory is set, or the robot is not known yet.
@@ -164,11 +167,11 @@ class Kept:
         return next(usable, None) or self._free()
 
     def _keeps(self, served: Served) -> bool:
-        """Whether what serves is to be kept: a model that learning cannot go on from is in the file it came from."""
+        """Whether the model in service is to be saved: one that learning cannot continue from is in its own file already."""
         return bool(self._directory) and isinstance(served.model, PhysicalModel)
 
     def _existing(self) -> list[Path]:
-        """The files there are, in order; one that was deleted hides none after it."""
+        """The model files that exist, in order; a deleted number does not hide later ones."""
         if not self._directory:
             return []
         first = model_place(self._directory, "")
@@ -180,13 +183,13 @@ class Kept:
             return [path for path in paths if path.exists()]
 
     def _free(self) -> Path:
-        """The first name that no file has."""
+        """The first file name that is not taken."""
         first = model_place(self._directory, "")
         names = chain([first], (_numbered(first, n) for n in count(2)))
         return next(path for path in names if not path.exists())
 
     def _usable(self, path: Path, kind: str) -> bool:
-        """Whether a model of this kind may take a file's place."""
+        """Whether a model of this kind may overwrite the file."""
         try:
             return self._session.read(path).kind == kind
         except Exception:

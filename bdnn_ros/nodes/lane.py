@@ -1,8 +1,8 @@
-"""A thread that takes what comes a thousand times a second, and what somebody waits for, past the executor.
+"""A thread beside the rclpy executor for the fast subscriptions and the services that must answer at once.
 
-rclpy's executor gathers all of a node's entities, some thirty, for every message, and once more after it: half
-a millisecond of work around a callback of thirty microseconds, and a request waits behind that. Here one wait
-set holds only the joint states, the effort commands and the questions about dynamics; the executor has the rest.
+For every message, rclpy's executor collects all of the node's entities (about thirty) twice: half a millisecond of work around
+a callback of thirty microseconds, and service requests wait behind it. This thread has a wait set with nothing but the joint
+states, the effort commands and the dynamics services; the executor keeps the rest.
 """
 
 from __future__ import annotations
@@ -36,11 +36,10 @@ PATIENCE = 5.0
 
 
 class Aside(MutuallyExclusiveCallbackGroup):
-    """Callback group of entities that the executor passes by as soon as the lane has them.
+    """Callback group of entities that the executor skips once the lane serves them.
 
-    Events of a subscription, as messages lost, are looked at now and then, and once only: the middleware wakes
-    whoever waits for one with every message, over and over until the lane has taken it. They stay until they
-    are taken.
+    Events of a subscription (lost messages) are polled now and then, and once only: the middleware signals a pending event with
+    every message, over and over, until it is taken. Pending events are kept until then.
     """
 
     def __init__(self, lane: Lane) -> None:
@@ -50,7 +49,7 @@ class Aside(MutuallyExclusiveCallbackGroup):
         self._looks: Counter[EventHandler] = Counter()
 
     def can_execute(self, entity: Any) -> bool:
-        """Whether the executor may."""
+        """Whether the executor may handle the entity."""
         if isinstance(entity, EventHandler):
             now = time.monotonic()
             if now - self._looked > EVENTS_EVERY:
@@ -62,7 +61,7 @@ class Aside(MutuallyExclusiveCallbackGroup):
 
 
 class Lane:
-    """Answers services, takes messages, and then has its chore done, in a thread of its own.
+    """Answers services, takes messages, and then runs a periodic chore, in a thread of its own.
 
     Args:
         context: of the node.
@@ -90,26 +89,26 @@ class Lane:
         return Aside(self)
 
     def holds(self, entity: Any) -> bool:
-        """Whether the lane takes care of it."""
+        """Whether the lane serves the entity."""
         return entity in self._services or entity in self._subscriptions
 
     def answer(self, service: Service, callback: Callable[[Any, Any], Any]) -> None:
-        """Answer a service from now on."""
+        """Serve a service from now on."""
         self._services = {**self._services, service: callback}
         self._renew()
 
     def listen(self, subscription: Subscription, callback: Callable[[Any, dict[str, int]], None]) -> None:
-        """Take a subscription's messages from now on, each with its info."""
+        """Serve a subscription from now on; the callback gets each message with its message info."""
         self._subscriptions = {**self._subscriptions, subscription: callback}
         self._renew()
 
     def do(self, chore: Callable[[], None] | None, period: float = 0.0) -> None:
-        """Have this done after messages came, once in a period [s] at most; None for nothing any more."""
+        """Run this after messages have come, at most once per period [s]; None for nothing any more."""
         self._period, self._chore = period, chore
         self._let_go()
 
     def forget(self, entity: Any) -> None:
-        """Let go of a service or subscription; returns when no call of its callback is under way."""
+        """Stop serving a service or subscription; returns when no callback of it is running."""
         if not self.holds(entity):
             return
         self._services = {key: value for key, value in self._services.items() if key is not entity}
@@ -117,7 +116,7 @@ class Lane:
         self._let_go()
 
     def stop(self) -> None:
-        """End the thread; everything is let go of."""
+        """End the thread and release all entities."""
         self._stopping = True
         self._wake.trigger()
         self._thread.join(PATIENCE)
@@ -128,7 +127,7 @@ class Lane:
         self._wake.trigger()
 
     def _let_go(self) -> None:
-        """Have the thread look anew at what it has, and wait until it does."""
+        """Make the thread rebuild its wait set, and wait until it has."""
         self._renew()
         with self._changed:
             self._changed.wait_for(lambda: self._seen == self._asked or not self._thread.is_alive(), PATIENCE)
@@ -165,7 +164,7 @@ class Lane:
         services: list[tuple[Service, Callable[[Any, Any], Any]]],
         subscriptions: list[tuple[Subscription, Callable[[Any, dict[str, int]], None]]],
     ) -> None:
-        """Work with these entities until others are asked for."""
+        """Serve these entities until the set of entities changes."""
         ready = rclpy_implementation.WaitSet(
             len(subscriptions), 1, 0, 0, len(services), 0, self._context.handle
         )
@@ -200,7 +199,7 @@ def _answer(service: Service, callback: Callable[[Any, Any], Any]) -> None:
 
 
 def _take(subscription: Subscription, callback: Callable[[Any, dict[str, int]], None]) -> None:
-    """Take what has piled up, a few at a time."""
+    """Take the messages that are waiting, a few at a time."""
     for _ in range(MOST_AT_ONCE):
         taken = subscription.handle.take_message(subscription.msg_type, False)
         if taken is None:

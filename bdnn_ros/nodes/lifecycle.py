@@ -1,4 +1,4 @@
-"""A lifecycle node that refuses a transition which is not possible: rclpy's own would end with an error."""
+"""A lifecycle node that refuses transitions that are not possible in its state; rclpy's own raises and ends."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bdnn_ros.errors import listed
 
 
 class Lifecycle(LifecycleNode):
-    """As `LifecycleNode`, but that ~/change_state answers whatever it is asked for, as rclcpp's does."""
+    """A `LifecycleNode` whose service ~/change_state always answers, as that of rclcpp does."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -19,7 +19,7 @@ class Lifecycle(LifecycleNode):
         self._service_change_state.callback = self._change_if_possible
 
     def start(self) -> bool:
-        """Configure and activate; whether both succeeded."""
+        """Configure and activate; returns whether both succeeded."""
         steps = (self.trigger_configure, self.trigger_activate)
         return all(step() == TransitionCallbackReturn.SUCCESS for step in steps)
 

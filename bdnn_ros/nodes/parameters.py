@@ -1,4 +1,4 @@
-"""Parameters of the nodes: defaults, descriptions, ranges, and the sentence a bad value gets."""
+"""Parameters of the nodes: defaults, descriptions, ranges and the messages on invalid values."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Setting:
         return descriptor
 
     def objection(self, value: Any) -> str:
-        """What is wrong with a value, one sentence; empty if nothing is."""
+        """Why a value is invalid, one sentence; empty if it is valid."""
         if self.choices and value not in self.choices:
             return f"{self.name} is {value!r}; it must be one of {listed(self.choices)}."
         if self.low is not None and self.high is not None and not self.low <= value <= self.high:
@@ -164,12 +164,12 @@ REPLAY = (
 
 
 def _texts(value: Iterable[str] | None) -> list[str]:
-    """What a list of strings holds: none of them is empty."""
+    """The non-empty strings of a list."""
     return [text for text in value or [] if text]
 
 
 class Settings:
-    """The parameters of a node, declared and watched.
+    """The declared parameters of a node; changes are validated.
 
     Args:
         configured: whether settings that are not live may no longer change.

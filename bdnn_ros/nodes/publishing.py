@@ -30,7 +30,7 @@ LATCHED = QoSProfile(
 
 
 class Publishing:
-    """Creates the publishers; `close` takes them away again.
+    """The publishers of the node; `close` destroys them.
 
     Args:
         node: to create them on.
@@ -56,7 +56,7 @@ class Publishing:
             self._node.destroy_publisher(publisher)
 
     def estimate(self) -> None:
-        """Publish the newest instant, unless that was done."""
+        """Publish the estimate at the newest instant, unless it was published already."""
         estimated = self._estimate()
         if estimated is not None:
             served, instant, told = estimated
@@ -64,11 +64,11 @@ class Publishing:
             self._efforts.publish(effort_message(served.joints, instant, told))
 
     def compare(self) -> None:
-        """Note the error at the newest instant, and publish nothing."""
+        """Update the error with the newest instant without publishing."""
         self._estimate()
 
     def _estimate(self) -> tuple[Served, Instant, Parts] | None:
-        """What serves says of the newest instant, unless that was asked before; its error is noted."""
+        """The model's estimate at the newest instant, None if that was handled already; updates the error."""
         error = self._error  # before what is served: of a model that is forgotten meanwhile, it keeps nothing
         served, instant = self._session.served, self._session.instant()
         if served is None or instant is None or instant.stamp == self._last_stamp:
@@ -79,7 +79,7 @@ class Publishing:
         return served, instant, told
 
     def forget(self) -> None:
-        """Take back what was said of a model and of findings, where these were forgotten since."""
+        """Withdraw the published findings and the error after the model or the findings were reset."""
         if self._forgotten == self._session.forgotten:
             return
         self._forgotten = self._session.forgotten
@@ -89,7 +89,7 @@ class Publishing:
     def tell(
         self, active: bool, trouble: str, message_lost: int, unheard: str = "", refused: str = ""
     ) -> None:
-        """Publish the state of things, and what diagnoses have said since.
+        """Publish the diagnostic status, and the findings of new diagnoses.
 
         Args:
             active, trouble, message_lost, unheard, refused: as `Reporter.status`.
@@ -112,7 +112,7 @@ class Publishing:
                 self._node.get_logger().info(f"no diagnosis: {info['error']}")
 
     def _note(self, diagnosis: dict[str, Any]) -> None:
-        """Log what a diagnosis says beside its findings, as the message has no field for it; nothing twice in a row."""
+        """Log the notes of a diagnosis, for which the message has no field; not the same twice in a row."""
         if "notes" not in diagnosis:  # a change that was noticed: what the last diagnosis said holds
             return
         noted, self._noted = self._noted, list(diagnosis["notes"])
@@ -124,6 +124,6 @@ class Publishing:
         return self._node.get_clock().now().to_msg()
 
     def _publisher(self, kind: Any, topic: str, profile: QoSProfile | int) -> Any:
-        """A publisher without event handlers: the executor asks each of them between any two joint states."""
+        """A publisher without event handlers: the executor would check each of them between any two joint states."""
         quiet = PublisherEventCallbacks(use_default_callbacks=False)
         return self._node.create_publisher(kind, topic, profile, event_callbacks=quiet)

@@ -1,4 +1,4 @@
-"""`replay_node`: plays a bag's joint states at other nodes, with the bag's own stamps."""
+"""`replay_node`: publishes the joint states of a bag with the bag's own stamps."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ OPTIONS = {
 
 
 class ReplayNode(Node):
-    """Reads the bag at start, waits for a listener, plays.
+    """Reads the bag at start, waits for a subscriber, then plays.
 
     Raises:
         BdnnError: a parameter, the bag or the URDF cannot be used.
@@ -74,7 +74,7 @@ class ReplayNode(Node):
             self.get_logger().warning("The bag has no robot description; set urdf_file to publish one.")
 
     def play(self) -> None:
-        """Play the bag, once or for ever; returns early when ROS shuts down."""
+        """Play the bag once or in a loop; returns early when ROS shuts down."""
         self._wait()
         start = self.recording.epoch
         while rclpy.ok():
@@ -118,13 +118,13 @@ class ReplayNode(Node):
         return len(recording)
 
     def _commands(self) -> list[tuple[int, float, np.ndarray]]:
-        """The joint state that each command goes before, when it is due [s], and its values; the last comes first."""
+        """For each command the row of the joint state it precedes, when it is due [s] and its values; the last one first."""
         played = self.played
         return list(zip(played.row.tolist(), played.due.tolist(), played.commands, strict=True))[::-1]
 
     @staticmethod
     def _sleep_until(due: float) -> bool:
-        """Sleep; False where ROS shuts down meanwhile."""
+        """Sleep; returns False if ROS shuts down meanwhile."""
         while (left := due - time.perf_counter()) > 0.0:
             time.sleep(min(left, LONGEST_NAP))
             if left > LONGEST_NAP and not rclpy.ok():
@@ -155,14 +155,14 @@ class _Rows:
 
 
 def _in_parameters(sentence: str) -> str:
-    """The sentence with this node's parameters in the place of options that it lacks."""
+    """The sentence with command-line options replaced by the parameters of this node."""
     for option, parameter in OPTIONS.items():
         sentence = sentence.replace(option, parameter)
     return sentence
 
 
 def main(arguments: list[str] | None) -> int:
-    """Run the node until it is ended; its exit status."""
+    """Run the node until it is shut down; returns the exit status."""
     node = None
     status = 0
     try:

@@ -1,4 +1,4 @@
-"""`replay_node`: what starts the node that plays a bag's joint states at other nodes, with the bag's own stamps."""
+"""Executable `replay_node`, see `replay`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The services of the identification node; every refusal names what is wrong, and the node goes on."""
+"""The services of the identification node. An invalid request is refused with a message, never with an exception."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ UNFORESEEN = "The node goes on, and its log says where; please report it."
 
 
 class Services:
-    """Creates the services; `close` takes them away again.
+    """The services of the node; `close` destroys them.
 
     Args:
         node: to create them on.
@@ -81,7 +81,7 @@ class Services:
         ]
 
     def close(self) -> None:
-        """Take the services away; who still waits for an answer is refused."""
+        """Destroy the services; requests that are still waiting are refused."""
         for service in self._services:
             self._lane.forget(service)
             self._node.destroy_service(service)
@@ -104,14 +104,14 @@ class Services:
         self.withdraw()
 
     def withdraw(self) -> None:
-        """After `close`: take away the services that had refusals to send, if these are sent."""
+        """After `close`: destroy the services whose pending refusals had to be sent first."""
         if not self._asked:
             for service in self._patient:
                 self._node.destroy_service(service)
             self._patient.clear()
 
     def _at_once(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Any:
-        """A service that waits for no executor."""
+        """A service in the lane: it does not wait for the executor."""
         answer = self._refusing(callback)
         service = self._node.create_service(kind, name, answer, callback_group=self._lane.group())
         self._lane.answer(service, answer)
@@ -120,7 +120,7 @@ class Services:
     def _in_time(
         self, kind: Any, name: str, callback: Callable[[Any, Any], Awaitable[Any]], group: CallbackGroup
     ) -> Any:
-        """A service that waits for the disk or the trainer, and refuses what comes once the session has ended."""
+        """A service whose answer waits for the disk or the trainer; refuses requests once the session has ended."""
 
         async def answer(request: Any, response: Any) -> Any:
             try:
@@ -133,7 +133,7 @@ class Services:
         return self._node.create_service(kind, name, answer, callback_group=group)
 
     def _refusing(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """The callback, whose errors are refusals."""
+        """The callback with its exceptions turned into refusals."""
 
         def answer(request: Any, response: Any) -> Any:
             try:
@@ -144,7 +144,7 @@ class Services:
         return answer
 
     def _refused(self, response: Any, error: Exception) -> Any:
-        """The answer where a callback raised this: no request ends the node, whatever it asks for."""
+        """The response to a request whose callback raised: no request may end the node."""
         if isinstance(error, OSError):
             where = error.filename or "A file in model_directory"
             error = UsageError(f"{where} cannot be used ({error.strerror or error}).", FILES)
@@ -274,7 +274,7 @@ class Services:
 
 @contextmanager
 def _computing() -> Iterator[None]:
-    """Refuses what floating-point numbers cannot hold: arrays get infinities then, single numbers an exception."""
+    """Turn floating-point overflow into a refusal: arrays overflow to infinity, Python floats raise."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -286,7 +286,7 @@ def _computing() -> Iterator[None]:
 
 @types.coroutine
 def _turn() -> Generator[None, None, None]:
-    """Let the executor's other tasks have their turn."""
+    """Yield to the other tasks of the executor once."""
     yield
 
 

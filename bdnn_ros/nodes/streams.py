@@ -1,4 +1,4 @@
-"""The subscriptions to joint states and effort commands; their callbacks copy, and never wait."""
+"""Subscriptions to joint states and effort commands. Their callbacks only copy and never wait."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ NOT_HEARD = "A publisher of {} offers best effort only: nothing comes from it. S
 
 
 class Streams:
-    """Creates the subscriptions; `close` takes them away again.
+    """The subscriptions of the node; `close` destroys them.
 
-    The executor takes joint states until the joints are fixed, then the lane does.
+    Joint states go through the executor until the joints are chosen, then through the lane.
 
     Args:
         node: to create them on.
@@ -60,7 +60,7 @@ class Streams:
         self._joints_are_fixed()
 
     def look_around(self) -> None:
-        """Begin anew where more of the robot's joints come than are in use; meanwhile the queue keeps messages."""
+        """Update `complaint`; restart the stream if further joints of the robot now come (the queue keeps messages meanwhile)."""
         self.complaint = " ".join(filter(None, self._complaints()))
         joints = self._session.wider()
         if joints:

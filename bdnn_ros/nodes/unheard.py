@@ -1,4 +1,4 @@
-"""What should be heard and is not: publishers that offer less than a subscription asks for, commands that never come."""
+"""Publishers whose messages are not received (incompatible QoS or type), and effort commands that never come."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNCOMMANDED = (
 
 
 class Hearing:
-    """A subscription that knows which publishers it does not hear, as they offer less than it asks for or send another type.
+    """A subscription that detects publishers it cannot receive: those with incompatible QoS or another message type.
 
     Args:
         node, kind, topic, callback, profile: of the subscription.
@@ -65,7 +65,7 @@ class Hearing:
         )
 
     def look(self) -> str:
-        """The complaint now. After an event, as long as such a publisher is there: no event tells that it has gone."""
+        """The complaint now. Incompatible QoS is reported until no such publisher is left: no event tells when it goes."""
         topic = self.subscription.topic_name
         publishers = self._node.get_publishers_info_by_topic(topic)
         types = {publisher.topic_type for publisher in publishers}
@@ -84,13 +84,13 @@ class Hearing:
 
 
 class Uncommanded:
-    """Notices that joint states come, and no effort command."""
+    """Detects that joint states come but no effort commands."""
 
     def __init__(self) -> None:
         self._seen: tuple[int, int] | None = None
 
     def look(self, intake: Intake | None, commands: CommandIntake | None, topic: str) -> str:
-        """What is missing since the last look, and what to do; empty if nothing is."""
+        """The complaint about commands missing since the last call; empty if there is none."""
         now = (intake.received if intake else 0, commands.received if commands else 0)
         before, self._seen = self._seen or now, now
         missing = now[0] - before[0] >= LEAST and now[1] == before[1]

@@ -1,4 +1,4 @@
-"""Why most of the joint states that come cannot be learned from, where that is so."""
+"""Detects that most of the incoming joint states have to be left out, and says why."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ TOLD = {
 
 
 class Unusable:
-    """Compares what was left out since the last look with what came."""
+    """Compares the messages rejected since the last call with those received."""
 
     def __init__(self) -> None:
         self._intake: Intake | None = None
@@ -47,7 +47,7 @@ class Unusable:
         self._rejected: Counter[str] = Counter()
 
     def look(self, intake: Intake | None, learning: bool) -> str:
-        """What is wrong with most joint states since the last look, empty if nothing is.
+        """The complaint about most joint states since the last call; empty if there is none.
 
         Args:
             intake: of the stream, if there is one.

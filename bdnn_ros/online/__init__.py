@@ -1,1 +1,1 @@
-"""Identification while the robot moves, and the models it hands over."""
+"""Live identification: the stream of joint states, the trainer process, and the models it hands over."""

@@ -1,4 +1,4 @@
-"""Messages between the node's process and its trainer: JSON, arrays, shared memory; nothing executable."""
+"""Messages between the node process and the trainer process: JSON, numeric arrays, file descriptors; nothing executable."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Message:
 
 
 class Channel:
-    """A stream socket that carries whole messages; sending is safe from several threads.
+    """A stream socket that carries whole messages; several threads may send.
 
     Raises:
         ConnectionError: on every call, once the other side is gone.
@@ -49,7 +49,7 @@ class Channel:
 
     @classmethod
     def pair(cls) -> tuple[Channel, socket.socket]:
-        """A channel and the socket for the other side."""
+        """A channel, and the socket for the other process."""
         here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
         return cls(here), there
 
@@ -58,13 +58,13 @@ class Channel:
         return self._socket.fileno()
 
     def give_up_after(self, seconds: float) -> None:
-        """Have `receive` fail where the next part of a message does not come for so long [s]."""
+        """Let `receive` fail if the rest of a message does not arrive within so long [s]."""
         self._socket.setsockopt(
             socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", *divmod(round(seconds * 1e6), 10**6))
         )
 
     def send(self, message: Message) -> None:
-        """Send one message; waits while the other side is slow."""
+        """Send one message; blocks while the receiver is slow."""
         text = json.dumps({"kind": message.kind, "info": message.info}).encode()
         arrays = {key: np.ascontiguousarray(value) for key, value in message.arrays.items()}
         blob = save(arrays) if arrays else b""
@@ -81,7 +81,7 @@ class Channel:
                 raise ConnectionError(str(error)) from None
 
     def receive(self) -> Message:
-        """The next message; waits for it."""
+        """Wait for the next message and return it."""
         try:
             head, descriptors, _, _ = socket.recv_fds(self._socket, _HEAD.size, _MOST_DESCRIPTORS)
             head += self._exactly(_HEAD.size - len(head)) if head else b""
@@ -98,12 +98,12 @@ class Channel:
         return Message(header["kind"], header["info"], arrays, tuple(descriptors))
 
     def hang_up(self) -> None:
-        """End it for both sides: `receive` fails after what came already, also where it waits."""
+        """Shut the connection down for both sides: a waiting `receive` fails once it has returned what was sent before."""
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Hang up, and give the socket back."""
+        """Hang up and close the socket."""
         self.hang_up()
         self._socket.close()
 
@@ -118,15 +118,15 @@ class Channel:
 
 
 def leave_signals_to_the_node() -> None:
-    """Have a process at the other side of a channel end with that, and not by a signal to stop.
+    """Ignore SIGINT, SIGTERM and SIGHUP in a helper process; it ends when its channel does.
 
-    A terminal, or systemd at a stop, sends it to every process: the node decides when its own may go.
+    A terminal or systemd signals every process of the group, but the node decides when its helpers may stop.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
 
 def close_all(message: Message) -> None:
-    """Close descriptors that nobody wants."""
+    """Close the file descriptors of a message that is not used."""
     for descriptor in message.descriptors:
         os.close(descriptor)

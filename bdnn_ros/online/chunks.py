@@ -1,4 +1,4 @@
-"""A stream of samples cut into chunks of time, each with the samples around it that its low-pass needs."""
+"""Cuts a stream of samples into chunks of time, each with the neighbouring samples that its low-pass needs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROWS_PER_CUTOFF = 5.0
 
 
 class Chunks:
-    """Cuts samples into chunks counted from the first stamp; how many come at once makes no difference.
+    """Cuts samples into chunks of time counted from the first stamp, independently of how many samples arrive at once.
 
     Args:
         joints: the columns of the samples.
@@ -50,9 +50,9 @@ class Chunks:
     def add(
         self, time: np.ndarray, position: np.ndarray, effort: np.ndarray
     ) -> Iterator[tuple[Signals, np.ndarray] | None]:
-        """Take in samples; yields the motion around each chunk that is complete, and the chunk's rows.
+        """Take in samples; yields for each complete chunk the motion around it and the rows of the chunk.
 
-        None stands for a chunk without motion that can be used.
+        Yields None for a chunk without usable motion.
 
         Args:
             time: [s], (N,), later than all before.
@@ -70,7 +70,7 @@ class Chunks:
             yield self._next()
 
     def end(self) -> Iterator[tuple[Signals, np.ndarray] | None]:
-        """The stream ends: yields the chunks that are left; what comes next may have any stamps."""
+        """End the stream: yields the remaining chunks; later samples may have any stamps."""
         if self._pending and (self._length is not None or self._settled(final=True)):
             last = self._pending[-1][0][-1]
             while self._start <= last:
@@ -79,7 +79,7 @@ class Chunks:
         self._stuck_at[:] = np.nan
 
     def _settled(self, final: bool) -> bool:
-        """Fix the length of chunks by the first second of samples; False while there are too few."""
+        """Choose the chunk length from the first second of samples; False while there are too few."""
         recording = self._known()
         time = recording.time
         if len(time) < 2 or (not final and (len(time) < CHUNK_SAMPLES or time[-1] - time[0] < CHUNK_SECONDS)):
@@ -96,7 +96,7 @@ class Chunks:
         return True
 
     def _known(self) -> Recording:
-        """The samples that are kept."""
+        """The samples that are kept, as a recording."""
         time, position, effort = (np.concatenate(parts) for parts in zip(*self._pending, strict=True))
         return Recording(time, self.joints, position, None, effort)
 
@@ -117,7 +117,7 @@ class Chunks:
         return chunk
 
     def _unstuck(self, recording: Recording, start: float, end: float) -> Recording:
-        """Without what a drive repeats, as it may since before the samples that are kept; counted from start to end [s]."""
+        """The recording without samples in which a drive repeated its reading; those from start to end [s] are counted."""
         samples = stuck(recording)
         same = recording.position == self._stuck_at
         since = np.logical_or.accumulate(same, axis=0)

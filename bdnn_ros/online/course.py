@@ -1,4 +1,4 @@
-"""Where in a stream learning began, and how far it has come: what a new trainer is told to go on from."""
+"""How far learning has come in the stream, and where a restarted trainer resumes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_DEATHS = 3
 
 
 class Course:
-    """The course that learning takes; a new one is begun where what was learned is given up.
+    """The progress of learning. A new course (epoch) begins whenever what was learned is discarded.
 
     Attributes:
         epoch: counts the courses; what a trainer says of another one is out of date.
@@ -36,7 +36,7 @@ class Course:
     def begin(
         self, start: int, number: int, resumed: PhysicalModel | None = None, kept: int | None = None
     ) -> None:
-        """Begin anew with the sample `start`, after the version `number`; diagnoses look back to `kept`."""
+        """Start a new course at the sample `start`; versions count on from `number`, diagnoses look back to sample `kept`."""
         self.epoch += 1
         self.start = self.trained = self._told = self._repeated = start
         self.kept = start if kept is None else kept
@@ -44,24 +44,24 @@ class Course:
         self._deaths = 0
 
     def skip(self, written: int, served: Served | None) -> None:
-        """Have a new trainer go on from what is known now: not all that came before was to be learned from."""
+        """Let a new trainer start at the present with the model in service: earlier samples are not all meant for learning."""
         self.start = written
         if served is not None and served.number and isinstance(served.model, PhysicalModel):
             self.resumed, self._number = served.model, served.number
 
     def _leave_behind(self, written: int, served: Served | None) -> None:
-        """As `skip`, and diagnose what comes from here on only: whatever it is in the samples before, trainers die of it."""
+        """As `skip`, and exclude earlier samples from diagnoses, too: trainers keep dying of something in them."""
         self.skip(written, served)
         self.kept = self.trained = written
         self._deaths = 0
 
     def died(self) -> None:
-        """A trainer ended; the next one goes through what this one had seen again."""
+        """A trainer ended; its successor will process again what this one had seen."""
         self._deaths += 1
         self._repeated = max(self.trained, self._told)
 
     def advance(self, info: dict[str, Any]) -> bool:
-        """Whether a version is one of this course, and new: not of a trainer that only catches up."""
+        """Whether a version belongs to this course and has seen more than the one before."""
         if info["epoch"] != self.epoch or info["end"] <= self.trained:
             return False
         self._deaths = 0  # it got over what others may have died of
@@ -69,7 +69,7 @@ class Course:
         return True
 
     def tells(self, info: dict[str, Any]) -> bool:
-        """Whether findings are of this course, and new: no change that a trainer before has told already."""
+        """Whether findings belong to this course and are no repetition of what an earlier trainer reported."""
         if info["epoch"] != self.epoch:
             return False
         if "end" not in info:  # a diagnosis
@@ -80,7 +80,7 @@ class Course:
     def introduction(
         self, ring: Ring, served: Served | None, training: bool
     ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """What a new trainer must know of it, as JSON-able information and arrays.
+        """The state that a new trainer starts from, as JSON-able information and arrays.
 
         Args:
             ring: the stream's joint states.

@@ -1,7 +1,7 @@
-"""The process of one diagnosis: it is told the robot and the recording, answers, and is gone with all it took.
+"""The process that makes one diagnosis: it receives the robot and the recording, answers, and ends.
 
-Started by `analysis.Analyst` as `python -m bdnn_ros.online.diagnosing`: a diagnosis takes up to a gigabyte
-for half a minute, which the process that learns would never quite give back.
+Started by `analysis.Analyst` as `python -m bdnn_ros.online.diagnosing`. A diagnosis takes up to a gigabyte of memory for half a
+minute, which a long-lived process would not return completely.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NICENESS = 9
 
 
 def question(recording: Recording, robot: Robot, cutoff: float | None) -> Message:
-    """What the process is told; the recording has effort."""
+    """The message that asks for a diagnosis; the recording must have effort."""
     arrays = {"time": recording.time, "position": recording.position, "effort": recording.require_effort()}
     if recording.velocity is not None:
         arrays["velocity"] = recording.velocity
@@ -39,7 +39,7 @@ def question(recording: Recording, robot: Robot, cutoff: float | None) -> Messag
 
 
 def answer(message: Message) -> Message:
-    """The diagnosis, or the sentence why there is none, and whether stream and description do not go together."""
+    """The diagnosis or the reason why there is none, and whether the stream and the description match."""
     try:
         return Message("answer", {"diagnosis": _diagnosis(message), "unlike": False})
     except BdnnError as error:
@@ -61,7 +61,7 @@ def _diagnosis(message: Message) -> dict[str, Any]:
 
 
 def _end_with(channel: Channel) -> None:
-    """End where nobody waits for the answer any more."""
+    """End the process when the channel closes: nobody waits for the answer any more."""
     try:
         channel.receive()
     except ConnectionError:

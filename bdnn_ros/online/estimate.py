@@ -1,4 +1,4 @@
-"""What the model says of one instant: effort, its parts, and how sure it is."""
+"""The model's estimate at one instant: effort, its parts, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ BRIDGED, BRIDGED_PERIODS = 2.0, 2.5
 
 @runtime_checkable
 class Learned(Dynamics, Protocol):
-    """A model that says what of its friction networks learned."""
+    """A model that can say which part of its friction its networks learned."""
 
     def learned_effort(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """That, (..., n) [N·m], as it is measured."""
+        """The effort that networks learned, (..., n) [N·m], in measured units."""
 
 
 @dataclass(frozen=True)
 class Parts(mechanics.Parts):
-    """Parts of the effort of one motion, (n,) each [N·m].
+    """The parts of the effort at one instant, (n,) each [N·m].
 
     Attributes:
         learned: what the model's networks add, zero without.
@@ -51,7 +51,7 @@ class Parts(mechanics.Parts):
         return super().effort + self.learned
 
     def arranged(self, order: np.ndarray) -> Parts:
-        """The same with the joints in another order, places in this one."""
+        """The same with the joints in another order: `order` gives for each new place the old one."""
         return Parts(
             inertial=self.inertial[order],
             coriolis=self.coriolis[order],
@@ -65,7 +65,7 @@ class Parts(mechanics.Parts):
 
 @dataclass(frozen=True)
 class Instant:
-    """Low-passed motion at one stamp; (n,) each, NaN where not measured."""
+    """The low-passed motion at one stamp, (n,) each; NaN where not measured."""
 
     stamp: int
     position: np.ndarray
@@ -75,7 +75,7 @@ class Instant:
 
 
 def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Parts:
-    """Effort of one motion, (n,) each, with its parts."""
+    """The effort at one instant with its parts, (n,) each."""
     if isinstance(model, PhysicalModel):
         return _physical_parts(model, position, velocity, acceleration)
     told = mechanics.parts(model, position, velocity, acceleration)
@@ -89,7 +89,7 @@ def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, accelerat
 def _physical_parts(
     model: PhysicalModel, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
 ) -> Parts:
-    """The same, each term computed once: somebody waits for it."""
+    """The same for a physical model, each term computed once, because a client waits."""
     robot, motors, way = model.robot, model.motors, np.sign(velocity)
     matrix, gravity = model.mass_matrix(position), robot.gravity(position)
     load = robot.rigid_effort(position, velocity, acceleration)
@@ -109,7 +109,7 @@ def _physical_parts(
 
 @dataclass(frozen=True)
 class _Grid:
-    """Where a low-pass is applied to a stream of one period, and by which weights.
+    """The points at which a low-pass is evaluated on a stream of one period, and its weights.
 
     Attributes:
         period: of the stream [s].
@@ -127,7 +127,7 @@ class _Grid:
 
     @classmethod
     def of(cls, period: float, cutoff: float | None, most: float) -> _Grid:
-        """For a stream of this period [s] of which so many samples are kept, with the usual cut-off for none [Hz]."""
+        """The grid for a stream of this period [s], `most` samples of which are kept; cut-off [Hz], None for the usual one."""
         rate = 1.0 / period
         chosen = usual_cutoff(rate) if cutoff is None else cutoff
         step = period / max(int(np.ceil(SAMPLES_PER_CUTOFF * chosen / rate)), 1)
@@ -139,24 +139,24 @@ class _Grid:
 
     @property
     def too_fast(self) -> bool:
-        """No robot's joint states come so often."""
+        """Whether the stream is faster than the joint states of any robot."""
         return self.period * FASTEST < 1.0
 
     @property
     def direct(self) -> bool:
-        """The points are samples."""
+        """Whether the grid points are the samples themselves."""
         return self.step == self.period
 
     @property
     def count(self) -> int:
-        """Samples that are needed at least."""
+        """The number of samples that are needed."""
         return int(np.ceil((2 * self.half + 1) * self.step / self.period)) + 3
 
 
 class Smoother:
-    """The low-pass of `signals` at the newest stamp that allows it: half a kernel before the last sample.
+    """Low-pass and differentiate the stream at its newest possible stamp: half a kernel before the last sample.
 
-    One thread smooths, another may ask for `count`.
+    One thread smooths while another may read `count`.
 
     Attributes:
         cutoff: -3 dB frequency [Hz]; None until the rate is known.
@@ -167,18 +167,18 @@ class Smoother:
         self._grid: _Grid | None = None
 
     def settle(self, period: float, most: float = np.inf) -> None:
-        """Choose kernel and grid for a stream of this period [s], of which so many samples are kept."""
+        """Choose kernel and grid for a stream of this period [s], of which at most `most` samples are kept."""
         if self._grid is None or abs(period - self._grid.period) > 0.02 * self._grid.period:
             self._grid = _Grid.of(period, self.cutoff, most)
 
     @property
     def count(self) -> int:
-        """Samples that `at` needs at least; 0 before `settle`."""
+        """The number of samples that `at` needs; 0 before `settle`."""
         grid = self._grid
         return grid.count if grid is not None else 0
 
     def complaint(self, most: int) -> str:
-        """Why there is no instant of a stream of which so many samples are kept, and what to do; empty if there is."""
+        """Why a buffer of so many samples is too short or the stream too fast, and what to do; empty if all is well."""
         grid = self._grid
         if grid is None:
             return ""
@@ -195,7 +195,7 @@ class Smoother:
         )
 
     def newest(self, feed: Feed, period: float) -> Instant | None:
-        """As `at`, of a stream of this period [s]; None too while it is too short."""
+        """As `at`, from the stream itself, whose period is given [s]; None while it is too short."""
         self.settle(period, feed.states.most)
         grid = self._grid
         if grid is None or grid.kernels is None:
@@ -204,7 +204,7 @@ class Smoother:
         return self.at(samples, stamps) if len(samples) >= grid.count else None
 
     def at(self, samples: Samples, stamps: np.ndarray) -> Instant | None:
-        """Motion at the newest stamp that has half a kernel behind and before it, or None.
+        """The motion at the newest stamp with half a kernel of samples on both sides, or None.
 
         Args:
             samples: the latest of the stream, `count` or more.
@@ -240,7 +240,7 @@ class Smoother:
 
 
 def _bridged(time: np.ndarray, effort: np.ndarray, longest: float) -> np.ndarray:
-    """Efforts (N, n) at times (N,) [s], with those that are missing interpolated where none is for longer [s]."""
+    """Efforts (N, n) at times (N,) [s], gaps of NaN interpolated unless they last longer than `longest` [s]."""
     lacking = np.isnan(effort)
     if not lacking.any():
         return effort

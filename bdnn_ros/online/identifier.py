@@ -1,4 +1,4 @@
-"""Identification from samples as they come; a recording is only samples that came earlier."""
+"""Incremental identification. Live streams and recordings go through the same code."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ Progress = Callable[[float, str], None]
 
 
 class Identifier:
-    """Identifies a robot from raw samples fed in order, live or from recordings, with the same result.
+    """Identifies a robot from raw samples in order, from a stream or from recordings, with the same result.
 
-    Parameters are solved for whenever a model is asked for. Whenever the chunks of motion have doubled in
-    number, they are gone through again: what is known by then of the load, and which terms lower the error
-    on stretches left out, is settled anew.
+    Parameters are solved for whenever a model is asked for. Each time the number of chunks has doubled, all kept motion is
+    processed again (`settle`): with the load known by then, and with those terms switched on that lower the error on stretches
+    left out.
 
     Args:
         robot: the simulation's robot, the prior.
@@ -115,19 +115,19 @@ class Identifier:
         return self.chunks - before
 
     def finish(self) -> None:
-        """Take in what is left: the recording ends here, and what comes next may have any stamps."""
+        """Process the rest: the recording ends here, and later samples may have any stamps."""
         for chunk in self.stream.end():
             self._take_in(chunk)
         self._state = None
 
     def hurry(self) -> None:
-        """Choose terms no more: it takes seconds, and what is known by now serves."""
+        """Stop selecting terms, which takes seconds: the present ones stay."""
         self._settle_at = NEVER
 
     def fit(self, recordings: Sequence[Recording], progress: Progress = lambda *_: None) -> PhysicalModel:
-        """The model of one or several recordings of the robot.
+        """Identify a model from one or several recordings of the robot.
 
-        Efforts that come late are moved to when they acted; the model then predicts them as late as they came.
+        Delayed efforts are shifted to when they acted; the model predicts them with their delay again.
 
         Raises:
             RecordingError: there is no effort, or nothing that could be used.
@@ -164,7 +164,7 @@ class Identifier:
     # -- models out ------------------------------------------------------------------------------
 
     def model(self, iterations: int = 1) -> PhysicalModel:
-        """The robot as known now, checked.
+        """The model from all samples so far, checked for feasibility.
 
         Raises:
             RecordingError: no motion came yet.
@@ -176,7 +176,7 @@ class Identifier:
         return physical_model(self.robot, posterior, self.structure, self.scales, self.version, recursion)
 
     def settle(self) -> None:
-        """Go through the motion again with the load as known now, and choose the terms that it supports."""
+        """Process all kept motion again with the load known now, and select the terms that it supports."""
         sums, belief = self.sums, self.belief
         evidence = sums.evidence
         if evidence.total is None:
@@ -206,7 +206,7 @@ class Identifier:
             self._choose(plain, posterior.layout, bodies)
 
     def set_up(self) -> None:
-        """Settle no more than how the robot is set up: bodies learn within seconds what a level base would take."""
+        """Identify only base tilt and joint zeros: within seconds the bodies would absorb what comes from a wrong set-up."""
         if self.sums.evidence.total is None:
             return
         self.sums.evidence.doubt()
@@ -218,7 +218,7 @@ class Identifier:
                 self._take_for(posterior, plain)
 
     def _begin_as_described(self) -> None:
-        """Sum all motion anew about the robot as described: nothing that was taken of its setup may hold on to itself."""
+        """Sum all motion again about the robot as described: an earlier estimate of its set-up must not confirm itself."""
         noise = self.sums.evidence.noise
         if self.robot is not self._described or (self.sums.usual != noise).any():
             self.robot = self._described
@@ -226,14 +226,14 @@ class Identifier:
             self._sum_again(noise)
 
     def _take_for(self, posterior: Posterior, structure: Structure) -> None:
-        """Sum all motion anew about the robot that is known by now."""
+        """Sum all motion again, linearised about the robot as known now."""
         known = physical_model(self.robot, posterior, structure, self.scales)
         self.robot = self.robot.set_up_as(known.robot)
         self.sums.take_for(known.robot, known.std.coulomb)
         self._sum_again(posterior.noise)
 
     def _sum_again(self, usual: np.ndarray) -> None:
-        """Sum all motion anew, with what its residual usually is, (n,) [N·m]."""
+        """Sum all motion again, given the standard deviation of its residual, (n,) [N·m]."""
 
         def one_by_one() -> Iterator[Motion]:
             for motion in self._kept:
@@ -244,8 +244,11 @@ class Identifier:
         self._beat()
 
     def _as_set_up(self, whole: bool) -> tuple[Structure, Posterior]:
-        """Nothing but bodies, rotors and friction, and of the setup what motion surely shows; what is unknown of that stays
-        settled once not all motion is kept."""
+        """The structure of bodies, rotors, friction and the set-up that the motion shows with certainty, and its posterior.
+
+        Args:
+            whole: all motion is still kept; otherwise the set-up found earlier stays.
+        """
         evidence, plain = self.sums.evidence, Structure.plain(self.belief)
         posterior = evidence.solve(layout(plain, self.belief), ITERATIONS)
         setup = set_up(evidence, plain).setup if whole else self.structure.setup
@@ -256,7 +259,7 @@ class Identifier:
         return plain, posterior
 
     def _choose(self, plain: Structure, without: Layout, bodies: np.ndarray | None) -> None:
-        """Settle which terms are on; by the layout without any the noise of the evidence was estimated."""
+        """Select the terms; the noise of the evidence was estimated with the layout `without` any."""
         self._beat()
         moves = self.sums.fast.any(axis=(1, 2))
         kinds: list[int] = np.where(moves, 1 + self.robot.slides, 0).tolist()
@@ -266,11 +269,11 @@ class Identifier:
 
     @property
     def parameter_layout(self) -> Layout:
-        """Where the parameters of the structure are."""
+        """The parameter layout of the present structure."""
         return layout(self.structure, self.belief, self._straight)
 
     def restarted(self, belief: Prior) -> Identifier:
-        """An identifier that goes on with this stream, but knows only this much of the robot."""
+        """An identifier that continues with this stream but starts from this belief about the robot."""
         other = Identifier(self.robot, belief=belief, settle_at=self._settle_first, beat=self._beat)
         other.version, other.samples, other.chunks = self.version, self.samples, self.chunks
         other.stream, other._state, other.rejected = self.stream, self._state, self.rejected
@@ -304,7 +307,7 @@ class Identifier:
             self.rejected.append(str(error))  # what was settled before holds until there is twice the motion
 
     def _state_at(self, time: float) -> Directions | None:
-        """State of friction at a time within the last chunk's motion, None where there is none."""
+        """State of dry friction at a time within the last chunk's motion; None if there is none."""
         if self._state is None or not self._state[0][0] <= time <= self._state[0][-1]:
             return None
         return self._state[1].at(int(np.searchsorted(self._state[0], time, side="right")) - 1)

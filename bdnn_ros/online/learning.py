@@ -1,4 +1,4 @@
-"""Learning from a stream: what the trainer does live and `bdnn replay` with a bag, sample for sample."""
+"""Learning from a stream, sample for sample the same in the live trainer and in `bdnn replay`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ POSES = 12
 
 @dataclass(frozen=True)
 class Version:
-    """A model that passed the checks.
+    """A model that passed the checks and was handed over.
 
     Attributes:
         model: the robot as known.
@@ -53,7 +53,7 @@ class Version:
 
 @dataclass(frozen=True)
 class Error:
-    """How the model that served predicted a chunk before anything was learned from it.
+    """How well the model in service predicted a chunk before anything was learned from it.
 
     Attributes:
         time: end of the chunk [s].
@@ -69,7 +69,7 @@ class Error:
 
     @property
     def nmse(self) -> np.ndarray:
-        """Squared error over the effort's variance, (n,), NaN of a joint whose effort has not changed yet."""
+        """Squared error over the variance of the effort, (n,); NaN for a joint whose effort has not changed yet."""
         return relative(self.squared, self.variance)
 
     @property
@@ -86,11 +86,11 @@ class Error:
 
 
 class Learning:
-    """An identifier and the rule by which its models are handed over.
+    """An identifier with the rule by which its models replace the one in service.
 
-    A new model waits for the next chunk, which neither it nor the model that serves has seen: it is handed
-    over if it is finite, its mass matrix positive-definite, and its error not worse. Only the first, and the
-    first after a change of the robot, need not wait: it takes over as soon as it explains its chunk better.
+    A candidate waits for the next chunk, which neither model has seen. It is handed over if it is finite, its mass matrix is
+    positive-definite, and its error on that chunk is not larger. The first model, and the first after a change of the robot,
+    need not wait: they take over as soon as they explain their own chunk better.
 
     Args:
         robot: the robot description, known before any motion.
@@ -133,7 +133,7 @@ class Learning:
         self._spread = _Spread(robot.width)
 
     def take(self, time: np.ndarray, position: np.ndarray, effort: np.ndarray) -> Iterator[Version]:
-        """Learn from samples in order of their stamps; yields each version as it is handed over.
+        """Learn from samples in order of their stamps; yields each version that is handed over.
 
         Args:
             time: [s], (N,), later than all before.
@@ -147,7 +147,7 @@ class Learning:
                 yield from self._review(final=False)
 
     def finish(self) -> Iterator[Version]:
-        """The stretch ends here: learn from what is left of it."""
+        """End the stretch of motion: learn from the rest of it."""
         chunks = self.identifier.chunks
         self.identifier.finish()
         self._end = None
@@ -155,7 +155,7 @@ class Learning:
             yield from self._review(final=True)
 
     def anew(self) -> Learning:
-        """Another from where this one began, whose versions are counted on: of what this one took in it knows nothing."""
+        """A new learner from the initial belief of this one; it keeps nothing learned, but version numbers count on."""
         return self._anew(self._number if self.served is None else self.served.number)
 
     # -- handing over ------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ def check(
     before: np.ndarray,
     variance: np.ndarray,
 ) -> None:
-    """Refuse a model that is not fit to serve.
+    """Refuse a model that must not be put in service.
 
     Args:
         signals, rows: motion the model has not seen, and the samples of it that count.
@@ -276,7 +276,7 @@ class _Spread:
 
 
 def _pieces(time: np.ndarray) -> Iterator[slice]:
-    """Rows in pieces of `STEP_SECONDS`, cut at pauses."""
+    """Rows in pieces of `STEP_SECONDS`, split at pauses."""
     if len(time) == 0:
         return
     cuts = set((np.flatnonzero(np.diff(time) > PAUSE_SECONDS) + 1).tolist())

@@ -1,6 +1,6 @@
-"""A model of the same joints in another order: asked and told in ours, it computes in its own.
+"""Use of a model with its joints in another order: it computes in its own order.
 
-The arrays of a model cannot just be put in another order: its terms may tie a joint to the next one.
+Reordering its arrays would not do, since its terms may couple a joint to the next one.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from bdnn_ros.signals import Signals
 
 
 def places(names: Sequence[str], among: Sequence[str]) -> np.ndarray:
-    """Where each of the names is among others, all of which are there."""
+    """The index of each name among others, which contain all of them."""
     where = {name: k for k, name in enumerate(among)}
     return np.array([where[name] for name in names], int)
 
 
 def require_joints(model: Dynamics, used: Sequence[str], known: Sequence[str], name: str) -> None:
-    """Refuse a model of other joints than those in use; their order does not matter.
+    """Refuse a model whose joints are not those in use; their order does not matter.
 
     Args:
         known: all joints of the robot.
@@ -45,14 +45,14 @@ def require_joints(model: Dynamics, used: Sequence[str], known: Sequence[str], n
 
 
 def belief(model: PhysicalModel, robot: Robot) -> Prior:
-    """What a model says of a robot's parameters, in the order of the robot's joints."""
+    """A model's estimate of the parameters as a prior, in the robot's order of joints."""
     order = places(parameter_names(robot.joints), parameter_names(model.joints))
     mean, covariance = model.parameters.vector()[order], model.covariance[np.ix_(order, order)]
     return Prior(mean, covariance, prior(robot).effort_scale)
 
 
 def predicted(model: Dynamics, signals: Signals) -> np.ndarray:
-    """Effort along a motion, (N, n) [N·m], in the order of its joints; `model.predict` in its own."""
+    """Effort along a motion, (N, n) [N·m], in the motion's order of joints; `model.predict` uses the model's order."""
     if tuple(model.joints) != signals.joints:
         there, back = places(model.joints, signals.joints), places(signals.joints, model.joints)
         return predicted(model, _arranged(signals, there))[:, back]

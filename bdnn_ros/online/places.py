@@ -1,4 +1,4 @@
-"""Where models are kept: names inside one directory, and nothing outside it."""
+"""Where models are stored: names inside one directory, never outside it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST_NAME = 200
 
 
 def make_directory(directory: str) -> None:
-    """Make the model directory if it is missing, and see whether files can be written there.
+    """Create the model directory if it is missing, and check that files can be written there.
 
     Raises:
         UsageError: they cannot.
@@ -35,7 +35,7 @@ def make_directory(directory: str) -> None:
 
 @contextmanager
 def looking_at(what: str) -> Iterator[None]:
-    """Ask the file system for something; what it does not tell is refused.
+    """Turn errors of the file system into a refusal.
 
     Raises:
         UsageError: a directory on the way is closed, links go round, and the like.
@@ -54,7 +54,7 @@ def _reason(error: Exception) -> str:
 
 
 def model_to_load(directory: str, name: str) -> Path:
-    """The file of a named model that is there: as `model_place`, or `directory/name.bdnn`.
+    """The existing file of a named model: as `model_place`, or `directory/name.bdnn`.
 
     Raises:
         UsageError: as `model_place`.
@@ -68,9 +68,9 @@ def model_to_load(directory: str, name: str) -> Path:
 
 
 def model_place(directory: str, name: str) -> Path:
-    """The file of a named model: `directory/name/model.bdnn`; without a name, `directory/model.bdnn`.
+    """The file for a named model: `directory/name/model.bdnn`, or `directory/model.bdnn` without a name.
 
-    A name that ends in `.bdnn` is the file's own, unless there is a directory of that name.
+    A name that ends in `.bdnn` is the file itself, unless a directory has that name.
 
     Raises:
         UsageError: no directory is set, the name is blank, begins like a home directory's or would leave it, or what is

@@ -1,4 +1,4 @@
-"""What identification asks of recordings beside their samples."""
+"""Identification from recordings beyond their samples: delays, low-passes, splitting."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from bdnn_ros.signals import prepare
 
 
 def stretches(recording: Recording, seconds: float) -> list[slice]:
-    """Rows of the recording in stretches of time."""
+    """Slices of the recording of so many seconds each."""
     number = np.floor((recording.time - recording.time[0]) / seconds)
     bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(recording)]
     return [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
 
 
 def usual_lateness(recordings: Sequence[Recording], robot: Robot, cutoff: float | None) -> Lateness:
-    """How late the efforts of recordings are, the median one; not at all where they are too short to tell."""
+    """Median delay of the efforts of the recordings; zero if they are too short to estimate it."""
     found = []
     for recording in recordings:
         try:
@@ -37,7 +37,7 @@ def usual_lateness(recordings: Sequence[Recording], robot: Robot, cutoff: float 
 def as_recorded(
     model: PhysicalModel, recordings: Sequence[Recording], late: Lateness, cutoff: float | None
 ) -> PhysicalModel:
-    """A model of recordings with what their sensors did: efforts came late, and reported velocities had passed low-passes."""
+    """The model with the effects of the sensors in its recordings: delayed efforts, low-passed velocities."""
     try:
         told = reported_velocity(recordings, cutoff)
     except RecordingError:

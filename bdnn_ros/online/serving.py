@@ -1,4 +1,4 @@
-"""What a live session is told, and what it serves."""
+"""The settings of a live session, the model in service, and counts of the trainer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LEARNED_HERE = "this stream"
 
 @dataclass(frozen=True)
 class Settings:
-    """What a session is told once.
+    """The settings of a session, fixed at its start.
 
     Attributes:
         effort_source: "measured" takes the joint states' effort, "command" the effort commands.
@@ -48,7 +48,7 @@ class Settings:
     diagnosis_window: float = 60.0
 
     def for_trainer(self) -> dict[str, Any]:
-        """What a trainer must know of it."""
+        """The part that the trainer needs."""
         return {
             "effort_factors": self.effort_factors,
             "add_gravity": self.add_gravity,
@@ -58,7 +58,7 @@ class Settings:
         }
 
     def convention(self, robot: Robot) -> EffortConvention:
-        """What the efforts of a robot, or of some of its joints, are; it computes with a robot of its own.
+        """The effort convention for a robot, or for some of its joints.
 
         Raises:
             UsageError: a factor is malformed.
@@ -71,7 +71,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Served:
-    """The model that answers, to one thread at a time: what a model computes with is its own.
+    """The model in service, for one thread at a time: models keep working memory.
 
     Attributes:
         model: any model of the robot, in the order of joints in which it was identified.
@@ -124,7 +124,7 @@ class Served:
 
 @dataclass
 class Counts:
-    """What happened on the trainer's side.
+    """What the trainer has reported.
 
     Attributes:
         updates_rejected, reason: updates that did not pass the checks, and why the last one did not.
@@ -142,7 +142,7 @@ class Counts:
     repeated: dict[str, int] = field(default_factory=dict)
 
     def heed(self, message: Message) -> None:
-        """Take note of a message of the trainer."""
+        """Update the counts from a message of the trainer."""
         info = message.info
         if message.kind == "version":
             self.overrun = int(info["missed"])
@@ -157,5 +157,5 @@ class Counts:
 
 
 def nominal(robot: Robot) -> PhysicalModel:
-    """The robot description as a model, as unsure as one is of a robot before it has moved."""
+    """The robot description as a model, with the prior uncertainty before any motion."""
     return PhysicalModel(robot, np.zeros(robot.width), prior(robot).covariance, np.zeros(robot.width))

@@ -1,4 +1,4 @@
-"""A live session: stream in, trainer beside it, a model that serves. All of the node that is not ROS."""
+"""A live session: the stream, the trainer process and the model in service. Everything of the node that is not ROS."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from bdnn_ros.robot.mimics import with_mimics
 
 
 class Session:
-    """Receives a robot's joint states, has a model learned from them, and serves the newest that passed.
+    """Receives the joint states of a robot, has a model learned from them, and serves the newest that passed the checks.
 
-    Samples are taken in (`intake.take`, `commands.take`, `instant`) by one thread, which never waits in them.
+    One thread takes samples in (`intake.take`, `commands.take`, `instant`); it never waits there.
 
     Attributes:
         training: whether is learned where that is possible; see `learning`.
@@ -76,7 +76,7 @@ class Session:
         self.supervisor.start()
 
     def set_robot(self, robot: Robot) -> None:
-        """Serve this robot's description from now on; a stream of the same joints goes on.
+        """Use this robot description from now on; a stream of the same joints continues.
 
         Raises:
             UsageError: a stream of another robot is being learned from, or there is a factor of a joint it lacks.
@@ -101,9 +101,9 @@ class Session:
                 self._begin_again(self._course.start, kept=self._course.kept)
 
     def begin(self, joints: Sequence[str]) -> None:
-        """Lay out the rings for a stream of these joints and set the trainer to it; an earlier stream ends.
+        """Create the ring buffers for a stream of these joints and start the trainer on it; an earlier stream ends.
 
-        Nobody may take samples in meanwhile.
+        No sample may be taken in meanwhile.
 
         Raises:
             RobotError: the robot lacks one of them.
@@ -130,7 +130,7 @@ class Session:
             self._begin_again(0, self._course.resumed)
 
     def wider(self) -> tuple[str, ...]:
-        """Joints to begin anew with, where messages hold more of the robot's than are in use; else none."""
+        """The joints to restart with if messages contain more of the robot's joints than are in use; empty otherwise."""
         if self.intake is None or self.description is None:
             return ()
         return self.watch.look(self.intake, self.description.joints)
@@ -143,7 +143,7 @@ class Session:
         return tuple(joint for joint in self.description.joints if joint not in self.intake.joints)
 
     def stop(self, patience: float = PATIENCE) -> bool:
-        """End the trainer, which first learns and hands over what came, within `patience` [s]; give the memory back.
+        """Let the trainer learn the rest and hand it over within `patience` [s], end it, and free the memory.
 
         Returns:
             Whether a model serves that is worth keeping: learned here, or loaded.
@@ -159,7 +159,7 @@ class Session:
 
     @property
     def learning(self) -> bool:
-        """Whether the stream is learned from: not while a model serves that learning cannot go on from."""
+        """Whether the trainer is learning: paused while the model in service is one that learning cannot continue from."""
         return self.training and (self.served is None or isinstance(self.served.model, PhysicalModel))
 
     @property
@@ -183,7 +183,7 @@ class Session:
     # -- what the model says -----------------------------------------------------------------------
 
     def instant(self) -> Instant | None:
-        """Low-passed motion at the newest stamp that allows it; None while there is none."""
+        """The low-passed motion at the newest possible stamp; None if there is none."""
         if self._feed is None or self.intake is None or self.intake.clock.period <= 0.0:
             return None
         return self.smoother.newest(self._feed, self.intake.clock.period * 1e-9)
@@ -191,7 +191,7 @@ class Session:
     # -- requests ----------------------------------------------------------------------------------
 
     def set_training(self, on: bool) -> None:
-        """Go on learning, or pause; what comes meanwhile is received but not learned from."""
+        """Resume or pause learning; samples received during a pause are not learned from."""
         with self._turn:
             if on and not self.training:
                 self._course.skip(self._written, self.served)
@@ -199,7 +199,7 @@ class Session:
         self.supervisor.send(Message("training", {"on": self.learning}))
 
     def reset(self) -> None:
-        """Forget what was learned: the robot description serves, and learning starts with the next sample.
+        """Discard what was learned: the robot description serves, and learning starts with the next sample.
 
         Raises:
             UsageError: the robot is not known yet.
@@ -210,7 +210,7 @@ class Session:
             self._begin_again(self._written)
 
     def diagnose(self, window: float) -> Future[Message]:
-        """Ask what the robot description gets wrong over the last `window` [s], 0 for all that is kept.
+        """Request a diagnosis of the last `window` [s], 0 for all that is kept.
 
         Raises:
             DataError: there is nobody to ask just now.
@@ -222,7 +222,7 @@ class Session:
         return future
 
     def save(self, place: Callable[[], Path], model: Model | None = None) -> Future[Path]:
-        """Write a model, or the one that serves by then, to a place; the future raises what finding that does."""
+        """Save a model, by default the one in service by then, in the background; the future raises what `place` raises."""
         self.known()
         return self._files.submit(lambda: self.save_now(place(), model))
 
@@ -232,11 +232,11 @@ class Session:
         return save_model(path, self.served.model if model is None else model)
 
     def load(self, path: Path) -> Future[Model]:
-        """Read a model of this robot, whatever its order of joints, and serve it; the future raises ModelFileError."""
+        """Load a model of this robot, in any order of joints, and serve it; the future raises ModelFileError."""
         return self._files.submit(self.load_now, path)
 
     def read(self, path: Path) -> Model:
-        """A model of this robot and the joints in use, whatever their order; raises UsageError while these are not known."""
+        """Read a model of this robot and the joints in use, in any order; raises UsageError while the joints are not known."""
         model, robot = load_to_serve(path), self.known()
         require_joints(model, robot.joints, with_mimics(Robot.from_urdf(robot.urdf)), path.name)
         require_arm(model, robot, path.name)
@@ -265,7 +265,7 @@ class Session:
             self.supervisor.send(message)
 
     def _introduce(self) -> Sequence[Message]:
-        """What a trainer must know to take the stream over from where the last one, or a reset, left it."""
+        """The messages by which a new trainer takes over the stream."""
         with self._turn:
             if self.robot is None or self.intake is None:
                 return ()
@@ -279,7 +279,7 @@ class Session:
             return (Message("begin", info, arrays, tuple(ring.descriptor for ring in self._rings)),)
 
     def _hear(self, message: Message) -> None:
-        """A message of the trainer, in the supervisor's thread; attributes are swapped whole."""
+        """Handle a message of the trainer, in the supervisor's thread; attributes are replaced as a whole."""
         with self._turn:
             self._heed(message)
         if message.kind == "lost":
@@ -306,7 +306,7 @@ class Session:
             self.counts.unlike = str(message.info["error"]) if message.info["unlike"] else ""
 
     def _take_over(self, message: Message) -> None:
-        """Serve a version of this stream, and of it only."""
+        """Put a version in service if it belongs to this stream."""
         info = message.info
         if not self._course.advance(info):
             return

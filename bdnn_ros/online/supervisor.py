@@ -1,4 +1,4 @@
-"""The node's side of training: starts the trainer, hears it, and starts it again if it dies or hangs."""
+"""Starts the trainer process, exchanges messages with it, and restarts it if it dies or hangs."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ READY, LOST = "ready", "lost"
 
 
 class Supervisor:
-    """Keeps one trainer process alive.
+    """Keeps one trainer process running.
 
-    Messages from the trainer reach `hear` in this object's own thread, and one of kind `LOST` when it is gone, or
-    could not be started; what a new trainer must know is asked of `introduce`: the messages that begin its work.
+    Messages of the trainer are passed to `hear` in the supervisor's own thread, and one of kind `LOST` when the trainer has
+    ended or could not start. `introduce` returns the messages that begin the work of a new trainer.
 
     Attributes:
         restarts: how often a trainer was replaced.
@@ -64,7 +64,7 @@ class Supervisor:
 
     @property
     def alive(self) -> bool:
-        """A trainer runs and has said that it is ready."""
+        """Whether a trainer runs and has reported that it is ready."""
         process = self._process
         return process is not None and process.poll() is None and self._ready.is_set()
 
@@ -79,15 +79,15 @@ class Supervisor:
         self._thread.start()
 
     def send(self, message: Message) -> None:
-        """Hand a message over to the trainer; returns at once, and is dropped if the trainer dies before.
+        """Queue a message for the trainer and return; it is dropped if the trainer dies first.
 
-        What is sent after a `LOST` was heard reaches the next trainer.
+        Messages sent after `LOST` was heard reach the next trainer.
         """
         self._outbox.append(message)
         self._posted.set()
 
     def stop(self, patience: float = PATIENCE) -> bool:
-        """End the trainer: asked first, killed after `patience` [s]. No process is left.
+        """End the trainer: on request, or killed after `patience` [s]. No process is left.
 
         Returns:
             Whether it was done in time.
@@ -129,7 +129,7 @@ class Supervisor:
             self._stopping.wait(pause)
 
     def _keep_one(self) -> None:
-        """Start a trainer, carry its messages, and see it off.
+        """Start a trainer, exchange messages until it ends, and clean up.
 
         Raises:
             OSError: it could not be started, or it ended.
@@ -176,7 +176,7 @@ class Supervisor:
         )
 
     def _converse(self, channel: Channel) -> None:
-        """Hear the trainer until it is gone or the work is done."""
+        """Receive from the trainer until it ends or the supervisor is stopped."""
         channel.give_up_after(HANG)
         ready = time.monotonic()
         while True:
@@ -197,7 +197,7 @@ class Supervisor:
                 return
 
     def _acquaint(self) -> None:
-        """Have the trainer told first what a new one must know, then what waits already."""
+        """Queue the introduction of a new trainer before the messages that are waiting."""
         waiting = [self._outbox.popleft() for _ in range(len(self._outbox))]
         first = self._introduce()
         # rings that waited are those of the introduction, or given up: they are closed once the trainer has the newest
@@ -207,8 +207,10 @@ class Supervisor:
         self._posted.set()
 
     def _write(self, channel: Channel, over: threading.Event) -> None:
-        """Carry messages to the trainer, in a thread of its own: while one is under way, the trainer may be sending, too,
-        and neither would read."""
+        """Send queued messages, in a thread of its own.
+
+        While one is being sent the trainer may be sending, too; in one thread neither side would read.
+        """
         try:
             while not over.is_set():
                 self._posted.wait()
@@ -223,21 +225,21 @@ class Supervisor:
             channel.hang_up()  # a trainer that is told nothing more is of no use: who hears it shall notice
 
     def _listen(self, message: Message) -> None:
-        """Hear a message; one that cannot be used must not end this thread."""
+        """Pass a message to `hear`; an exception there must not end this thread."""
         try:
             self._hear(message)
         except Exception as error:
             self._tell(error)
 
     def _tell(self, error: Exception) -> None:
-        """Keep it as the trouble; where it is an error of the program, print it, too."""
+        """Store the error as `trouble`; print its traceback if it is a bug."""
         self.trouble = str(error)
         if not isinstance(error, BdnnError):
             traceback.print_exc()
             self.trouble = f"the node's side of it failed: {type(error).__name__}"
 
     def _end(self) -> None:
-        """See the process off: whatever it is doing, nothing it holds is needed any more."""
+        """Reap the process, or kill it: nothing that it holds is needed any more."""
         process = self._process
         if process is None:
             return

@@ -1,7 +1,7 @@
-"""The trainer's process: reads the ring, learns, and hands over what passed the checks.
+"""The trainer process: reads the ring buffer, learns, and hands over models that passed the checks.
 
-Started by `supervisor.Supervisor` as `python -m bdnn_ros.online.trainer`, so that nothing of the node (and no
-ROS) is in it. It ends when its channel does: no trainer outlives its node.
+Started by `supervisor.Supervisor` as `python -m bdnn_ros.online.trainer`, so it shares nothing with the node and has no ROS in
+it. It ends when its channel closes: no trainer outlives its node.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ STANDSTILL = "Learning stands still until the node is configured with other para
 
 
 class Trainer:
-    """What the process does between two looks at its channel.
+    """The main loop of the process: learns between two looks at its channel.
 
     Attributes:
         learning: None before a stream is begun, and where nothing can be learned from it.
@@ -57,7 +57,7 @@ class Trainer:
         self._repeated: dict[str, int] = {}
 
     def say(self, message: Message) -> None:
-        """Send to the node; where it is gone, end."""
+        """Send a message to the node; ends the process if the node is gone."""
         try:
             self.channel.send(message)
         except ConnectionError:
@@ -85,7 +85,7 @@ class Trainer:
     # -- learning ----------------------------------------------------------------------------------
 
     def _learn(self) -> bool:
-        """Take in one batch; False if there was none."""
+        """Learn from one batch; False if there was none."""
         if self.feed is None:
             return False
         self.feed.states.beat()
@@ -103,7 +103,7 @@ class Trainer:
         return True
 
     def _heed(self, silent: np.ndarray) -> None:
-        """Learn anew where an effort comes of a joint that had none: zero stood for it in all that was learned from.
+        """Start learning again if a joint taken to have no effort sensor reports effort: zero was learned in its place.
 
         Args:
             silent: joints without an effort now, (n,) bool.
@@ -113,7 +113,7 @@ class Trainer:
             self.learning = self.learning.anew()
 
     def _learn_all(self, versions: Iterator[Version]) -> None:
-        """Hand over what is learned; where nothing can be, tell so once and go on without."""
+        """Hand over the versions as they are learned; if learning fails, report it once and continue without."""
         try:
             for version in versions:
                 self._hand_over(version)
@@ -147,7 +147,7 @@ class Trainer:
         )
 
     def _end(self, time: float) -> int:
-        """Number of the first sample after a moment of stream time [s]: what was known then has not seen it."""
+        """The number of the first sample after a stream time [s]."""
         assert self.feed is not None
         states = self.feed.states
         return states.first_after(states.origin + round(time * 1e9))
@@ -159,7 +159,7 @@ class Trainer:
         self.learning.rejected.clear()
 
     def _tell_repeated(self) -> None:
-        """How many samples of which joints were left out since their drive repeats itself, where there are more of them."""
+        """Report how many samples of which joints were left out because the drive repeated its reading, if there are more."""
         assert self.learning is not None
         robot, repeated = self.learning.identifier.robot, self.learning.identifier.stream.repeated
         told = {joint: int(count) for joint, count in zip(robot.joints, repeated, strict=True) if count}
@@ -168,9 +168,9 @@ class Trainer:
             self.say(Message("repeated", {"samples": told, "epoch": self.epoch}))
 
     def _tell_changes(self) -> None:
-        """Name what has changed about the robot, and let later diagnoses look no further back than that.
+        """Report changes of the robot, and let later diagnoses look back no further than the last one.
 
-        Of a stream in other units, or of another robot, nothing is named.
+        Nothing is reported while the units or the robot seem to be others than described.
         """
         assert self.learning is not None and self.feed is not None
         changes = [] if self.analyst.unlike else self.learning.changes
@@ -193,7 +193,7 @@ class Trainer:
     # -- commands ----------------------------------------------------------------------------------
 
     def _begin(self, message: Message) -> None:
-        """Take over a stream: its robot and its rings, from the sample `start` on."""
+        """Take over a stream: its robot and its ring buffers, from the sample `start` on."""
         info = message.info
         settings = Settings(effort_factors=tuple(info["effort_factors"]), add_gravity=info["add_gravity"])
         try:
@@ -234,7 +234,7 @@ class Trainer:
         self.analyst.ask(float(message.info["window"]), int(message.info["request"]))
 
     def _stop(self) -> None:
-        """Learn what came already, as far as there is time for it, hand it over, and end."""
+        """Learn from what is in the buffer as far as time allows, hand it over, and end."""
         if self.training:
             if self.learning is not None:
                 self.learning.identifier.hurry()

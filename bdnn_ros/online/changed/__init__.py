@@ -1,1 +1,1 @@
-"""Notices that a robot has changed while it moves, and says what."""
+"""Detects changes of the robot while it moves, and names them."""

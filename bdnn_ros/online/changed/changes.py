@@ -1,4 +1,4 @@
-"""Notices that a robot has changed while it moves, and says what: a payload, a push, or friction."""
+"""Detects a change of the robot while it moves: a payload, an external push, or friction."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ OTHERWISE = 0.01
 
 @dataclass(frozen=True)
 class Change:
-    """A change that was named.
+    """A named change.
 
     Attributes:
         explanation: the hypothesis that won.
@@ -66,7 +66,7 @@ class Change:
 
 
 class Monitor:
-    """Watches the residual of the model that serves, one chunk of motion after the other.
+    """Monitors the residual of the model in service, chunk by chunk.
 
     Args:
         robot: its description.
@@ -84,7 +84,7 @@ class Monitor:
         self._drift = Drift(self.scene)
 
     def look(self, signals: Signals, rows: np.ndarray, model: PhysicalModel | None) -> tuple[Change, ...]:
-        """Look at the next chunk; several changes at once are drifts of several joints.
+        """Process the next chunk; returns the changes found. Several at once are drifts of several joints.
 
         Args:
             signals, rows: its motion and the samples that count.
@@ -111,7 +111,7 @@ class Monitor:
         return ()
 
     def _see(self, robot: Robot) -> None:
-        """Look from the robot as it is known to be set up by now; by another setup what was learned says little."""
+        """Take over base tilt and joint zeros as identified by now; what was learned with another set-up is dropped."""
         stands = self.scene.robot
         turned = np.abs(robot.gravity_vector - stands.gravity_vector).max() > OTHERWISE * np.linalg.norm(
             STANDARD_GRAVITY
@@ -122,7 +122,7 @@ class Monitor:
             self._drift = Drift(self.scene)
 
     def _let_pass(self, model: PhysicalModel) -> tuple[Change, ...]:
-        """What has no name is usual from now on, and may be part of a slow change."""
+        """Treat the suspicious chunks as usual from now on: nothing explains them. They may be part of a slow drift."""
         suspects, self._suspects, self._calm = self._suspects, [], 0
         for signals, rows in suspects:
             changes = self._pass(signals, rows, _residual(model, signals, rows), model)
@@ -133,7 +133,7 @@ class Monitor:
     def _pass(
         self, signals: Signals, rows: np.ndarray, residual: np.ndarray, model: PhysicalModel
     ) -> tuple[Change, ...]:
-        """Take in a chunk in which nothing happened at once."""
+        """Process a chunk without a sudden change."""
         known, noise = self._usual.known, self._usual.noise
         self._usual.take(residual, signals.at_rest[rows])
         now = self._usual.noise
@@ -166,7 +166,7 @@ class Monitor:
         return tuple(Change(each, (), finding(self.scene, each, (), before), belief, seen) for each in found)
 
     def _start_over(self, belief: Prior) -> None:
-        """The robot is another now: nothing is usual yet."""
+        """Restart from the changed robot: nothing is known yet of its usual residual."""
         self._information = inverse(belief.covariance)[0]
         self._drift.clear()
         self._usual.clear()
@@ -176,7 +176,7 @@ class Monitor:
     # -- judging ---------------------------------------------------------------------------------
 
     def _judge(self) -> Change | None:
-        """Name the change, if the motion so far says enough."""
+        """The change that explains the suspicious chunks, if the motion so far is conclusive."""
         window = [*([self._before] if self._before else []), *self._suspects]
         if self._reference is None:
             return None
@@ -211,23 +211,22 @@ class Monitor:
         return Change(best, rivals, finding(self.scene, best, rivals, mean), belief, seen)
 
     def _is_push(self, found: Explanation, now: float) -> bool:
-        """Whether it is too strong and too long for a jolt of the robot's own, and over: a payload stays."""
+        """Whether it is too strong and too long for a jolt of the robot itself, and has ended: a payload stays."""
         over = now - found.end > 0.5 * BLOCK_SECONDS or len(self._suspects) >= LONGEST - 1
         strong = float(np.linalg.norm(found.value[:3])) >= LEAST_PUSH * self.scene.weight
         return over and strong and found.end - found.start >= LEAST_PUSHING
 
 
 def _residual(model: PhysicalModel, signals: Signals, rows: np.ndarray) -> np.ndarray:
-    """What the model leaves of the effort, low-passed, (R, n) [N·m]."""
+    """Measured minus predicted effort, low-passed, (R, n) [N·m]."""
     assert signals.effort is not None
     return np.asarray(signals.smooth(signals.effort - model.predict(signals))[rows])
 
 
 def _certainty(signals: Signals, rows: np.ndarray, model: PhysicalModel, noise: np.ndarray) -> np.ndarray:
-    """What rows count, from 0 to 1, (R, n): less where dry friction may hold a joint in either direction.
+    """Weight of each row, from 0 to 1, (R, n): low where dry friction may hold a joint in either direction.
 
-    All rows in which it sticks are off alike, so that they say together what one does. A push that is stronger than
-    both noise and friction is still one.
+    The rows of one stop share the same error, so together they count as one. A push that exceeds noise and friction still shows.
 
     Args:
         noise: standard deviation of one row, (n,) [N·m].

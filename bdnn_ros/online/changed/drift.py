@@ -1,8 +1,8 @@
-"""Notices friction that changes too slowly for any second of motion to differ from the one before.
+"""Detects friction that changes too slowly to be seen from one second to the next.
 
-The model that serves follows such a change and hides it. Here one model stays the reference for minutes, and
-what it leaves is explained by parameters that are constant and, joint by joint, by friction that has been
-growing or shrinking steadily since some moment: a ramp. All is linear and Gaussian, as in `hypotheses`.
+The model in service follows such a change and hides it. Here one model stays the reference for minutes. Its residual is explained
+by constant parameter errors and, joint by joint, by friction that grows or shrinks linearly since some moment (a ramp).
+Everything is linear and Gaussian, as in `hypotheses`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ KNOWN = 5.0
 
 @dataclass(frozen=True)
 class Ramp:
-    """Friction of one joint that changes steadily since the start of block `first`."""
+    """Friction of one joint that changes linearly from the start of block `first` on."""
 
     joint: int
     first: int
@@ -46,7 +46,7 @@ class Ramp:
 
 
 class Drift:
-    """Looks for slow changes of friction in the motion of the last minutes.
+    """Searches the motion of the last minutes for slow changes of friction.
 
     Args:
         scene: of the robot.
@@ -60,7 +60,7 @@ class Drift:
         self.clear()
 
     def clear(self) -> None:
-        """Forget what was seen: the robot is another now."""
+        """Forget the past minutes, because the robot has changed."""
         self._model: PhysicalModel | None = None
         self._noise = np.zeros(0)
         self._blocks: list[Block] = []
@@ -81,7 +81,7 @@ class Drift:
         noise: np.ndarray | None,
         certain: np.ndarray,
     ) -> tuple[list[Explanation], Prior] | None:
-        """Look at the next chunk; tells joints whose friction has drifted, and what is known of the robot now.
+        """Process the next chunk; returns the drifts found and the belief about the robot now, or None.
 
         Args:
             signals, rows: its motion and the samples that count.
@@ -129,7 +129,7 @@ class Drift:
         return (found_all, self._belief(known, ramps)) if found_all else None
 
     def _is_payload(self, known: Known, best: Ramp) -> bool:
-        """Whether something gripped or released explains about as much."""
+        """Whether a payload gripped or released explains about as much."""
         data = [_plain(block, len(self._scene.information)) for block in self._blocks]
         if len(known.mean) > len(self._scene.information):
             return False  # it was asked before the first ramp
@@ -163,7 +163,7 @@ class Drift:
         )
 
     def _matters(self, found: Explanation, mean: np.ndarray) -> bool:
-        """Whether the change is large enough to be told: at the usual speed of the joint."""
+        """Whether the change is large enough to report, at the usual speed of the joint."""
         index, _ = self._scene.changed("friction", found.target)
         gram = sum(block.gram[np.ix_(index, index)] for block in self._blocks)
         speed = float(np.sqrt(gram[0, 0] / max(gram[1, 1], 1e-300)))
@@ -178,7 +178,7 @@ class Drift:
         return change > least
 
     def _belief(self, known: Known, ramps: Sequence[Ramp]) -> Prior:
-        """What is known of the robot at the end: friction that drifts may go on."""
+        """The belief about the robot at the end, wide enough for friction that drifts on."""
         size = len(self._scene.information)
         now = np.eye(size, len(known.mean))
         more = np.zeros((size, size))
@@ -191,7 +191,7 @@ class Drift:
 
 
 def _terms(model: PhysicalModel) -> tuple[object, ...]:
-    """Which terms a model has: the reference has those of the model that serves."""
+    """The terms of a model; the reference must have the same ones as the model in service."""
     groups = model.learned.groups if model.learned is not None else ()
     return model.breakaway, model.motors.couplings, groups
 
@@ -221,7 +221,7 @@ def _plain(block: Block, size: int) -> Block:
 
 
 def _heights(data: Sequence[Block], first: int) -> np.ndarray:
-    """How far a ramp from block `first` on is up at each block; one at the end."""
+    """Height of a ramp from block `first` on at each block; one at the end."""
     middle = np.array([0.5 * (block.start + block.end) for block in data])
     start, end = data[first].start, data[-1].end
     return np.clip((middle - start) / (end - start), 0.0, 1.0)
@@ -250,7 +250,7 @@ def _steepest(scene: Scene, data: Sequence[Block], known: Known, joint: int) -> 
 def _with_ramp(
     scene: Scene, data: Sequence[Block], information: np.ndarray, ramp: Ramp
 ) -> tuple[list[Block], np.ndarray]:
-    """The statistics with the ramp's three parameters behind the others."""
+    """The statistics with the three parameters of the ramp appended."""
     index, size = scene.changed("friction", ramp.joint)
     count = len(information)
     result = []

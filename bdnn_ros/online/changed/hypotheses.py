@@ -1,10 +1,9 @@
-"""What may have changed on a robot that moves, and how well each explains the residual since.
+"""Hypotheses on what has changed on a moving robot, and how well each explains the residual since.
 
-Everything is linear and Gaussian, so each hypothesis has its evidence in closed form (MacKay, "Information
-theory, inference and learning algorithms", ch. 28): a payload changes the ten inertial parameters of one body
-from some moment on, a change of friction three parameters of one joint, a push adds a wrench that is another
-one in every `BLOCK_SECONDS`. All of them share what was not known of the robot before: motion the model
-has not met is not taken for a change.
+Everything is linear and Gaussian, so each hypothesis has its evidence in closed form (MacKay, "Information theory, inference and
+learning algorithms", ch. 28). A payload changes the ten inertial parameters of one body from some moment on. A change of friction
+changes three parameters of one joint. A push adds a wrench that may differ in every `BLOCK_SECONDS`. All share the prior
+uncertainty of the robot, so that motion the model has not met yet is not mistaken for a change.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ OFF_TIP = -3.0
 
 @dataclass(frozen=True)
 class Explanation:
-    """A hypothesis after the data.
+    """A hypothesis evaluated on the data.
 
     Attributes:
         kind, target: what changed, on which body or joint.
@@ -57,7 +56,7 @@ class Explanation:
     edge: float = 0.0
 
     def below_nothing(self, after: np.ndarray) -> bool:
-        """Whether what cannot be negative surely is: a body's mass, or viscous and Coulomb friction.
+        """Whether a quantity that cannot be negative certainly is: a body's mass, viscous or Coulomb friction.
 
         Args:
             after: the parameters that it changes, as it leaves them, in the order of `value`.
@@ -67,7 +66,7 @@ class Explanation:
 
 
 def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> list[Explanation]:
-    """Every hypothesis at its best moment, the best first.
+    """Every hypothesis at its most likely moment, the best first.
 
     Args:
         data: blocks in order of time.
@@ -98,7 +97,7 @@ def explain(scene: Scene, data: Sequence[Block], information: np.ndarray) -> lis
 
 
 def _outermost_first(ranked: list[Explanation]) -> list[Explanation]:
-    """With the outermost of the links that explain alike in front: neighbours share most of their motion."""
+    """The ranking with the outermost of equally good links first: neighbouring links share most of their motion."""
     best = ranked[0]
     if best.kind == "push":
         alike = [e for e in ranked if e.kind == "push" and e.share > best.share - ALIKE]
@@ -113,21 +112,21 @@ def _outermost_first(ranked: list[Explanation]) -> list[Explanation]:
 
 @dataclass(frozen=True)
 class Jolt:
-    """A wrench on one body in one block: its evidence, mean and covariance."""
+    """A wrench on one body during one block: its evidence, mean and covariance."""
 
     evidence: float
     wrench: np.ndarray
     spread: np.ndarray
 
     def beside(self, block: Block, target: int, mean: np.ndarray) -> tuple[np.ndarray, float]:
-        """The wrench where the base parameters are off by `mean`, and the weighted square it then removes."""
+        """The wrench if the base parameters are off by `mean`, and the weighted square that it removes then."""
         gram, score = block.pull_gram[target], block.pull_moment[target] - block.cross[target] @ mean
         wrench = self.spread @ score
         return wrench, 2.0 * float(wrench @ score) - float(wrench @ gram @ wrench)
 
 
 def jolt(scene: Scene, block: Block, target: int) -> Jolt:
-    """The wrench that explains a block best where the base parameters are not off at all."""
+    """The wrench that best explains a block if the base parameters are right."""
     inverse_size, log_size = inverse(scene.wrench)
     score = block.pull_moment[target]
     spread, log_inner = inverse(block.pull_gram[target] + inverse_size)
@@ -137,7 +136,7 @@ def jolt(scene: Scene, block: Block, target: int) -> Jolt:
 
 @dataclass(frozen=True)
 class Known:
-    """The base parameters if nothing changed: prior information, and mean and covariance after the data.
+    """The base parameters if nothing changed: prior information, posterior mean and covariance.
 
     Attributes:
         evidence: log evidence of the data up to a constant of the prior.
@@ -157,14 +156,14 @@ class Known:
 
     @classmethod
     def from_sums(cls, information: np.ndarray, gram: np.ndarray, moment: np.ndarray) -> Known:
-        """What sums over the data say."""
+        """The same from sums over the data."""
         covariance, volume = inverse(information + gram)
         mean = covariance @ moment
         evidence = 0.5 * (float(moment @ mean) - volume)
         return cls(information, gram, moment, mean, covariance, evidence)
 
     def beside(self, wrenches: Sequence[tuple[Block, Jolt]], target: int) -> Known:
-        """What is known where some blocks of the data have a wrench of their own on a body, whatever it is."""
+        """The posterior if some blocks have an arbitrary wrench of their own on a body."""
         gram, moment = self.gram.copy(), self.moment.copy()
         for block, each in wrenches:
             cross = block.cross[target]
@@ -182,7 +181,7 @@ def step(
     target: int,
     begun: Sequence[Known | None] = (),
 ) -> Explanation:
-    """Parameters that are others from some block on, by Schur complements of what is known without.
+    """Parameters that change at some block, by Schur complements of the posterior without the change.
 
     Args:
         begun: what is known where the change begins inside each block, if it may.
@@ -228,7 +227,7 @@ def step(
 
 @dataclass(frozen=True)
 class _Step:
-    """A change of some parameters: log odds, mean, covariance, and its information shared with all parameters."""
+    """A change of parameters: log odds, mean, covariance, and the information that it shares with all parameters."""
 
     gain: float
     change: np.ndarray
@@ -252,7 +251,7 @@ def _step(
 
 
 def _push(data: Sequence[Block], known: Known, target: int, jolts: Sequence[Jolt]) -> Explanation | None:
-    """A wrench on one body over some blocks, another one in each."""
+    """A wrench on one body during several blocks, a different one in each."""
     low, high = _best_run([each.evidence for each in jolts])
     if high == low:
         return None
@@ -284,12 +283,12 @@ def energy(block: Block, mean: np.ndarray) -> float:
 
 
 def misfit(data: Sequence[Block], left: float) -> float:
-    """How many times the noise is left of the weighted square, at least 1 (Birge 1932)."""
+    """Ratio of the residual to the noise, at least 1 (Birge 1932)."""
     return max(CORRELATION[0] * left / sum(block.count for block in data), 1.0)
 
 
 def _best_run(gains: Sequence[float]) -> tuple[int, int]:
-    """The consecutive items with the largest sum, as a half-open range (Bentley 1984, Kadane's algorithm)."""
+    """The run of consecutive items with the largest sum, as a half-open range (Bentley 1984, Kadane's algorithm)."""
     best, result, total, start = 0.0, (0, 0), 0.0, 0
     for k, gain in enumerate(gains):
         if total <= 0.0:

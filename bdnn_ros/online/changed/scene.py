@@ -1,4 +1,4 @@
-"""Columns, sizes and statistics of one robot's residuals, for the question what has changed."""
+"""Regressor columns, typical sizes and statistics of a robot's residuals, for detecting changes."""
 
 from __future__ import annotations
 
@@ -84,12 +84,12 @@ class Scene:
         return signals.smooth_at(columns, rows)
 
     def pulls(self, signals: Signals, rows: np.ndarray) -> np.ndarray:
-        """Columns of the wrenches on each body, (R, n, n, 6): they hardly change within a low-pass."""
+        """Columns of a wrench on each body, (R, n, n, 6); they hardly vary within the low-pass, so they are not filtered."""
         jacobians = [self.robot.link_jacobian(signals.position[rows], link) for link in self.links]
         return np.asarray(-np.stack(jacobians, axis=1).transpose(0, 3, 1, 2))
 
     def changed(self, kind: Kind, target: int) -> tuple[np.ndarray, np.ndarray]:
-        """Which base parameters a payload or friction changes, and the prior covariance of the change."""
+        """Which base parameters a payload or friction changes, and the prior covariance of that change."""
         n = self.width
         if kind == "payload":
             moments = [1.0, *[LEVER] * 3, *[GYRATION**2] * 6]
@@ -104,7 +104,7 @@ class Scene:
 
     @property
     def weight(self) -> float:
-        """Of a link, on average [N]."""
+        """Mean weight of a link [N]."""
         return -STANDARD_GRAVITY[2] * self.load
 
 

@@ -1,4 +1,4 @@
-"""What the model that serves usually leaves of each joint's effort while that joint moves."""
+"""The usual residual of each joint under the model in service, while the joint moves."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CORRELATION = (3.0, 30.0)
 
 
 class Usual:
-    """What is usual of each joint.
+    """Statistics of the usual residual of each joint.
 
     Args:
         scale: of each joint's effort, (n,) [N·m].
@@ -36,12 +36,12 @@ class Usual:
         self.clear()
 
     def clear(self) -> None:
-        """Nothing is usual."""
+        """Forget everything."""
         self._squared = [deque[float](maxlen=REMEMBERED) for _ in self._scale]
         self._correlation = [deque[float](maxlen=REMEMBERED) for _ in self._scale]
 
     def take(self, residual: np.ndarray, rests: np.ndarray) -> None:
-        """Remember a chunk: its residual (R, n) [N·m], and where which joint rests, (R, n) bool."""
+        """Add a chunk: its residual (R, n) [N·m], and where each joint rests, (R, n) bool."""
         squared, correlation = np.mean(residual**2, axis=0), correlated(residual)
         for joint in np.flatnonzero((~rests).mean(axis=0) >= MOVES):
             self._squared[joint].append(float(squared[joint]))
@@ -49,22 +49,22 @@ class Usual:
 
     @property
     def known(self) -> np.ndarray:
-        """Joints of which something is usual, (n,) bool."""
+        """Joints with enough chunks to say what is usual, (n,) bool."""
         return np.array([len(each) >= ENOUGH for each in self._squared])
 
     @property
     def level(self) -> np.ndarray:
-        """Squared residual of each joint that is no more than usual, (n,) [N²·m²]."""
+        """Upper limit of the usual squared residual of each joint, (n,) [N²·m²]."""
         return self._squared_within(AMONG)
 
     @property
     def noise(self) -> np.ndarray:
-        """Standard deviation of one row as if rows were independent, (n,) [N·m]."""
+        """Standard deviation of one row, widened so that rows may be treated as independent, (n,) [N·m]."""
         return self._noise_within(0.5)
 
     @property
     def loud(self) -> np.ndarray:
-        """The same where more is left than usually, (n,) [N·m]: a moment says less than minutes do."""
+        """The same for a moment with a suspiciously large residual, (n,) [N·m]: a moment says less than minutes do."""
         return self._noise_within(LOUD)
 
     def _noise_within(self, share: float) -> np.ndarray:
@@ -72,14 +72,14 @@ class Usual:
         return np.asarray(np.sqrt(self._squared_within(share) * correlation))
 
     def _squared_within(self, share: float) -> np.ndarray:
-        """Squared residual of each joint that this share of the chunks stays within, (n,) [N²·m²]."""
+        """Squared residual of each joint that is not exceeded in this share of the chunks, (n,) [N²·m²]."""
         levels = [np.quantile(each, share) if len(each) else 0.0 for each in self._squared]
         least, unknown = (LEAST * self._scale) ** 2, (UNKNOWN * self._scale) ** 2
         return np.where(self.known, np.maximum(levels, least), unknown)
 
 
 def correlated(residual: np.ndarray) -> np.ndarray:
-    """Rows that say as much as one independent row, from the autocorrelation of one chunk (R, n), (n,)."""
+    """Number of rows that count as one independent row, (n,), from the autocorrelation of a chunk (R, n)."""
     r = residual - residual.mean(axis=0)
     power = np.maximum((r**2).sum(axis=0), 1e-300)
     result = np.ones(r.shape[1])

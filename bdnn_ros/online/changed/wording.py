@@ -1,4 +1,4 @@
-"""A change of a robot in the words and numbers of the contract's diagnosis.json."""
+"""A change of the robot as a finding of diagnosis.json."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bdnn_ros.robot.units import along, printed
 def finding(
     scene: Scene, best: Explanation, rivals: tuple[Explanation, ...], before: np.ndarray
 ) -> dict[str, Any]:
-    """The change as a finding of the contract.
+    """The change as a finding.
 
     Args:
         best: what changed.
@@ -50,12 +50,12 @@ def _quantity(value: float, std: float, unit: str) -> dict[str, Any]:
 
 
 def _moment(value: float, std: float) -> dict[str, Any]:
-    """A time of the stream, which may have come for days: to the millisecond all the same."""
+    """A stream time: to the millisecond however long the stream is."""
     return {"value": round(value, 3), "std": std, "unit": "s"}
 
 
 def _payload(scene: Scene, found: Explanation) -> dict[str, Any]:
-    """Something gripped (mass added) or released (mass taken away)."""
+    """A payload gripped (mass added) or released (mass removed)."""
     mass = float(found.value[0])
     released = mass < 0
     centre = found.value[1:4] / mass
@@ -73,7 +73,7 @@ def _payload(scene: Scene, found: Explanation) -> dict[str, Any]:
 
 
 def _friction(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str, Any]:
-    """Friction of a joint that is another than before: the part that changed most."""
+    """The friction parameter of a joint that changed most."""
     n = scene.width
     index = n * PER_LINK + np.array([1, 2, 3]) * n + found.target
     std = np.sqrt(np.diagonal(found.covariance))
@@ -92,7 +92,7 @@ def _friction(scene: Scene, found: Explanation, before: np.ndarray) -> dict[str,
 
 
 def _push(scene: Scene, found: Explanation) -> dict[str, Any]:
-    """A wrench of the environment, for a while."""
+    """A temporary external wrench."""
     std = np.sqrt(np.diagonal(found.covariance))
     names = [f"{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz"]
     units = ["N"] * 3 + ["N*m"] * 3

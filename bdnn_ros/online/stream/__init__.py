@@ -1,1 +1,1 @@
-"""Samples from messages as they come: checked, put together, timed, and kept for who learns from them."""
+"""From messages to samples: validated, merged, time-stamped, and buffered for the trainer."""

@@ -1,4 +1,4 @@
-"""Samples out of messages that each hold only some of the joints, as where a robot has several controllers."""
+"""Merges messages that each hold only some of the joints, as from several controllers, into samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BARE_LIMIT = 20
 
 
 class Group:
-    """Joints that come together, whatever their order in the message.
+    """Joints that are published together, in whatever order.
 
     Attributes:
         members: which of the joints in use they are, one bit each.
@@ -39,12 +39,12 @@ class Group:
         self._bare = 0
 
     def bare(self) -> bool:
-        """A message without a stamp came; whether it is one among others that have one."""
+        """Count a message without a stamp; returns whether the messages of this group otherwise have one."""
         self._bare += 1
         return self._stamped and self._bare < BARE_LIMIT
 
     def stamped(self) -> None:
-        """A message with a stamp came."""
+        """Note that a message with a stamp came."""
         self._stamped, self._bare = True, 0
 
     def came(self, names: Sequence[str], effort: Any, stamp: int) -> None:
@@ -86,7 +86,7 @@ class Kind:
 
 
 class Kinds:
-    """The kinds of messages that came, and the groups they make.
+    """The kinds of messages that came, and their groups.
 
     Args:
         used: names of the joints in use.
@@ -99,7 +99,7 @@ class Kinds:
 
     @property
     def groups(self) -> list[Group]:
-        """All groups, those in use and others."""
+        """All groups, also those without joints in use."""
         return list(self._groups.values())
 
     def of(self, names: Sequence[str]) -> Kind:
@@ -117,9 +117,9 @@ class Kinds:
 
 
 class Assembly:
-    """Parts of a sample that wait until every joint has come.
+    """The parts of a sample that wait for the other joints.
 
-    Parts belong together where their stamps are at most half a period of the slower of the two apart.
+    Parts belong together if their stamps differ by at most half the period of the slower group.
 
     Attributes:
         row: the newest values: position, velocity and effort of the n joints, (3, n).
@@ -151,7 +151,7 @@ class Assembly:
         return gone
 
     def take(self) -> bool:
-        """Whether every joint has come; if so, nothing waits any more."""
+        """Whether the sample is complete; if so, the parts are taken and nothing waits any more."""
         covered = 0
         for group in self._waiting:
             covered |= group.members
@@ -164,6 +164,6 @@ class Assembly:
         return True
 
     def give_up(self) -> dict[Group, int]:
-        """Let nothing wait any more, and return what did, with the stamps [ns]."""
+        """Discard what waits, and return it with the stamps [ns]."""
         waited, self._waiting = self._waiting, {}
         return waited

@@ -1,7 +1,7 @@
-"""Samples in shared memory, from the process that receives to the process that learns; neither waits.
+"""Ring buffer of samples in shared memory between the receiving and the learning process; neither waits for the other.
 
-The memory is an anonymous file (memfd) handed down to the reader as a file descriptor: it has no name in
-/dev/shm, so nothing can stay behind, however the processes end.
+The memory is an anonymous file (memfd) whose descriptor is passed to the reader. It has no name in /dev/shm, so nothing is left
+behind however the processes end.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ class Chunk:
 
 
 class Ring:
-    """The last `capacity` samples of a stream: one writer, any readers, all memory taken at the start.
+    """The last `capacity` samples of a stream: one writer, any number of readers, allocated once.
 
-    A sample is three stamps and `width` numbers. The writer never looks at the readers; a reader that is too
-    slow is told how many samples it missed.
+    A sample is three stamps and `width` numbers. The writer never waits for readers; a reader that is too slow learns how many
+    samples it missed.
     """
 
     def __init__(self, descriptor: int) -> None:
-        """Map a ring that `create` laid out.
+        """Map a ring that `create` made.
 
         Raises:
             UsageError: the descriptor is not a ring.
@@ -98,7 +98,7 @@ class Ring:
 
     @classmethod
     def received(cls, descriptor: int) -> Ring:
-        """A ring that another process handed down; its memory goes with the last reference to it.
+        """A ring from another process; its memory is freed with the last reference to it.
 
         Raises:
             UsageError: the descriptor is not a ring.
@@ -131,14 +131,14 @@ class Ring:
         return number
 
     def restamp(self, number: int, stamp: int) -> None:
-        """Give a sample that is still kept another stamp [ns]; who has read it already has the one before."""
+        """Change the stamp [ns] of a sample that is still in the buffer; readers that have read it keep the old one."""
         self._stamp[number % self.capacity] = stamp
 
     # -- readers -----------------------------------------------------------------------------------
 
     @property
     def written(self) -> int:
-        """How many samples were ever written; what is read before this, or after, is of before, or after."""
+        """Number of samples written so far. Also a memory fence between what is read before and after this access."""
         fence()
         number = int(self._header[_WRITTEN])
         fence()
@@ -151,12 +151,12 @@ class Ring:
 
     @property
     def most(self) -> int:
-        """How many samples can be read at once: all but the slot being written."""
+        """Number of samples that can be read at once: all but the slot being written."""
         return self.capacity - 1
 
     @property
     def oldest(self) -> int:
-        """Number of the oldest sample that is surely whole."""
+        """Number of the oldest sample that is certainly intact."""
         return max(self.written - self.most, 0)
 
     def read(self, start: int, most: int | None = None) -> Chunk:
@@ -183,11 +183,11 @@ class Ring:
         return np.concatenate([column[first:], column[: last - self.capacity]])
 
     def latest(self, count: int) -> Chunk:
-        """Copies of the last `count` samples, or of as many as there are."""
+        """Copies of the last `count` samples, or of all if there are fewer."""
         return self.read(max(self.written - count, self.oldest))
 
     def first_after(self, stream_time: int) -> int:
-        """Number of the oldest whole sample with time > `stream_time` [ns]."""
+        """Number of the oldest intact sample with time > `stream_time` [ns]."""
         low, high = self.oldest, self.written
         while low < high:
             middle = (low + high) // 2
@@ -198,9 +198,9 @@ class Ring:
         return low
 
     def first_sent_after(self, sent: int) -> int:
-        """Number of the first of the latest samples that were sent later than this [ns], by a clock that did not go back.
+        """Number of the first sample sent after `sent` [ns], searched back from the newest until the clock was last set back.
 
-        Looks back from the newest: whoever asks wants few of them, as a rule.
+        Callers usually want few samples, so the search is short.
         """
         oldest, end, count = self.oldest, self.written, 256
         while True:
@@ -216,7 +216,7 @@ class Ring:
 
     @property
     def consumed(self) -> int:
-        """How many samples the learning process has taken in."""
+        """Number of samples that the learning process has processed."""
         return int(self._header[_CONSUMED])
 
     @consumed.setter
@@ -224,7 +224,7 @@ class Ring:
         self._header[_CONSUMED] = number
 
     def beat(self) -> None:
-        """Tell that the learning process lives."""
+        """Signal that the learning process is alive."""
         self._header[_BEAT] = time.monotonic_ns()
 
     @property
@@ -234,7 +234,7 @@ class Ring:
         return (time.monotonic_ns() - beat) * 1e-9 if beat else float("inf")
 
     def close(self) -> None:
-        """Give the memory back; the ring is not usable afterwards. Arrays that `read` returned stay valid."""
+        """Unmap the memory; the ring is unusable afterwards. Arrays that `read` returned stay valid."""
         if self.descriptor < 0:
             return
         for name in ("_header", "_stamp", "_sent", "_time", "_values"):
@@ -246,10 +246,9 @@ class Ring:
 
 
 def fence() -> None:
-    """Keeps the order in which memory is written and read before and after it, which arm64 may change.
+    """Memory fence: reads and writes do not move across this call, as the CPU (arm64) otherwise might let them.
 
-    What is done before a lock's release stays before it, what is done after its acquisition stays after, and an acquisition
-    after the release before it. Nobody else knows the lock: it is never waited for.
+    Releasing and acquiring a lock orders them. The lock is private, so nothing ever waits for it.
     """
     lock = threading.Lock()
     lock.acquire()

@@ -1,4 +1,4 @@
-"""Stream time of samples, whatever their stamps do."""
+"""Stream time: strictly increasing, whatever the stamps of the samples do."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NONE = -1
 
 
 class Clock:
-    """Strictly increasing stream time from stamps that may jump, and the samples their gaps show as lost.
+    """Maps stamps that may jump to strictly increasing stream time, and counts the samples that gaps show as lost.
 
     Attributes:
         pauses: steps longer than `PAUSE`.
@@ -35,7 +35,7 @@ class Clock:
 
     @property
     def lost(self) -> int:
-        """Samples that the steps between stamps show missing, and that were not refused."""
+        """Number of samples that gaps between stamps show as missing and that were not refused."""
         return self._gaps.missing
 
     @property
@@ -45,11 +45,11 @@ class Clock:
 
     @property
     def since_zero(self) -> bool:
-        """Whether the stamps so far are of a clock that began at zero."""
+        """Whether the stamps come from a clock that started at zero, as in simulation."""
         return 0 < self._stamp < SINCE_ZERO
 
     def advance(self, stamp: int) -> int:
-        """Stream time of a sample with this stamp [ns], or `NONE` where the stamp repeats or goes back, unless the clock did."""
+        """Stream time of a sample with this stamp [ns], or `NONE` if the stamp repeats or goes back without a clock reset."""
         step = stamp - self._stamp
         if self._time == 0:
             self._gaps.pause()
@@ -80,9 +80,9 @@ class Clock:
         return self._time
 
     def began_at_zero(self) -> None:
-        """The first sample's stamp was zero, whatever stood for it."""
+        """Note that the stamp of the first sample was truly zero, whatever was used in its place."""
         self._stamp = self._latest = 0
 
     def refuse(self, stamp: int) -> None:
-        """A sample with this stamp [ns], `NONE` without, came but is left out: it is not lost."""
+        """Note a sample that came but was left out, with its stamp [ns] or `NONE`: it does not count as lost."""
         self._gaps.refuse(self._stamp - stamp if stamp > NONE else 0)

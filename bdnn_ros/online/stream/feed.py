@@ -1,4 +1,4 @@
-"""Samples out of the rings: joint states with the effort that belongs to each stamp."""
+"""Reads samples from the ring buffers: joint states, each with its effort."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ class Samples:
 
     @property
     def silent(self) -> np.ndarray:
-        """Joints that have no effort in any sample while others have theirs, as without a sensor, (n,) bool."""
+        """Joints without effort in any sample, although others have it (no sensor), (n,) bool."""
         known = np.isfinite(self.effort).any(axis=0)
         return ~known & known.any()
 
     def with_effort(self) -> Samples:
-        """Those whose effort is known; it is zero, as from a recording, where a joint is `silent`.
+        """The samples whose effort is known; zero stands for joints that are `silent`, as in recordings.
 
-        A sensor that starts late leaves nothing of what came before it: zeros there would be learned from.
+        If a sensor starts late, all earlier samples are dropped: the zeros would be learned.
         """
         silent = self.silent
         known = np.isfinite(self.effort[:, ~silent]).all(axis=1)
@@ -60,7 +60,7 @@ class Samples:
 
 
 class Feed:
-    """Reads a ring of joint states, and one of effort commands if these are the effort, sample after sample.
+    """Reads the ring of joint states, and that of effort commands if these serve as effort, sample by sample.
 
     Attributes:
         next: number of the joint state that is read next.
@@ -87,7 +87,7 @@ class Feed:
         self._acted = np.zeros(len(joints), bool)
 
     def read(self, most: int) -> Samples:
-        """The samples that came since the last call, at most `most`."""
+        """The samples since the last call, at most `most`."""
         if self.commands is None:
             chunk = self.states.read(self.next, most)
             self.next = chunk.end
@@ -101,7 +101,7 @@ class Feed:
         return self._samples(chunk, commands)
 
     def latest(self, count: int) -> tuple[Samples, np.ndarray]:
-        """The last `count` samples, or as many as there are, and their stamps [ns]; does not move `next`."""
+        """The last `count` samples, or all if there are fewer, and their stamps [ns]; `next` does not move."""
         chunk = self.states.latest(count)
         return self._samples(chunk, self._commands_of(chunk)), chunk.stamp
 
@@ -113,7 +113,7 @@ class Feed:
     def recording(self, seconds: float) -> Recording:
         """The last `seconds` (0: all that is kept) as a recording; samples without effort are left out.
 
-        What came before `kept`, as before a reset, is none of it.
+        It does not reach back beyond `kept`, for example to before a reset.
 
         Raises:
             RecordingError: there are none.
@@ -139,9 +139,9 @@ class Feed:
         return with_derived(live, silent)
 
     def _ready(self, most: int, commands: Chunk) -> int:
-        """How many joint states may be read: those whose commands have come, or are overdue.
+        """Number of joint states that can be read: those whose commands have arrived or are overdue.
 
-        By a clock that was set back since, those of before would be waited for until it is as late again.
+        A clock that was set back would otherwise make earlier joint states wait until it has caught up.
         """
         chunk = self.states.read(self.next, most)
         if len(chunk) == 0:
@@ -152,7 +152,7 @@ class Feed:
         return int(np.count_nonzero(np.logical_and.accumulate(settled)))
 
     def _commands_of(self, chunk: Chunk) -> Chunk | None:
-        """The commands that may be in force at these joint states, however often they are sent."""
+        """All commands that may be in force at these joint states, whatever their rate."""
         if self.commands is None:
             return None
         newest = self.commands.latest(1)
@@ -163,7 +163,7 @@ class Feed:
         return self.commands.read(self.commands.first_sent_after(int(first) - AGE - 1))
 
     def _before(self, chunk: Chunk) -> Chunk:
-        """The joint states before these at which a command may have come that is still in force at them."""
+        """The joint states before these, from the earliest command that may still be in force on."""
         if len(chunk) == 0:
             return chunk
         first = max(self.states.first_after(int(chunk.time[0]) - AGE - 1) - 1, self.states.oldest)
@@ -173,7 +173,7 @@ class Feed:
         return Chunk(before.first, stamp, sent, time, before.values[:count], before.missed)
 
     def _samples(self, chunk: Chunk, commands: Chunk | None = None, alone: bool = False) -> Samples:
-        """A chunk's samples; `alone` where it may hold older ones than were looked at before."""
+        """The samples of a chunk; `alone`: it may be older than what was looked at before."""
         n = len(self.joints)
         position, velocity, effort = (chunk.values[:, k * n : (k + 1) * n] for k in range(3))
         if commands is not None:
@@ -186,9 +186,9 @@ class Feed:
         return Samples(time, position, velocity, effort, chunk.missed)
 
     def _measured(self, effort: np.ndarray, alone: bool) -> np.ndarray:
-        """Reported efforts, (N, n), with NaN up to the first that is not zero of each joint.
+        """Reported efforts, (N, n); NaN before the first value other than zero of each joint.
 
-        Without a sensor it is zero throughout: with gravity it would look measured.
+        A joint without a sensor reports zero throughout; with gravity added that would look measured.
         """
         acted = np.logical_or.accumulate(np.abs(effort) > 0.0, axis=0)
         if not alone:
@@ -198,17 +198,17 @@ class Feed:
 
 
 def _whole(velocity: np.ndarray) -> np.ndarray:
-    """Velocities, (N, n), with none of a joint that lacks some while others have theirs: all of it is derived then."""
+    """Velocities (N, n), NaN for joints that lack some while others have theirs: these are derived from the position then."""
     absent = np.isnan(velocity)
     lacking = (absent & ~absent.all(axis=1, keepdims=True)).any(axis=0)
     return np.where(lacking, np.nan, velocity)
 
 
 def commanded(states: Chunk, before: Chunk, commands: Chunk) -> np.ndarray:
-    """The last command sent before each joint state, (N, n); NaN where that is too long ago in stream time.
+    """The last command sent before each joint state, (N, n); NaN if it is too old in stream time.
 
-    The middleware's clock says in which step between joint states a command came; a simulation may take long for it. Where
-    that clock was set back, it does not say which commands belong to the joint states of before: they have none.
+    The middleware's clock tells between which joint states a command came (a simulation may take long over one). Joint states
+    from before a reset of that clock have no command.
 
     Args:
         before: joint states that came just before these.
@@ -232,6 +232,6 @@ def commanded(states: Chunk, before: Chunk, commands: Chunk) -> np.ndarray:
 
 
 def _since_set_back(sent: np.ndarray) -> int:
-    """Index of the first of some moments [ns], (N,), by the clock as it was set last."""
+    """Index of the first of the times [ns], (N,), since the clock was last set back."""
     back = np.flatnonzero(np.diff(sent) < -SET_BACK)
     return int(back[-1]) + 1 if len(back) else 0

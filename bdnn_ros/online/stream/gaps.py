@@ -1,4 +1,4 @@
-"""How many samples of a stream never came, by the steps between the stamps of those that did."""
+"""Counts samples that never came, from the steps between the stamps of those that did."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SURE, PATIENCE = 0.2, 8
 
 
 class Late(NamedTuple):
-    """A gap whose samples may still come, or of which scattering stamps made one.
+    """A gap whose samples may still come, or that is due to jitter of the stamps.
 
     Attributes:
         owed: samples that may be missing.
@@ -35,10 +35,10 @@ NONE = Late()
 
 
 class Gaps:
-    """Counts what is missing, without what came and was refused.
+    """Counts missing samples, without those that came and were refused.
 
-    A refused sample stands for the missing one of the gap that its stamp lies in; where its stamp says nothing,
-    for one between the samples that were accepted before and after it. One thread counts, another may ask.
+    A refused sample fills the gap in which its stamp lies, or if the stamp says nothing, a gap between the samples accepted
+    before and after it. One thread counts while another may read.
 
     Attributes:
         period: median step of the last full block [ns]; 0 before there is one.
@@ -57,7 +57,7 @@ class Gaps:
 
     @property
     def missing(self) -> int:
-        """Samples missing so far; those of a gap once a sample after it shows that it was not just late."""
+        """Number of samples missing so far; a gap counts once a later sample shows that it was not only a delay."""
         with self._turn:
             steps, refused = self._steps[: self._filled].copy(), self._refused[: self._filled].copy()
             usual, counted, late = self._usual(), self._counted, self._late
@@ -66,7 +66,7 @@ class Gaps:
         return counted + _missing(steps, refused, usual, late)[0]
 
     def add(self, step: int) -> None:
-        """A sample was accepted so long after the one before [ns]."""
+        """A sample was accepted `step` [ns] after the one before."""
         with self._turn:
             self._steps[self._filled] = step
             self._refused[self._filled] = self._since
@@ -79,19 +79,19 @@ class Gaps:
                 self._filled = self._joined = 0
 
     def pause(self) -> None:
-        """The next sample is not joined to those before."""
+        """Ignore the step to the next sample."""
         with self._turn:
             self._since = 0
             self._joined = self._filled
 
     def refuse(self, back: int) -> None:
-        """A sample was refused whose stamp lies so long before that of the last accepted one [ns]."""
+        """A sample was refused whose stamp lies `back` [ns] before the last accepted one."""
         with self._turn:
             if back <= 0 or not self._stands_for(back):
                 self._since += 1
 
     def _stands_for(self, back: int) -> bool:
-        """Whether the refused sample is one of those that are missing in the gap that its stamp lies in."""
+        """Whether the refused sample fills the gap that its stamp lies in."""
         ends = np.cumsum(self._steps[self._joined : self._filled][::-1])
         place = int(np.searchsorted(ends, back))
         row = self._filled - 1 - place
@@ -105,14 +105,14 @@ class Gaps:
         return bool(inside)
 
     def _usual(self) -> float:
-        """Usual step [ns]; 0 where nothing says yet."""
+        """Usual step [ns]; 0 while it is not known."""
         if self.period or self._filled < ENOUGH:
             return self.period
         return float(np.median(self._steps[: self._filled]))
 
 
 def _missing(steps: np.ndarray, refused: np.ndarray, period: float, late: Late) -> tuple[int, Late]:
-    """Samples missing in some steps, and those that the next ones may still make up for.
+    """Number of samples missing in some steps, and the gap that later steps may still close.
 
     Args:
         late: the same, of the steps before.

@@ -1,6 +1,6 @@
-"""What becomes a sample: names, lengths, values and stamps of each message, checked without waiting.
+"""From messages to samples: names, lengths, values and stamps are validated without waiting.
 
-Stamps decide, not arrival. A message that cannot be used is counted under its reason and left out.
+Samples are ordered by stamp, not by arrival. Messages that cannot be used are counted by reason and left out.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ FIELDS = ("position", "velocity", "effort")
 
 
 class Intake:
-    """Joint states into a ring of position, velocity, effort (3n numbers, NaN where not measured).
+    """Writes joint states to a ring as position, velocity, effort (3n numbers, NaN where not measured).
 
-    A sample has the effort of every joint, of all but those without a sensor, or none. Messages that hold only some of
-    the joints are put together (see `Assembly`).
+    A sample has the effort of every joint (except those without a sensor) or none. Messages that hold only some of the joints are
+    merged (see `Assembly`).
 
     Attributes:
         joints: n names, the order in the ring.
@@ -69,7 +69,7 @@ class Intake:
     def take(
         self, names: Sequence[str], position: Any, velocity: Any, effort: Any, stamp: int, sent: int
     ) -> bool:
-        """Copy one message into the ring; False if it was left out, or waits for the other joints.
+        """Write one message to the ring; False if it was left out, or waits for the other joints.
 
         Args:
             names: joints of the message, any order, others between.
@@ -109,7 +109,7 @@ class Intake:
         return self._reject(fault, stamp) if fault else self._commit(row, stamp, sent)
 
     def _begin_at_zero(self) -> None:
-        """As the second message shows, the zero of the first was a simulation's time, and no stamp was missing."""
+        """The second message shows that the stamp 0 of the first was simulated time, not a missing stamp."""
         self.unstamped = 0
         if self.ring.written:
             self.clock.began_at_zero()
@@ -118,7 +118,7 @@ class Intake:
     def _take_part(
         self, kind: Kind, position: Any, velocity: Any, effort: Any, stamp: int, sent: int
     ) -> bool:
-        """Let a message wait for the others, or make a sample of it and those that do."""
+        """Let a part wait for the other joints, or complete a sample with it."""
         part = np.empty((3, len(kind.index)))
         fault = self._fill(part, kind, position, velocity, effort, stamp)
         if fault:
@@ -142,7 +142,7 @@ class Intake:
     def _fill(
         self, row: np.ndarray, kind: Kind, position: Any, velocity: Any, effort: Any, stamp: int
     ) -> str:
-        """Write a message's numbers in our order, (3, m); returns why they cannot be used, empty if they can."""
+        """Write the numbers of a message to `row` in our order, (3, m); returns why they are unusable, empty if they are not."""
         index = kind.index
         row[0] = np.asarray(position)[index]
         row[1] = np.asarray(velocity)[index] if len(velocity) else math.nan
@@ -183,7 +183,7 @@ class Intake:
         return False
 
     def _leave_to_another(self) -> bool:
-        """Count a sample of a second publisher: none of the first's is lost for it."""
+        """Count a sample of a second publisher, so that it does not make the first one's look lost."""
         self.received += 1
         self.rejected[SECOND] += 1
         return False
@@ -198,8 +198,9 @@ class Intake:
 
 
 class CommandIntake:
-    """Effort commands into a ring of their own (n numbers), to be aligned with the joint states by when
-    both were sent: the message has no stamp of its own.
+    """Writes effort commands to a ring of their own (n numbers).
+
+    The message has no stamp, so commands are aligned with the joint states by the time of sending.
 
     Attributes:
         joints: n names, the order of the numbers.
@@ -217,7 +218,7 @@ class CommandIntake:
         self.complaint = ""
 
     def take(self, values: Any, sent: int) -> bool:
-        """Copy one command [N·m], in the order of `joints`, sent at [ns], into the ring; False if not."""
+        """Write one command [N·m], in the order of `joints`, sent at `sent` [ns]; False if it was refused."""
         self.received += 1
         count = len(self.joints)
         if len(values) != count:

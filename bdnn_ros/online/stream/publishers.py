@@ -1,4 +1,4 @@
-"""Whose joint states are taken where two publishers send the same joints: told apart by what they hold and by their stamps."""
+"""Two publishers on one topic: tells them apart by fields and stamps, and takes only one of them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST = 16
 
 
 class Holding(NamedTuple):
-    """What messages of one publisher have in common.
+    """What the messages of one publisher have in common.
 
     Attributes:
         group: their joints; None of those that were put together.
@@ -35,7 +35,7 @@ class Holding(NamedTuple):
     velocity: bool
 
     def beside(self, taken: Holding) -> str:
-        """What tells messages that are left out from those that are taken."""
+        """The words that distinguish the messages left out from those taken."""
         for field in ("effort", "velocity"):
             if getattr(taken, field) and not getattr(self, field):
                 return f"without {field}"
@@ -47,7 +47,7 @@ class Holding(NamedTuple):
 
 
 class _Stream:
-    """The messages of one holding.
+    """The messages with one set of fields.
 
     Attributes:
         stamp, sent: of the latest [ns].
@@ -73,27 +73,27 @@ class _Stream:
         return median(steps) if steps else float("inf")
 
     def came(self, stamp: int, sent: int, since: bool) -> None:
-        """Count a message; `since` where another came since its last: one that fills gaps makes steps longer."""
+        """Count a message; `since`: others came after the last one, and a stream that fills gaps has longer steps."""
         if self.stamp < stamp and self.sent:
             (self._spans if since else self._steps).append(stamp - self.stamp)
         self.stamp, self.sent = stamp, sent
 
     def turn(self, step: int, usual: float) -> None:
-        """Take note of a step [ns] from this stream to the other or back."""
+        """Record a step [ns] between this stream and the other one."""
         if usual < float("inf"):
             self.turns += 1
             self.share += (min(max(step / usual, -1.0), 1.0) - self.share) / min(self.turns, TURNS)
 
     def better(self, other: _Stream) -> bool:
-        """Whether this is the one to take: a driver says more than who repeats it, or makes positions up."""
+        """Whether this stream is to be preferred: a driver fills more fields than a republisher or a made-up stream."""
         mine, theirs = self.holding[1:], other.holding[1:]
         return mine > theirs or (mine == theirs and FASTER * self.period < other.period)
 
 
 class Publishers:
-    """Decides which samples are taken: of one publisher, whatever its messages hold, and of no second.
+    """Takes the samples of one publisher, whatever fields its messages have, and leaves out those of a second one.
 
-    A publisher that leaves a field out now and then fills a gap in its own stamps; a second one's stamps are between.
+    A publisher that sometimes omits a field fills gaps in its own stamps; the stamps of a second one lie in between.
 
     Attributes:
         complaint: who is left out, and what to do; empty if nobody ever was.
@@ -105,7 +105,7 @@ class Publishers:
         self._taken: _Stream | None = None
 
     def takes(self, holding: Holding, stamp: int, sent: int) -> bool:
-        """Whether to take a sample of such a message, stamped and sent at [ns]."""
+        """Whether to take a sample with these fields, stamp [ns] and time of sending [ns]."""
         stream = self._streams.get(holding) or self._new(holding)
         taken = self._taken = self._taken or stream
         if stream is taken:
@@ -120,7 +120,7 @@ class Publishers:
         return joins
 
     def _joins(self, stream: _Stream, taken: _Stream, stamp: int, sent: int) -> bool:
-        """Whether a message of another stream is of the same publisher, or of one to take instead."""
+        """Whether another stream comes from the same publisher, or is to be taken instead."""
         if not stream.open:
             stream.turn(stamp - taken.stamp, min(stream.period, taken.period))
             stream.open = True

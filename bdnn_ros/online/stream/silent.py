@@ -1,4 +1,4 @@
-"""Joints without a sensor for their effort: it never comes while that of the others does, or never changes."""
+"""Joints without an effort sensor: their effort never comes while others' does, or never changes."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ LEAST_VARIANCE = 1e-12
 
 
 def changes(variance: np.ndarray) -> np.ndarray:
-    """Which efforts of this variance, (n,) [N²·m²], change at all: to what a driver only fills in no error compares."""
+    """Whether efforts of this variance, (n,) [N²·m²], change at all; a constant placeholder is nothing to compare with."""
     return np.asarray(variance > LEAST_VARIANCE)
 
 
 def relative(squared: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Squared errors over the efforts' variance, (n,) each [N²·m²], NaN where an effort does not change at all."""
+    """Squared error over the variance of the effort, (n,) each [N²·m²]; NaN where the effort never changes."""
     return np.where(changes(variance), squared / np.maximum(variance, LEAST_VARIANCE), np.nan)
 
 
 class Silent:
-    """Tells a joint without a sensor for its effort from one whose effort is missing now and then.
+    """Distinguishes joints without an effort sensor from those whose effort is missing now and then.
 
     Args:
         count: of joints, n.
@@ -46,7 +46,7 @@ class Silent:
         self._moves = self._all_changed = False
 
     def look(self, position: np.ndarray, effort: np.ndarray, places: np.ndarray, stamp: int) -> None:
-        """Take note of which joints have an effort.
+        """Update with the efforts of one message.
 
         Args:
             position, effort: of one message, (m,), NaN where it says none.

@@ -1,4 +1,4 @@
-"""Which of a robot's joints come, and which of them together: looked at once in a while, beside the stream."""
+"""Which of the robot's joints arrive, and which together; checked now and then beside the stream."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REMEDY = "Publish all joints together (joint_state_publisher with source_list), 
 
 @dataclass(frozen=True)
 class Coming:
-    """Joints of the robot that come together.
+    """Joints of the robot that arrive together.
 
     Attributes:
         joints: their names.
@@ -40,7 +40,7 @@ class Coming:
 
 
 class Watch:
-    """Compares what came since the last look with what is in use.
+    """Compares what arrived since the last look with the joints in use.
 
     Attributes:
         complaint: what is wrong with the messages, and what to do; empty if nothing is.
@@ -58,7 +58,7 @@ class Watch:
         self._second = 0
 
     def look(self, intake: Intake, joints: Sequence[str]) -> tuple[str, ...]:
-        """The joints to use instead of those in use, always more of them; none where those are right.
+        """The joints to use instead, always more of them; empty if those in use are right.
 
         Args:
             intake: of the stream.
@@ -98,10 +98,10 @@ def _coming(group: Group, joints: Sequence[str]) -> Coming:
 
 
 def wider(groups: Sequence[Coming], used: Sequence[str], needs_effort: bool) -> frozenset[str]:
-    """The most joints that can be had together, if these are more than those in use; else none.
+    """The largest set of joints that arrives together, if it is larger than the one in use; otherwise empty.
 
-    Messages at much the same rate are put together. What comes much slower is not waited for, it would slow
-    down the rest. What has no effort, where others have, would spoil theirs.
+    Messages at about the same rate are merged. Much slower ones are left out, since they would slow down all samples; so are
+    those without effort where others have it.
     """
     measured = [group for group in groups if group.measured]
     usable = measured if needs_effort and measured else groups
@@ -117,13 +117,13 @@ def wider(groups: Sequence[Coming], used: Sequence[str], needs_effort: bool) -> 
 
 
 def _together(slowest: Coming, groups: Sequence[Coming]) -> Coming:
-    """Those that are not slower than one, and not much faster, as one."""
+    """The groups that are not slower than `slowest` and not much faster, as one."""
     alike = [group.joints for group in groups if SLOWER * slowest.period <= group.period <= slowest.period]
     return Coming(frozenset().union(*alike), slowest.period, slowest.measured)
 
 
 def complaint(groups: Sequence[Coming], used: Sequence[str], misfit: bool) -> str:
-    """What is wrong, one sentence, and what to do; empty if nothing is.
+    """What is wrong with the messages, one sentence, and what to do; empty if nothing is.
 
     Args:
         groups: what comes; at least one.
@@ -145,7 +145,7 @@ def complaint(groups: Sequence[Coming], used: Sequence[str], misfit: bool) -> st
 
 
 def strange(fresh: Sequence[Group], used: Sequence[str]) -> str:
-    """Which joints come instead of all of those in use, one sentence, and what to do; empty if some of these come."""
+    """Which joints arrive while none in use does, one sentence, and what to do; empty otherwise."""
     names = dict.fromkeys(name for group in fresh for name in group.latest[0])
     if not names or any(group.members for group in fresh):
         return ""
@@ -153,7 +153,7 @@ def strange(fresh: Sequence[Group], used: Sequence[str]) -> str:
 
 
 def absent(here: Collection[str], seen: Collection[str], used: Sequence[str], joints: Sequence[str]) -> str:
-    """Which joints of a robot do not come, one sentence each why, and what to do; empty if all do.
+    """Which joints of the robot do not arrive, with the reason, and what to do; empty if all do.
 
     Args:
         here: those that come.
