@@ -1,8 +1,8 @@
-"""CDR, the encoding of ROS 2 messages: JointState by blocks at the speed of NumPy, and two small messages.
+"""CDR, the serialization of ROS 2 messages: JointState in blocks by NumPy, and two small messages.
 
-Plain CDR (OMG DDSI-RTPS 2.5, 10.5; XCDR version 1) is four bytes that name the byte order, then the fields,
-each aligned to its own size from there. A JointState's layout is fixed once its names are known, so a block
-of messages with the same names is read by slicing columns of bytes; what does not fit is parsed with care.
+Plain CDR (OMG DDSI-RTPS 2.5, 10.5; XCDR version 1) is a header of four bytes that names the byte order, then the fields, each
+aligned to its own size from there. The layout of a JointState is fixed once its names are known, so a block of messages with
+the same names is read by slicing columns of bytes; other messages are parsed one by one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ DAMAGED = "Record it again: the messages are damaged, or of another type than th
 
 
 class MalformedMessage(BagError):
-    """A message's bytes are not what its type says."""
+    """The bytes of a message do not fit its type."""
 
     def __init__(self, problem: str, remedy: str = DAMAGED) -> None:
         super().__init__(problem, remedy)
@@ -43,7 +43,7 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the fields of a JointState with certain names lie.
+    """Positions of the fields of a JointState with certain names.
 
     Attributes:
         size: bytes of a message.
@@ -82,7 +82,7 @@ class Layout:
 
 
 class _Cursor:
-    """Reads fields one after the other and remembers which bytes a layout fixes."""
+    """Reads fields in sequence and records which bytes the layout fixes."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) < HEADER or data[0] != 0 or data[1] not in (0, 1):

@@ -1,4 +1,4 @@
-"""The clock of a bag: which stamps of its joint states stand for their time."""
+"""Which stamps of a bag's joint states are valid times."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from bdnn_ros.bags.joint_states import Samples
 
 
 def stamped(name: str, parts: Sequence[Samples], every: bool = False) -> tuple[list[Samples], list[str]]:
-    """Joint states with stamps: the recorder's where the headers have none, none of zero among others.
+    """Joint states with valid stamps: the recorder's if all header stamps are zero; single zero stamps are dropped.
 
-    A clock that starts at zero, as a simulation's, may show it.
+    A clock that starts at zero, as in simulation, is valid.
 
     Args:
         every: leave out none of the first part.
@@ -34,12 +34,12 @@ def stamped(name: str, parts: Sequence[Samples], every: bool = False) -> tuple[l
 
 
 def begun(stamps: np.ndarray) -> int:
-    """The first of the stamps (N,) [ns] that is a time, whatever is left out later; 0 where there is none."""
+    """The first valid stamp of (N,) [ns], also if its sample is dropped later; 0 if there is none."""
     return next(iter(stamps[told(stamps)].tolist()), 0)
 
 
 def told(stamps: np.ndarray) -> np.ndarray:
-    """Which stamps (N,) [ns] are a time, (N,) bool: zero is none among others long after it."""
+    """Which stamps (N,) [ns] are valid times, (N,) bool: zero is not, if the others come long after it."""
     set_ = stamps != 0
     if set_.all() or not set_.any() or stamps[set_].min() < NANOSECONDS:
         return np.ones(len(stamps), bool)

@@ -1,4 +1,4 @@
-"""Effort commands of a bag, for efforts that were commanded instead of measured."""
+"""Effort commands in a bag, for use in place of measured efforts."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from bdnn_ros.errors import BagError, RecordingError, UsageError, listed
 
 
 def commands_among(topics: Sequence[Topic]) -> list[str]:
-    """Names of those that effort commands may be on."""
+    """Names of the topics that may carry effort commands."""
     return [t.name for t in topics if t.type == MULTI_ARRAY and t.count]
 
 
 class Commands:
-    """Effort commands against the time of their recording.
+    """Effort commands with the times at which they were recorded.
 
     Attributes:
         malformed: why messages are left out that cannot be decoded, one each.
@@ -39,7 +39,7 @@ class Commands:
         self.malformed: list[MalformedMessage] = []
 
     def add(self, log: int, data: bytes) -> None:
-        """Takes one message: its log time [ns] and its bytes."""
+        """Add one message: its log time [ns] and its bytes."""
         try:
             values = decode_float64_multi_array(data)
         except MalformedMessage as error:
@@ -49,7 +49,7 @@ class Commands:
         self._logs.append(log)
 
     def checked(self) -> list[str]:
-        """What there is to say of messages that cannot be decoded, once all are taken: a sentence, or none.
+        """Notes on messages that could not be decoded, after all were added: one sentence or none.
 
         Raises:
             BagError: no message can be decoded.
@@ -76,15 +76,15 @@ class Commands:
         return logs[order], [self._values[k] for k in order]
 
     def stand_for(self, joints: int) -> bool:
-        """Whether most commands have a value for each of so many joints."""
+        """Whether most commands have one value for each of this many joints."""
         return 2 * sum(len(values) == joints for values in self._values) > len(self._values)
 
     def aligned(
         self, samples: Samples, orders: Sequence[tuple[str, ...]], every: bool = False
     ) -> tuple[Samples, list[str]]:
-        """The samples with the command that is in force at each as effort, without those at which none is.
+        """The samples with the command in force at each of them as effort; samples without one are dropped.
 
-        The few commands of another length than most are in force at none, as in the node.
+        The few commands whose length differs from most are ignored, as in the node.
 
         Args:
             orders: joint names the commands may stand for, the likeliest first.

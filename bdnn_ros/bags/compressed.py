@@ -1,4 +1,4 @@
-"""Files and messages that a recorder compressed with Zstandard."""
+"""Files and messages that the recorder compressed with Zstandard."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CHUNK = 1 << 20
 
 
 def decompressed(part: Path, directory: Path) -> Path:
-    """A file in a directory with the content of a compressed one.
+    """A decompressed copy of a file in a directory.
 
     Raises:
         EOFError: that was cut off.
@@ -34,5 +34,5 @@ def decompressed(part: Path, directory: Path) -> Path:
 
 
 def of_message(data: bytes) -> bytes:
-    """A message that the recorder compressed, which metadata.yaml alone says: no CDR begins like Zstandard."""
+    """A message, decompressed if necessary: no CDR message begins like Zstandard, so metadata.yaml is not needed."""
     return ZstdDecompressor().decompressobj().decompress(data) if data.startswith(MAGIC) else data

@@ -1,4 +1,4 @@
-"""Copies of files that cannot be read as they are, each made once where a bag is opened several times."""
+"""Temporary copies of files that cannot be read as they are, reused when a bag is opened several times."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Make = Callable[[Path, Path], Path]
 
 
 class Copies:
-    """Copies that are there until they are closed."""
+    """Copies that exist until they are closed."""
 
     def __init__(self) -> None:
         self._stack = ExitStack()
         self._made: dict[object, Path] = {}
 
     def of(self, path: Path, make: Make) -> Path:
-        """The copy of a file: the one that was made before, unless the file or what lies beside it has changed."""
+        """The copy of a file: the earlier one, unless the file or one beside it has changed."""
         state = (make, path.absolute(), _state(path))
         if state not in self._made:
             with ExitStack() as failing:
@@ -32,7 +32,7 @@ class Copies:
         return self._made[state]
 
     def close(self) -> None:
-        """Removes them."""
+        """Delete them."""
         self._made.clear()
         self._stack.close()
 
@@ -41,7 +41,7 @@ _kept: ContextVar[Copies | None] = ContextVar("kept", default=None)
 
 
 def copies(stack: ExitStack) -> Copies:
-    """Those that `copies_kept` keeps, else new ones until the stack is closed."""
+    """The copies that `copies_kept` keeps, otherwise new ones until the stack is closed."""
     held = _kept.get()
     if held is None:
         held = Copies()
@@ -51,7 +51,7 @@ def copies(stack: ExitStack) -> Copies:
 
 @contextmanager
 def copies_kept() -> Iterator[None]:
-    """Meanwhile copies are kept for the next time that their bags are opened: a long bag takes long to copy."""
+    """Keep copies for the next time that their bags are opened: copying a long bag takes long."""
     held = Copies()
     token = _kept.set(held)
     try:
@@ -62,6 +62,6 @@ def copies_kept() -> Iterator[None]:
 
 
 def _state(path: Path) -> tuple[tuple[int, int], ...]:
-    """Times [ns] and sizes of a file and of what lies beside it."""
+    """Times [ns] and sizes of a file and of those beside it."""
     found = [file.stat() for file in (path, *logs(path))]
     return tuple((file.st_mtime_ns, file.st_size) for file in found)

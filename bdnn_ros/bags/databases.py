@@ -1,4 +1,4 @@
-"""SQLite databases that a recorder did not finish, or that were cut off."""
+"""SQLite databases that a recorder did not finish, or that were truncated."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ LOGS = ("-wal", "-journal")
 
 
 def require_all_pages(path: Path) -> None:
-    """Raises where a database is shorter than its header says, which SQLite notices only page by page.
+    """Raise if a database is shorter than its header says, which SQLite notices only when it reads the page.
 
-    SQLite file format: page size at byte 16 (1 stands for 65536), number of pages at 28, valid if the change
-    counters at 24 and 92 agree.
+    SQLite file format: page size at byte 16 (1 stands for 65536), number of pages at 28, valid if the change counters at 24
+    and 92 agree.
 
     Raises:
         EOFError: it is.
@@ -34,15 +34,15 @@ def require_all_pages(path: Path) -> None:
 
 
 def unfinished(path: Path) -> bool:
-    """Whether what a recorder wrote last lies beside a database: it runs still, or was killed.
+    """Whether a journal lies beside a database: its recorder is still running, or was killed.
 
-    rosbag2's preset `resilient` writes so. Who opens the database alone, as rosbags does, sees none of it.
+    rosbag2's storage preset `resilient` writes one. Readers of the database alone, such as rosbags, do not see its content.
     """
     return path.suffix == ".db3" and any(log.stat().st_size for log in logs(path))
 
 
 def finished(path: Path, directory: Path) -> Path:
-    """A copy of a database in a directory, with what lies beside it; the files themselves are left as they are.
+    """A copy of a database with its journal applied; the files themselves are not changed.
 
     Raises:
         BagError: the database changed meanwhile, so that the copy fits nothing.
@@ -63,12 +63,12 @@ def finished(path: Path, directory: Path) -> Path:
 
 
 def plainly_named(path: Path, directory: Path) -> Path:
-    """A link to a database, in a directory, whose name is an address as well."""
+    """A link to a database, in a directory, whose name is valid in a URI, too."""
     place = directory / "bag.db3"
     place.symlink_to(path.absolute())
     return place
 
 
 def logs(path: Path) -> list[Path]:
-    """What SQLite has put beside a database; of other files there is none."""
+    """The journal files that SQLite put beside a database; none for other files."""
     return [log for end in LOGS if (log := path.with_name(path.name + end)).is_file()]

@@ -1,4 +1,4 @@
-"""The robot description of a bag, and what it says of its joints, by its text alone."""
+"""The robot description in a bag, and its joints, from the text alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOVABLE = ("revolute", "continuous", "prismatic")
 
 
 class Descriptions:
-    """The robot descriptions of a bag.
+    """The robot descriptions in a bag.
 
     Attributes:
         topics: those that have one, that beside the joint states first: of several robots' in one bag it is theirs.
@@ -27,7 +27,7 @@ class Descriptions:
         self._malformed: dict[str, MalformedMessage] = {}
 
     def add(self, topic: str, data: bytes) -> None:
-        """Takes one message: the last counts that is not empty and can be decoded."""
+        """Add one message; the last one counts that is not empty and can be decoded."""
         try:
             text = decode_string(data)
         except MalformedMessage as error:
@@ -36,7 +36,7 @@ class Descriptions:
             self._found[topic] = text or self._found.get(topic, "")
 
     def notes(self, name: str) -> list[str]:
-        """What there is to say of messages that cannot be decoded, a sentence for each topic that holds some.
+        """Notes on messages that could not be decoded, a sentence for each topic with some.
 
         Args:
             name: the bag's.
@@ -48,13 +48,13 @@ class Descriptions:
 
     @property
     def theirs(self) -> str | None:
-        """That of the joint states, or else another; empty where all are; None without any."""
+        """The description that belongs to the joint states, or else another; empty if all are empty; None without any."""
         found = [self._found[topic] for topic in self.topics if topic in self._found]
         return next(filter(None, found), "" if found else None)
 
 
 def read_description(path: str | Path, joint_states: str = "/joint_states") -> str | None:
-    """The robot description of a bag as `read` has it, without its joint states.
+    """The robot description that `read` would find, without reading joint states.
 
     Raises:
         UsageError, BagError: as `read`.
@@ -67,10 +67,9 @@ def read_description(path: str | Path, joint_states: str = "/joint_states") -> s
 
 
 def movable_joints(urdf: str | None) -> tuple[str, ...]:
-    """Names of the movable joints of a URDF, from the base outwards, one limb after another; none where it does not parse.
+    """Names of the movable joints of a URDF, from the base outwards, limb by limb; empty if it does not parse.
 
-    Some descriptions list their joints from the tip. Those that mimic another are not among them, as they are none of
-    the robot's.
+    The order in the text is not used: some descriptions list joints from the tip. Mimic joints are left out, as in `Robot`.
     """
     try:
         root = ElementTree.fromstring(urdf or "<none/>")

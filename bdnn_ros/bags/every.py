@@ -1,4 +1,4 @@
-"""Every joint state of a bag, with the motion that those show which hold a position and a stamp."""
+"""Every joint state of a bag, with the motion of those that have a position and a stamp."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bdnn_ros.reported import reported_velocity, with_derived
 
 @dataclass(frozen=True)
 class EveryState:
-    """Joint states in the order of their stamps, none left out.
+    """All joint states, sorted by stamp; none is left out.
 
     Attributes:
         stamp: (N,) int64 [ns]; stamps may repeat.
@@ -41,7 +41,7 @@ class EveryState:
         return len(self.stamp)
 
     def select(self, joints: Sequence[str]) -> EveryState:
-        """The same states with these joints, in this order; a position is needed of all joints all the same.
+        """The same states with these joints, in this order; positions of all joints are required as before.
 
         Raises:
             UsageError: as `Recording.select`.
@@ -95,7 +95,7 @@ def read_every(
 
 
 def _shows(name: str, samples: Samples) -> np.ndarray:
-    """Which joint states show a motion, (N,) bool: those that hold a stamp and a position that a robot can have.
+    """Which joint states belong to the motion, (N,) bool: those with a stamp and a credible position.
 
     Raises:
         RecordingError: none does.
@@ -112,7 +112,7 @@ def _shows(name: str, samples: Samples) -> np.ndarray:
 
 
 def _motion(name: str, shown: Samples, urdf: str | None, notes: Sequence[str]) -> Recording:
-    """The motion that samples show whose stamps increase."""
+    """The motion of samples with increasing stamps."""
     velocity, silent, more = reported_velocity(name, shown.joints, shown.position, shown.velocity)
     motion = Recording(
         (shown.stamp - shown.epoch) * 1e-9,
@@ -133,7 +133,7 @@ def _if_credible(values: np.ndarray | None) -> np.ndarray | None:
 
 
 def _one_clock(name: str, stamp: np.ndarray, join: bool) -> np.ndarray:
-    """Stamps (N,) [ns] in the order of arrival by one clock: what follows one that starts anew is moved behind.
+    """Stamps (N,) [ns], in order of arrival, on one clock: what follows a clock reset is appended to what came before.
 
     Raises:
         RecordingError: the clock starts anew, and it is not asked to join the parts.

@@ -1,4 +1,4 @@
-"""Collects serialized JointStates into arrays, whoever sent them and in whatever order of joints."""
+"""Collects serialized JointStates into arrays, from any number of publishers and in any order of joints."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BLOCK = 4096
 
 
 class Block(NamedTuple):
-    """Some messages: arrival, log, stamp (K,); position, velocity, effort (K, n), None where left empty."""
+    """Some messages: arrival, log, stamp (K,); position, velocity, effort (K, n), None for an empty field."""
 
     arrival: np.ndarray
     log: np.ndarray
@@ -28,7 +28,7 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class Samples:
-    """Joint states as they came.
+    """Joint states in the order of arrival.
 
     Attributes:
         joints: n joint names.
@@ -62,7 +62,7 @@ class Samples:
 
 @dataclass
 class _Group:
-    """Messages that hold the same joints, in whatever order."""
+    """Messages with the same joints, in whatever order."""
 
     joints: tuple[str, ...]
     blocks: list[Block] = field(default_factory=list)
@@ -72,7 +72,7 @@ class _Group:
 
 
 class JointStates:
-    """What the JointStates of a topic hold, grouped by the joints they name.
+    """The JointStates of a topic, grouped by the joints that they name.
 
     Attributes:
         count: messages so far.
@@ -89,14 +89,14 @@ class JointStates:
         self._groups: dict[frozenset[str], _Group] = {}
 
     def add(self, log: int, data: bytes) -> None:
-        """Takes one message: its log time [ns] and its bytes."""
+        """Add one message: its log time [ns] and its bytes."""
         self._pending.append((log, data))
         self.count += 1
         if len(self._pending) == BLOCK:
             self.flush()
 
     def flush(self) -> None:
-        """Decodes what is pending."""
+        """Decode the pending messages."""
         pending, self._pending = self._pending, []
         first = self.count - len(pending)
         by_size: dict[int, list[int]] = {}
@@ -108,7 +108,7 @@ class JointStates:
             self._decode(rows, logs, first + np.array(indices))
 
     def _decode(self, rows: np.ndarray, logs: np.ndarray, arrival: np.ndarray) -> None:
-        """Messages of one size: those of a known layout together; the first to fit none makes a new one."""
+        """Decode messages of one size: those of a known layout together; the first that fits none defines a new one."""
         known = self._layouts.setdefault(rows.shape[1], [])
         tried = 0
         while len(rows):
@@ -147,22 +147,22 @@ class JointStates:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Every joint that a message names, in the order of their first appearance."""
+        """All joints, in the order of first appearance."""
         return tuple(dict.fromkeys(name for group in self._groups.values() for name in group.joints))
 
     @property
     def groups(self) -> list[tuple[str, ...]]:
-        """The joints that messages hold together, those that make most of the data first."""
+        """The sets of joints that come together, those with the most data first."""
         groups = sorted(self._groups.values(), key=lambda group: len(group) * len(group.joints), reverse=True)
         return [group.joints for group in groups]
 
     @property
     def usable(self) -> int:
-        """Messages that hold positions of some joints."""
+        """Number of messages with positions."""
         return self.count - len(self.malformed) - self.nameless
 
     def together(self, joints: Sequence[str]) -> list[tuple[str, ...]]:
-        """These joints by the messages that hold them: as many as one message holds, then of the others, and so on."""
+        """The joints split into parts that come in the same messages, the largest part first."""
         left = [joint for joint in joints if any(joint in names for names in self._groups)]
         parts = []
         while left:
@@ -172,10 +172,10 @@ class JointStates:
         return parts
 
     def samples(self, parts: Sequence[Sequence[str]]) -> list[Samples]:
-        """The messages that hold all joints of a part, in this order, for each part; frees what it has collected.
+        """For each part, the messages that contain all its joints, in this order; frees the collected data.
 
-        Messages with further joints beside them count as well, unless two publishers send the same joints:
-        then only those of one are taken, the one that fills the effort, or else the velocity, or else sent most.
+        Messages with further joints count as well, unless two publishers send the same joints: then only one of them is
+        taken, the one that fills the effort, or else the velocity, or else sent most.
         """
         found = [self._samples(joints) for joints in parts]
         self._groups = {}
@@ -198,9 +198,10 @@ class JointStates:
 
 
 def _twofold(parts: Sequence[Block]) -> bool:
-    """Whether stamps of several publishers are between one another, instead of filling one another's gaps.
+    """Whether the stamps of blocks interleave, as from several publishers, instead of filling each other's gaps.
 
-    What tells is the steps from one part to another: of one publisher these are as long as any, but for a stray stamp.
+    The criterion is the step from one block to the other: within one publisher it is as long as any step, apart from stray
+    stamps.
 
     Args:
         parts: messages that hold other joints or fields each.
@@ -223,7 +224,7 @@ def _twofold(parts: Sequence[Block]) -> bool:
 
 
 def _columns(block: Block, has: Sequence[str], wanted: Sequence[str]) -> Block:
-    """Only the wanted joints of a block."""
+    """The block with only the wanted joints."""
     order = [has.index(name) for name in wanted]
     return block._replace(
         position=block.position[:, order],
@@ -233,7 +234,7 @@ def _columns(block: Block, has: Sequence[str], wanted: Sequence[str]) -> Block:
 
 
 def _joined(blocks: Sequence[Block]) -> Block:
-    """Blocks as one, in the order of arrival; a field that some leave empty is NaN there."""
+    """Blocks merged in the order of arrival; NaN for a field that some leave empty."""
     arrival = np.concatenate([block.arrival for block in blocks])
     order = slice(None) if (np.diff(arrival) > 0).all() else np.argsort(arrival)
 

@@ -1,4 +1,4 @@
-"""Joint states whose joints come in several messages, as from several controllers, put together by their stamps."""
+"""Merges joint states whose joints come in several messages, as from several controllers, by their stamps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RATE_PER_CUTOFF = 3.0
 
 @dataclass(frozen=True)
 class _Places:
-    """Where stamps lie among those of another stream.
+    """Positions of stamps among those of another stream.
 
     Attributes:
         before, after: rows of the other stream, (N,).
@@ -38,14 +38,14 @@ class _Places:
     known: np.ndarray
 
     def of(self, values: np.ndarray | None) -> np.ndarray | None:
-        """The other stream's values (M, k) at these stamps, linear between its own, (N, k); NaN where it is not there."""
+        """The other stream's values (M, k) at these stamps, (N, k), interpolated linearly; NaN where it has no data."""
         if values is None:
             return None
         before, after = values[self.before], values[self.after]
         return self._found(before, after, before + self.share[:, None] * (after - before))
 
     def of_position(self, position: np.ndarray) -> np.ndarray:
-        """The same of its position, where one that was recorded within a turn is not led back through all of it."""
+        """The same for positions, taking care of wrapped angles: a jump by a turn is not interpolated."""
         before, after = position[self.before], position[self.after]
         return self._found(before, after, between(before, after, self.share[:, None], position))
 
@@ -64,10 +64,10 @@ def together(
     measured: bool,
     every: bool = False,
 ) -> tuple[Samples, list[str]]:
-    """The samples of the first part with those of the others put to them.
+    """The samples of the first part, completed with the other parts.
 
-    Where stamps do not coincide, the others' values are interpolated, but not over gaps: samples of the first part are
-    left out there.
+    Where stamps do not coincide, the others' values are interpolated, except over gaps: there the samples of the first part
+    are dropped.
 
     Args:
         parts: of different joints.
@@ -107,7 +107,7 @@ def together(
 
 
 def _merged(first: Samples, others: Sequence[tuple[Samples, _Places]], joints: Sequence[str]) -> Samples:
-    """All joints of the parts, in this order, at the stamps of the first."""
+    """All joints of the parts, in this order, at the stamps of the first part."""
     if not others:
         return first
     names = [*first.joints, *(joint for other, _ in others for joint in other.joints)]
@@ -132,7 +132,7 @@ def _merged(first: Samples, others: Sequence[tuple[Samples, _Places]], joints: S
 def _problem(
     first: Samples, other: Samples, places: _Places | None, needed: bool, measured: bool
 ) -> str | None:
-    """Why a stream cannot be put to another."""
+    """Why a stream cannot be merged with the first one; empty if it can."""
     if places is None:
         return "by a clock that is set back at other times"
     if np.mean(places.known) < LEAST_KNOWN:
@@ -147,7 +147,7 @@ def _problem(
 
 
 def _apart(places: _Places | None, known: np.ndarray, found: Sequence[tuple[Samples, _Places]]) -> str | None:
-    """Why a stream cannot be put to what those found so far leave of the samples, (N,) bool."""
+    """Why a stream does not overlap with the samples that the streams merged so far leave, (N,) bool."""
     if places is None or not known.any() or np.mean(places.known[known]) >= LEAST_KNOWN:
         return None
     apart = [other for other, theirs in found if np.mean(places.known[theirs.known]) < LEAST_KNOWN]
@@ -167,14 +167,14 @@ def _has_effort(samples: Samples) -> bool:
 
 
 def _rate(samples: Samples) -> float:
-    """Samples a second [Hz]; 0 with fewer than two."""
+    """Samples per second [Hz]; 0 with fewer than two."""
     steps = np.diff(samples.stamp)
     steps = steps[steps > 0]
     return 1e9 / float(np.median(steps)) if len(steps) else 0.0
 
 
 def _places(stamps: np.ndarray, others: np.ndarray) -> _Places | None:
-    """Where stamps lie among others, clock by clock; None where these were not set back as often."""
+    """Positions of stamps among others, clock by clock; None if the clocks were not reset equally often."""
     rows, clocks = _clocks(stamps)
     other_rows, other_clocks = _clocks(others)
     if len(clocks) != len(other_clocks):
@@ -187,7 +187,7 @@ def _places(stamps: np.ndarray, others: np.ndarray) -> _Places | None:
 
 
 def _clocks(stamps: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """Rows whose stamps increase, and from where to where of these one clock goes."""
+    """Rows with increasing stamps, and the ranges of these that belong to one clock each."""
     fresh = np.flatnonzero(np.append(True, stamps[1:] != stamps[:-1])[: len(stamps)])
     kept, starts = runs(stamps[fresh])
     edges = [*np.searchsorted(np.flatnonzero(kept), starts).tolist(), np.count_nonzero(kept)]
@@ -197,7 +197,7 @@ def _clocks(stamps: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
 def _among(
     stamps: np.ndarray, others: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The columns of `_Places` for stamps (N,) among the increasing ones of some rows of others."""
+    """The columns of `_Places` for stamps (N,) among the increasing ones of some rows of `others`."""
     if len(rows) < 2:
         nowhere = np.zeros(len(stamps), int)
         return nowhere, nowhere, np.zeros(len(stamps)), np.zeros(len(stamps), bool)

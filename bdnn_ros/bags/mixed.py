@@ -1,4 +1,4 @@
-"""MCAP files as other tools than ROS write them: with more than ROS messages, not said to hold such, or without indexes."""
+"""MCAP files written by other tools: with messages that are not from ROS, an unset profile, or without an index."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ ROS = ("ros2msg", "ros2idl", "omgidl", "")
 
 
 def of_ros(path: Path, directory: Path, types: tuple[str, ...]) -> Path:
-    """A copy of a file in a directory, with its ROS messages; those of other types than these are in it without content.
+    """A copy of a file with its ROS messages; messages of types other than these are copied without content.
 
-    So every topic is there with its number of messages, and images take no room.
+    Thus every topic appears with its number of messages, and images take no space.
 
     Raises:
         McapError: the file is damaged.

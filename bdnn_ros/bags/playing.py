@@ -1,4 +1,4 @@
-"""A bag as it is played: its joint states, and the effort commands as they were recorded, between them."""
+"""Reads a bag for playback: joint states, and effort commands in their recorded order between them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bdnn_ros.recording import Recording
 
 @dataclass(frozen=True)
 class Played:
-    """Joint states, and the commands among them that are in force at some.
+    """Joint states, and the commands that are in force at some of them.
 
     Attributes:
         recording: the joint states.
@@ -38,7 +38,7 @@ class Played:
 def read_to_play(
     path: str | Path, joint_states: str, effort_commands: str = "", rename: Sequence[str] = ()
 ) -> Played:
-    """A bag's joint states, those that cannot be used left out, and the commands on a topic, if it is named.
+    """Read the joint states, without unusable ones, and the commands on a topic if it is given.
 
     Raises:
         UsageError, BagError, RecordingError: as `read`.
@@ -71,9 +71,9 @@ def _commands(path: Path, topic: str) -> Commands:
 def _placed(
     recording: Recording, logs: np.ndarray, times: np.ndarray, values: Sequence[np.ndarray]
 ) -> Played:
-    """The commands between the joint states, by the time of recording of both.
+    """The commands between the joint states, by the time at which both were recorded.
 
-    What was commanded after the last joint state, or too long before the first to be in force at it, is left out.
+    Commands after the last joint state, or too long before the first to be in force there, are dropped.
     """
     logs = np.maximum.accumulate(logs)
     row = np.searchsorted(logs, times)

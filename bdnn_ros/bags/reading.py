@@ -1,4 +1,4 @@
-"""A bag becomes a Recording."""
+"""Reads a bag as a recording."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _require_joint_states(name: str, topic: str, available: Sequence[Topic]) -> 
 
 
 def _none(name: str, states: JointStates, topic: str) -> BagError:
-    """Why no joint state can be used."""
+    """The error if no joint state is usable."""
     if states.malformed:
         first = states.malformed[0]
         return BagError(

@@ -1,8 +1,8 @@
-"""The files of a bag and the serialized messages in them, by rosbags.
+"""The files of a bag and their serialized messages, by rosbags.
 
-The files are opened one by one rather than through metadata.yaml, which is only asked for their order: a directory
-without it, in the order of the files' first messages, or whose quality-of-service profiles differ from the file's,
-reads too, whichever of the files are compressed.
+The files are opened one by one, and metadata.yaml only gives their order. So a directory is readable, too, if it lacks
+metadata.yaml (files are then ordered by their first messages), if its quality-of-service profiles differ from those in the
+files, and if only some of the files are compressed.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Storage:
         self._stack.close()
 
     def _named(self, part: Path) -> Path:
-        """Itself, or a link: rosbags opens a database by an address, in which some characters of a path mean something else."""
+        """The file itself, or a link with a plain name: rosbags opens databases by URI, in which some characters are special."""
         odd = part.suffix == ".db3" and set(str(part)) & set("#?%")
         return self._copies.of(part, plainly_named) if odd else part
 
@@ -136,7 +136,7 @@ def _of_those_read(part: Path, directory: Path) -> Path:
 
 
 def _lacks_index(reader: Reader) -> bool:
-    """Whether no index tells of messages in an MCAP file: rosbags passes over such chunks, or asks that all come in order."""
+    """Whether an MCAP file has no index of messages: rosbags skips such chunks, or requires the messages to be in order."""
     if not isinstance(reader.storage, McapReader):
         return False
     chunks = reader.storage.chunks
@@ -145,7 +145,7 @@ def _lacks_index(reader: Reader) -> bool:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """What fails inside means a damaged file: on such files the library raises errors of every kind."""
+    """Turn any exception into a `BagError`: on damaged files the library raises all kinds of errors."""
     try:
         yield
     except BdnnError:
@@ -185,7 +185,7 @@ def _damaged(path: Path, error: Exception) -> BagError:
 
 
 def _parts(path: Path) -> tuple[list[Path], bool]:
-    """What to open, and whether it is in the order of recording for certain: without metadata, names alone tell."""
+    """The files to open, and whether their order is certain (from metadata.yaml, or a single file)."""
     if not path.exists():
         raise UsageError(f"There is no bag {path}.", "Check the path.")
     if path.is_file():
@@ -211,7 +211,7 @@ def _parts(path: Path) -> tuple[list[Path], bool]:
 
 
 def _inner(path: Path) -> Path:
-    """The bag in a directory around one, as simulate makes it. Of where one is, an empty name too, nothing is guessed."""
+    """The bag in a directory around it, as `bdnn simulate` makes; the current directory is never searched."""
     inner = sorted(child for child in path.iterdir() if child.is_dir() and _holds_bag(child))
     if len(inner) == 1 and path != Path():
         return inner[0]
@@ -225,7 +225,7 @@ def _inner(path: Path) -> Path:
 
 
 def _require_splits(path: Path, readers: list[Reader]) -> None:
-    """Refuses files that are no parts of one recording: the same motion twice would be learned and scored alike.
+    """Refuse files that are not splits of one recording: the same motion could otherwise be both learned and scored.
 
     Args:
         readers: in the order of their first messages.
@@ -241,7 +241,7 @@ def _require_splits(path: Path, readers: list[Reader]) -> None:
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:
-    """Orders names with numbers as people count: part_2 before part_10."""
+    """Sort key that orders numbers in names by value: part_2 before part_10."""
     return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", path.name)]
 
 
@@ -250,7 +250,7 @@ def _holds_bag(path: Path) -> bool:
 
 
 def _is_part(path: Path) -> bool:
-    """Whether a file is named like one of a bag."""
+    """Whether a file has the name of a bag file."""
     return (path.with_suffix("") if path.suffix == compressed.SUFFIX else path).suffix in SUFFIXES
 
 

@@ -1,4 +1,4 @@
-"""A Recording becomes a bag."""
+"""Writes a recording as a bag."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def write(
     effort_commands: str = "/effort_commands",
     overwrite: bool = False,
 ) -> Path:
-    """Writes a recording and its robot description as rosbag2 directory (MCAP, zstd) or plain `.mcap` file.
+    """Write a recording and its robot description as a rosbag2 directory (MCAP, zstd) or a plain `.mcap` file.
 
-    The bag appears under its name only when it is whole.
+    The bag appears under its name only when it is complete.
 
     Args:
         path: the directory to make, or a file name that ends in `.mcap`.
@@ -146,7 +146,7 @@ def _qos(depth: int, durability: QosDurability) -> Qos:
 
 
 def refuse_existing(path: Path, overwrite: bool) -> None:
-    """Refuses a place for a bag where something is that may not be replaced.
+    """Refuse a path for a bag where something exists that must not be replaced.
 
     Args:
         overwrite: a bag may be.
@@ -165,7 +165,7 @@ def refuse_existing(path: Path, overwrite: bool) -> None:
 
 
 def _take_place(made: Path, path: Path, scratch: Path) -> None:
-    """Moves the finished bag to its name; a bag that was there goes with the scratch directory."""
+    """Move the finished bag to its name; a bag that was there is deleted with the scratch directory."""
     if path.is_dir():
         path.rename(scratch / "old")
     os.replace(made, path)

@@ -1,1 +1,1 @@
-"""What a recording and a description must be for an identification or a diagnosis to mean anything."""
+"""Checks of recordings and descriptions before an identification or diagnosis can be trusted."""

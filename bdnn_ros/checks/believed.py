@@ -1,4 +1,4 @@
-"""Whether the description's bodies are further off than is believed of them before any motion."""
+"""Whether the identified bodies are further from the description than the prior allows."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ ROUNDING = 1e-12
 
 
 def further_off(robot: Robot, model: PhysicalModel, spread: Spread | None = None) -> Iterator[Remark]:
-    """Whether bodies were found further from the description than the prior lets them be.
+    """Whether bodies were found further from the description than their prior allows.
 
-    In units of the prior's standard deviation what was found of a parameter has the variance that the motion took away, by the
-    prior; its squares add to chi-squared (prior predictive check: Box, J. R. Stat. Soc. A 1980).
+    In units of the prior standard deviation, the identified deviation of a parameter has, under the prior, the variance that
+    the motion removed; the squares add up to chi-squared (prior predictive check: Box, J. R. Stat. Soc. A 1980).
 
     Args:
         robot: the simulation's, the prior of the model.
@@ -50,7 +50,7 @@ def further_off(robot: Robot, model: PhysicalModel, spread: Spread | None = None
 def _in_units_of_belief(
     robot: Robot, model: PhysicalModel, spread: Spread | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far bodies were found from the description, (n·PER_LINK,), and their covariance, in units of what is believed."""
+    """Deviation of the bodies from the description, (n·PER_LINK,), and its covariance, in units of the prior."""
     belief, size = prior(robot, spread), robot.width * PER_LINK
     believed = belief.covariance[:size, :size]
     factor = np.linalg.cholesky(believed + ROUNDING * np.diag(np.diagonal(believed)))

@@ -1,4 +1,4 @@
-"""What a recording cannot tell, and what is odd about it: each with the sentence that says what to do."""
+"""What recordings leave open or what is odd about them, each with a sentence on what to do."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def check(
     spread: Spread | None = None,
     disturbed: bool = False,
 ) -> list[Remark]:
-    """What these recordings of a robot leave open, or do oddly.
+    """Remarks on recordings and the model identified from them.
 
     Args:
         robot: the simulation's, the prior of the model.
@@ -84,7 +84,7 @@ def check(
 def check_data(
     recordings: Sequence[Recording], robot: Robot, cutoff: float | None = None, told: Collection[str] = ()
 ) -> list[Remark]:
-    """What these recordings leave open or do oddly by themselves, whatever is made of them.
+    """Remarks on recordings alone, whatever model is made of them.
 
     Args:
         robot: the simulation's.
@@ -121,7 +121,7 @@ def _oddities(
 
 
 def unexcited(robot: Robot, model: PhysicalModel, spread: Spread | None = None) -> Iterator[Remark]:
-    """Parameters of which the motion says little."""
+    """Parameters that the motion hardly determines."""
     belief = prior(robot, spread)
     before = Parameters.from_vector(np.sqrt(np.diagonal(belief.covariance)))
     shares = {kind: getattr(model.std, kind) / getattr(before, kind) for kind in JOINT_NAMES[:-1]}
@@ -138,7 +138,7 @@ def unexcited(robot: Robot, model: PhysicalModel, spread: Spread | None = None) 
 
 
 def _open_inertias(robot: Robot, model: PhysicalModel, belief: Prior) -> Iterator[Remark]:
-    """Whether inertias that the motion leaves open matter where the robot moves wider or faster."""
+    """Whether inertias left open would matter if the robot moved over a wider range or faster."""
     found = _of_bodies(robot)
     spread = np.array([one.std(model.covariance) for one in found])
     before = np.array([one.std(belief.covariance) for one in found])
@@ -164,7 +164,7 @@ def _open_inertias(robot: Robot, model: PhysicalModel, belief: Prior) -> Iterato
 
 
 def conditioned(value: float) -> Iterator[Remark]:
-    """Whether parameters are hard to tell apart on a motion with this condition number."""
+    """A remark if this condition number means that parameters are hard to separate."""
     if value > ILL_CONDITIONED:
         size = f"{value:.0f}" if value < HOPELESS else f"above {HOPELESS:.0f}"
         yield Remark(
@@ -175,7 +175,7 @@ def conditioned(value: float) -> Iterator[Remark]:
 
 
 def condition(robot: Robot, signals: Sequence[Signals]) -> float:
-    """Condition number of the effort's columns by the base parameters, each of unit length."""
+    """Condition number of the regressor of the base parameters, columns normalised."""
     count = sum(len(one) for one in signals)
     step = max(count // MOST_ROWS, 1)
     q, v, a = (
@@ -190,7 +190,7 @@ def condition(robot: Robot, signals: Sequence[Signals]) -> float:
 
 
 def _of_bodies(robot: Robot) -> list[Combination]:
-    """What motion can tell of the bodies."""
+    """The identifiable combinations of the bodies."""
     inertial = [one for one in combinations(robot) if one.unit.startswith("kg")]
     return [one for one in inertial if not one.words.startswith(WORDS["armature"][0])]
 
@@ -202,7 +202,7 @@ def _columns(
     acceleration: np.ndarray,
     found: Sequence[Combination],
 ) -> np.ndarray:
-    """Effort by each of the bodies' and rotors' combinations, (N, n, len(found))."""
+    """Effort per unit of each combination of bodies and rotors, (N, n, len(found))."""
     rotors = np.einsum("tj,jk->tjk", acceleration, np.eye(robot.width))
     columns = np.concatenate([robot.regressor(position, velocity, acceleration), rotors], axis=-1)
     weights = np.array([one.weights for one in found])
@@ -210,7 +210,7 @@ def _columns(
 
 
 def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[Remark]:
-    """Whether effort and motion are apart in time."""
+    """A remark if effort and motion are shifted in time."""
     period = 1.0 / min(recording.rate for recording in recordings)
     known = model.lead_std < UNKNOWN * LEAD
     lead = model.lead - model.lag
@@ -224,7 +224,7 @@ def delayed(model: PhysicalModel, recordings: Sequence[Recording]) -> Iterator[R
 
 
 def beyond(recording: Recording, robot: Robot) -> Iterator[Remark]:
-    """Joints whose positions are far beyond what the description allows, but for readings that are mended."""
+    """Joints with positions far outside the described range, apart from outliers that are repaired."""
     lower, upper = robot.limits.lower, robot.limits.upper
 
     def left(position: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What is doubtful about a robot's description, whatever was recorded: errors of it would pass for causes elsewhere."""
+"""Doubts about a robot description, whatever was recorded: its errors would be taken for causes elsewhere."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ GIVE_MASS = "Give its links an <inertial>."
 
 
 class Described(NamedTuple):
-    """A link that moves and has an inertia.
+    """A moving link with an inertia.
 
     Attributes:
         joint: index of the joint that moves it.
@@ -52,12 +52,12 @@ class Described(NamedTuple):
 
     @property
     def ghost(self) -> bool:
-        """Whether it has no mass, but an inertia worth speaking of, which the simulation counts."""
+        """Whether it has inertia worth mentioning but no mass; the simulation counts the inertia."""
         return self.mass == 0.0 and self.moments[2] > MATTERS * self.body
 
     @property
     def excess(self) -> float:
-        """How far the largest moment is beyond the sum of the others [kg·m²]."""
+        """By how much the largest moment exceeds the sum of the others [kg·m²]."""
         return float(self.moments[2] - self.moments[0] - self.moments[1])
 
     @property
@@ -67,7 +67,7 @@ class Described(NamedTuple):
 
 
 def doubts(robot: Robot) -> Iterator[Remark]:
-    """Links whose described mass or inertia no link of this robot can have."""
+    """Links whose described mass or inertia is impossible or implausible for this robot."""
     if not robot.inertials[:, 0].any():
         yield Remark("", NO_MASS, GIVE_MASS)
         return
@@ -78,7 +78,7 @@ def doubts(robot: Robot) -> Iterator[Remark]:
 
 
 def require_mass(robot: Robot, remedy: str = GIVE_MASS) -> None:
-    """Refuses a robot of which no link has mass: there is nothing that a recording could be compared with.
+    """Refuse a robot without any mass: no recording can be compared with it.
 
     Raises:
         RobotError: none has.
@@ -112,7 +112,7 @@ def _ghosts(robot: Robot, links: Sequence[Described]) -> Iterator[Remark]:
 
 
 def weightless(robot: Robot, link: str) -> list[str]:
-    """Links without mass whose described inertia counts as one of the body that a link belongs to."""
+    """Links without mass whose described inertia belongs to the same body as `link`."""
     body, _, _ = robot.body_of(link)
     return [one.name for one in _described(robot) if one.ghost and one.joint == body]
 
@@ -158,7 +158,7 @@ def _impossible(links: list[Described], longest: float) -> Iterator[Remark]:
 
 
 def _described(robot: Robot) -> list[Described]:
-    """Links with mass or inertia on the bodies that the robot's joints move."""
+    """Links with mass or inertia on the moving bodies."""
     largest = [_moments(inertia_of(values))[2] for values in robot.inertials]
     found = []
     for link in robot.links:
@@ -178,7 +178,7 @@ def _moments(inertia: pin.Inertia) -> np.ndarray:
 
 
 def _lengths(robot: Robot) -> np.ndarray:
-    """How far from its joint each body has a centre of mass, the next joint or another frame, (n,) [m]."""
+    """Distance from each joint to the farthest of its body's centre of mass, next joint or other frame, (n,) [m]."""
     model, order = robot.pinocchio_model()
     far = np.array([np.linalg.norm(inertia.lever) for inertia in model.inertias])
     for parent, placement in zip(model.parents, model.jointPlacements, strict=True):

@@ -1,4 +1,4 @@
-"""Where the efforts of a recording tell nothing: none is reported, brakes hold the robot, a limit cuts them off."""
+"""Times or joints whose efforts say nothing: not reported, held by brakes, or saturated."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def unread(recording: Recording) -> Iterator[Remark]:
 
 
 def braked(recording: Recording, robot: Robot) -> Iterator[Remark]:
-    """For how long nothing but brakes can have held a robot."""
+    """How long the brakes must have held the robot."""
     effort = recording.require_effort()
     heavy = np.maximum(HEAVY * usual_effort(effort), robot.coulomb)
     held_up = (np.abs(robot.gravity(recording.position[powerless(recording)])) > heavy).any(axis=1)
@@ -64,7 +64,7 @@ def braked(recording: Recording, robot: Robot) -> Iterator[Remark]:
 
 
 def saturated(recording: Recording, robot: Robot) -> Iterator[Remark]:
-    """Joints that are at their effort limit."""
+    """Joints at their effort limit."""
     shares = at_limit(recording.require_effort(), robot.limits.effort).mean(axis=0)
     for joint, share in zip(robot.joints, shares, strict=True):
         if share > SATURATED:

@@ -1,7 +1,7 @@
-"""Whether a robot picks something up and puts it down again and again: no one model holds of all of it.
+"""Whether a robot repeatedly picks something up and puts it down, so that no single model holds for the recording.
 
-Beside links that are a little off, rotors and friction, a body on the last link is there in some blocks of time and not in
-others. Which ones and what body is found in turn: the body by least squares, the blocks by the cheapest sequence (Viterbi).
+Beside link errors, rotors and friction, a body at the last link is present in some blocks of time and absent in others. Body
+and blocks are found alternately: the body by least squares, the blocks by the cheapest sequence (Viterbi).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LEAST_FREE = 10.0
 
 @dataclass(frozen=True)
 class Handling:
-    """A load that comes and goes.
+    """A load that is picked up and put down.
 
     Attributes:
         link: that carries it.
@@ -53,7 +53,7 @@ class Handling:
     times: tuple[tuple[float, float], ...]
 
     def there(self, time: np.ndarray) -> np.ndarray:
-        """Whether it is, or is just being picked up or put down, at times that increase (N,) [s], (N,) bool."""
+        """Whether the load is held, or is just being picked up or put down, at increasing times (N,) [s], (N,) bool."""
         there, (starts, ends) = np.zeros(len(time), bool), np.reshape(self.times, (-1, 2)).T
         firsts = np.searchsorted(time, starts - BLOCK)
         lasts = np.searchsorted(time, ends + BLOCK, side="right")
@@ -63,12 +63,12 @@ class Handling:
 
     @property
     def words(self) -> str:
-        """What is said of it."""
+        """The remark on it."""
         return f"{self.link} picks up about {self.mass:.2g} kg {len(self.times)} times and puts it down again"
 
 
 def handled(recording: Recording, signals: Signals, robot: Robot) -> Iterator[Remark]:
-    """What a user should know of a load that comes and goes."""
+    """The remark on a load that comes and goes."""
     found = handling(signals, robot)
     if found is not None:
         yield Remark(
@@ -79,7 +79,7 @@ def handled(recording: Recording, signals: Signals, robot: Robot) -> Iterator[Re
 
 
 def unloaded(recordings: Sequence[Recording], robot: Robot, cutoff: float | None = None) -> list[Recording]:
-    """The recordings without what was recorded while a load was there that comes and goes, with a note where there is one."""
+    """The recordings without the times at which a load was held that comes and goes, with a note."""
     return [_unloaded(recording, handling(prepare(recording, cutoff), robot)) for recording in recordings]
 
 
@@ -97,7 +97,7 @@ def _unloaded(recording: Recording, found: Handling | None) -> Recording:
 
 
 def handling(signals: Signals, robot: Robot) -> Handling | None:
-    """A load that comes and goes on one of a robot's last links; None where there is none, or no effort."""
+    """A load that comes and goes at one of the last links; None without one or without effort."""
     if signals.effort is None or not signals.interior.any():
         return None
     motion = Motion(signals, robot)
@@ -107,7 +107,7 @@ def handling(signals: Signals, robot: Robot) -> Handling | None:
 
 
 class Motion:
-    """Some samples of a motion: what bodies, rotors and friction may make of their efforts, and blocks of time."""
+    """Samples of a motion with the columns of bodies, rotors and friction, in blocks of time."""
 
     def __init__(self, signals: Signals, robot: Robot) -> None:
         assert signals.effort is not None
@@ -135,7 +135,7 @@ class Motion:
         self.weight = self.weight / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-9)
 
     def left(self, columns: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What columns (R, n, k) leave of the target, (R, n), and their coefficients, (k,)."""
+        """Residual of the target after columns (R, n, k), (R, n), and their coefficients, (k,)."""
         tall = (columns * self.weight[:, :, None]).reshape(-1, columns.shape[2])
         gram = tall.T @ tall + np.diag(precision)
         size = np.sqrt(np.diagonal(gram)) + 1e-12
@@ -177,7 +177,7 @@ def _handled(motion: Motion, robot: Robot, link: int) -> Handling | None:
 
 
 def _guessed(motion: Motion, body: np.ndarray, left: np.ndarray, inertial: np.ndarray) -> np.ndarray:
-    """Blocks in which what is left looks like more of the link, (B,) bool."""
+    """Blocks in which the residual looks like additional load, (B,) bool."""
     centre = inertial[1:POINT] / max(float(inertial[0]), 1e-9)
     heavier = (body @ np.array([1.0, *centre])) * motion.weight
     told = np.bincount(motion.block, weights=np.sum(heavier * motion.weight * left, axis=1))
@@ -186,7 +186,7 @@ def _guessed(motion: Motion, body: np.ndarray, left: np.ndarray, inertial: np.nd
 
 
 def _cheapest(costs: np.ndarray, change: float) -> np.ndarray:
-    """The sequence of two states of least cost (2, B), where each change costs as well, (B,) bool."""
+    """The sequence of two states with the least cost (2, B), each change costing `change`, (B,) bool."""
     total, before = costs[:, 0].copy(), np.zeros((costs.shape[1], 2), int)
     for k in range(1, costs.shape[1]):
         moved = total[::-1] + change
@@ -199,7 +199,7 @@ def _cheapest(costs: np.ndarray, change: float) -> np.ndarray:
 
 
 def _times(motion: Motion, there: np.ndarray) -> tuple[tuple[float, float], ...]:
-    """When runs of blocks begin and end [s]."""
+    """Start and end of runs of blocks [s]."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
     first = np.searchsorted(motion.block, edges[::2])
     last = np.searchsorted(motion.block, edges[1::2]) - 1

@@ -23,7 +23,7 @@ VELOCITY_GAIN = 0.03
 
 
 def odd_velocity(recording: Recording, signals: Signals, told: Collection[str] = ()) -> Iterator[Remark]:
-    """Joints whose reported velocity is not the derivative of their position, but for those of which that is told."""
+    """Joints whose reported velocity is not the derivative of their position, except those reported elsewhere (`told`)."""
     if signals.reported_velocity is None:
         return
     inside, late = signals.interior, {}
@@ -62,6 +62,6 @@ def odd_velocity(recording: Recording, signals: Signals, told: Collection[str] =
 
 
 def _between(values: Sequence[float], digits: int) -> str:
-    """One number, or the least and the largest where they differ."""
+    """One number, or the smallest and the largest if they differ."""
     ends = dict.fromkeys(f"{value:.{digits}f}" for value in (min(values), max(values)))
     return " to ".join(ends)

@@ -1,1 +1,1 @@
-"""Parameters with meaning: identified in seconds, physically consistent, with their uncertainty."""
+"""Physical parameters: identified in seconds, physically consistent, with their uncertainty."""

@@ -1,4 +1,4 @@
-"""Several recordings, several answers: what they agree on, and what they do not."""
+"""Compares the parameters identified from several recordings of one robot."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CHANCE = 0.01
 
 @dataclass(frozen=True)
 class Agreement:
-    """One parameter, or combination of parameters, as each recording gives it.
+    """One parameter, or combination of parameters, as identified from each recording.
 
     Attributes:
         words, unit: what it is.
@@ -51,12 +51,12 @@ class Agreement:
 
 
 def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
-    """What models of one robot, each of another recording, say of every parameter that motion can tell.
+    """Compare models of one robot, each identified from another recording, in every identifiable combination of parameters.
 
-    The base's angles, and a joint's zero, are compared between those that found them not as described.
+    Base tilt and joint zeros are compared between the models that found them different from the description.
 
-    Values differ where their weighted squared distances from the mean are more than chance explains (χ² test,
-    level divided by the number of parameters after Bonferroni).
+    Values differ if their weighted squared distances from the mean exceed what chance explains (χ² test, level divided by the
+    number of parameters after Bonferroni).
 
     Raises:
         UsageError: there are fewer than two, or of different robots.
@@ -80,7 +80,7 @@ def agreement(models: Sequence[PhysicalModel]) -> list[Agreement]:
 
 
 def _zeros(models: Sequence[PhysicalModel], level: float) -> Iterator[Agreement]:
-    """What models say that joints report at their zeros, of joints of which two or more say that it is off."""
+    """The joint zeros that models identified, for joints where at least two found one."""
     for joint, name in enumerate(models[0].joints):
         told = [(value, std) for model in models for k, value, std in model.zeros if k == joint]
         if len(told) > 1:
@@ -91,7 +91,7 @@ def _zeros(models: Sequence[PhysicalModel], level: float) -> Iterator[Agreement]
 def _compared(
     words: str, unit: str, values: np.ndarray, stds: np.ndarray, level: float, by_motion: bool = False
 ) -> Agreement:
-    """What recordings say of one thing, (m,) each, told to differ where chance makes it so no more often than the level."""
+    """The values of one quantity from each recording, (m,) each, and whether they differ at this level."""
     stds = np.maximum(stds, 1e-12)
     weights = 1.0 / stds**2
     mean = float(weights @ values / weights.sum())
@@ -101,7 +101,7 @@ def _compared(
 
 
 def _by_motion(one: Combination, models: Sequence[PhysicalModel]) -> bool:
-    """Whether it is friction or offset of a joint beside which any model has learned something."""
+    """Whether it is the friction or offset of a joint for which a model learned further terms."""
     width = len(models[0].joints)
     first = int(np.flatnonzero(one.weights)[0])
     if first < width * (PER_LINK + 1):

@@ -1,4 +1,4 @@
-"""What one unit of each coefficient adds to the effort along a motion."""
+"""Regressor columns: the effort per unit of each coefficient along a motion."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ TURNED = 1e-4
 
 
 def tilting(robot: Robot) -> np.ndarray:
-    """What gravity gains per angle by which the robot's base rolls, and pitches, further, (3, 2) [m/s²/rad]."""
+    """Derivative of the gravity vector by further roll and pitch of the base, (3, 2) [m/s²/rad]."""
     now = np.array(tilt_of(robot.gravity_vector))
     gained = [gravity_of(*(now + step)) - gravity_of(*(now - step)) for step in TURNED * np.eye(2)]
     return np.stack(gained, axis=-1) / (2.0 * TURNED)
 
 
 def smooth_columns(robot: Robot, signals: Signals, tilts: np.ndarray) -> np.ndarray:
-    """Columns that are linear in the motion's derivatives, (N, n, `Columns.coulomb`): low-passed with it.
+    """Columns that are linear in the motion's derivatives, (N, n, `Columns.coulomb`): the motion's low-pass is theirs.
 
     Args:
         robot: the bodies as far as they are known.
@@ -44,7 +44,7 @@ def smooth_columns(robot: Robot, signals: Signals, tilts: np.ndarray) -> np.ndar
 
 
 def sharp_columns(signals: Signals, direction: Directions, load: np.ndarray, scales: Scales) -> np.ndarray:
-    """The other columns, (N, n, `Columns.count` − `Columns.coulomb`): not low-passed yet.
+    """The other columns (friction direction, features), (N, n, `Columns.count` − `Columns.coulomb`), not low-passed yet.
 
     Args:
         load: effort that the rigid bodies ask of each joint, (N, n) [N·m].
@@ -57,10 +57,9 @@ def sharp_columns(signals: Signals, direction: Directions, load: np.ndarray, sca
 
 
 def low_passed(signals: Signals, smooth: np.ndarray, sharp: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """All columns at the chosen samples, low-passed as `signals.smooth(signals.effort)` is, (len(rows), n,
-    K).
+    """All columns at the chosen samples, low-passed as `signals.smooth(signals.effort)` is, (len(rows), n, K).
 
-    Sharp columns pass the low-pass twice, as the effort has.
+    Sharp columns pass the low-pass twice, like the effort.
     """
     weights = gaussian_kernel(signals.kernel_std, signals.rate)[0]
     passed = (smooth, weights), (sharp, np.convolve(weights, weights))
@@ -70,18 +69,18 @@ def low_passed(signals: Signals, smooth: np.ndarray, sharp: np.ndarray, rows: np
 
 
 def _side_by_side(*parts: np.ndarray) -> np.ndarray:
-    """Columns (N, n, k), or single ones (N, n), one after the other, (N, n, K).
+    """Columns (N, n, k), or single ones (N, n), concatenated, (N, n, K).
 
-    In memory the joints come last: motions have them so, and no step of a long motion goes through memory in leaps.
+    The joints are contiguous in memory, as in the motions, so that no operation on a long motion strides through memory.
     """
     columns = [part[:, None] if part.ndim == 2 else part.swapaxes(1, 2) for part in parts]
     return np.concatenate(columns, axis=1).swapaxes(1, 2)
 
 
 def _of_pairs(terms: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Columns of coupled motors as each joint sees them, from terms (N, n - 1, signs): 2 · signs · len(terms) of them, (N, n).
+    """Columns of coupled motors for each joint, from terms (N, n - 1, signs): 2 · signs · len(terms) of them, (N, n) each.
 
-    First the motor shared with the joint before, then with the joint after, which counts with its sign.
+    First the motor shared with the joint before, then the one shared with the joint after, which has its sign.
     """
     count, pairs, signs = terms[0].shape
     columns = np.zeros((2, signs, len(terms), count, pairs + 1))

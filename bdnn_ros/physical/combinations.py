@@ -1,4 +1,4 @@
-"""What motion can tell of a robot's inertias: combinations of parameters, each with a name in words."""
+"""Base parameters: the combinations of inertial parameters that motion can identify, each with a description in words."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Combination:
-    """A combination of parameters that motion can tell from every other.
+    """A combination of parameters that motion can identify separately from all others.
 
     Attributes:
         words: what it is, "mass times centre along x of link3, with 0.32 of mass of link4 and ...".
@@ -58,7 +58,7 @@ class Combination:
     weights: np.ndarray
 
     def value(self, parameters: np.ndarray) -> float:
-        """The combination's value for parameters (P,)."""
+        """Its value for parameters (P,)."""
         return float(self.weights @ parameters)
 
     def std(self, covariance: np.ndarray) -> float:
@@ -67,10 +67,10 @@ class Combination:
 
 
 def combinations(robot: Robot) -> list[Combination]:
-    """What motion can tell of a robot: base parameters, then friction and offset of each joint.
+    """The identifiable combinations of a robot: base parameters, then friction and offset of each joint.
 
-    A parameter whose effort is a sum of others' is taken into them (Gautier and Khalil, IEEE T-RA 1990); found by
-    orthogonalising the columns of random motions, with the rotors' inertia among them.
+    A parameter whose effort is a linear combination of others' is merged into them (Gautier and Khalil, IEEE T-RA 1990). The
+    dependencies are found by orthogonalising the columns of random motions, rotor inertias included.
     """
     width = robot.width
     first, armature = _order(robot)
@@ -101,13 +101,13 @@ def unit_of(name: str, robot: Robot) -> str:
 
 
 def _order(robot: Robot) -> tuple[np.ndarray, int]:
-    """Parameters in the order in which they are kept: rotors, then links from the base; and where rotors start."""
+    """Parameters in the order of preference (rotors, then links from the base), and the index at which rotors start."""
     armature = robot.width * PER_LINK
     return np.concatenate([armature + np.arange(robot.width), np.arange(armature)]), armature
 
 
 def _columns(robot: Robot) -> np.ndarray:
-    """Effort of random motions by each inertial parameter and rotor, (MOTIONS · n, n · PER_LINK + n)."""
+    """Effort of random motions per inertial parameter and rotor inertia, (MOTIONS · n, n · PER_LINK + n)."""
     generator = np.random.default_rng(0)
     q, v, a = generator.uniform(-np.pi, np.pi, (3, MOTIONS * robot.width, robot.width))
     rotors = np.einsum("tj,jk->tjk", a, np.eye(robot.width))
@@ -116,7 +116,7 @@ def _columns(robot: Robot) -> np.ndarray:
 
 
 def _independent(columns: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """Columns that no others before them make up, and how much of every column each takes in, (kept, all)."""
+    """Columns that are independent of those before them, and the share of every column that each absorbs, (kept, all)."""
     triangle = qr(columns, mode="r")[0][: columns.shape[1]]
     length = np.linalg.norm(columns, axis=0)
     kept: list[int] = []
@@ -136,7 +136,7 @@ def _links(robot: Robot) -> list[str]:
 
 
 def _in_words(names: list[str], leading: int, weights: np.ndarray) -> str:
-    """A combination in words: its leading parameter, then the largest of the others."""
+    """A combination in words: its leading parameter, then the largest others."""
     others = [k for k in np.argsort(-np.abs(weights)) if abs(weights[k]) > UNTOLD and k != leading]
     text = _of(names[leading])
     if others:

@@ -1,4 +1,4 @@
-"""Parameters that some real robot can have: every body's mass somewhere, no friction that drives."""
+"""Physical consistency: inertias that a body can have, and friction that dissipates."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TRACE = np.array([1.0 if row == column else 0.0 for row in range(4) for column 
 
 
 def feasible(inertials: np.ndarray) -> bool:
-    """Whether every body (n, PER_LINK) could exist: then M(q) is positive-definite in every position."""
+    """Whether every body (n, PER_LINK) is physically possible, so that M(q) is positive-definite in every position."""
     for values in inertials:
         eigenvalues = np.linalg.eigvalsh(pseudo_inertia(values))
         if not eigenvalues[0] > SMALLEST_MARGIN * max(eigenvalues[-1], 0.0):
@@ -40,13 +40,13 @@ def feasible(inertials: np.ndarray) -> bool:
 
 
 def consistent(mean: np.ndarray, information: np.ndarray, bodies: int, positive: np.ndarray) -> np.ndarray:
-    """The most probable parameters among those a real robot can have, (P,).
+    """The most probable physically consistent parameters, (P,).
 
-    Minimises ½ (θ − mean)ᵀ information (θ − mean) under J(θ) ≻ 0 for the pseudo-inertia of every body, by the margin
-    of `feasible`, and θ ≥ 0 for the `positive` ones, by Newton steps on a logarithmic barrier (Boyd and Vandenberghe,
-    "Convex Optimization", chapter 11; the constraint is the linear matrix inequality of Wensing, Kim and Slotine,
-    IEEE RA-L 2018). So the result costs at most `LAST_BARRIER` times four a body and `LAST_OF_POSITIVE` a positive
-    parameter more than the best.
+    Minimises ½ (θ − mean)ᵀ information (θ − mean) under J(θ) ≻ 0 for the pseudo-inertia of every body, by the margin of
+    `feasible`, and θ ≥ 0 for the `positive` ones, by Newton steps on a logarithmic barrier (Boyd and Vandenberghe, "Convex
+    Optimization", chapter 11; the constraint is the linear matrix inequality of Wensing, Kim and Slotine, IEEE RA-L 2018).
+    The result exceeds the minimum by at most `LAST_BARRIER` times four for each body and `LAST_OF_POSITIVE` for each positive
+    parameter.
 
     Args:
         mean, information: Gaussian belief, (P,) and (P, P); the first bodies · PER_LINK entries are
@@ -82,7 +82,7 @@ def _start(
     positive: np.ndarray,
     inside: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """A point (P,) well inside of what can be: the barrier's Newton steps are slow from one on the edge."""
+    """A strictly feasible point (P,), well inside: Newton steps of the barrier problem are slow from the boundary."""
     point = mean.copy()
     for body in range(bodies):
         rows = slice(body * PER_LINK, (body + 1) * PER_LINK)
@@ -93,15 +93,17 @@ def _start(
 
 
 def _raised(pseudo: np.ndarray) -> np.ndarray:
-    """A pseudo-inertia (4, 4) with every eigenvalue raised to a share of its largest."""
+    """A pseudo-inertia (4, 4) with its eigenvalues raised to at least a share of the largest."""
     values, vectors = np.linalg.eigh(pseudo)
     values = np.maximum(values, RAISED * max(values[-1], RAISED))
     return np.asarray(vectors * values @ vectors.T)
 
 
 def _barriers(first: float, last: float) -> Iterator[tuple[float, float]]:
-    """Weights of the bodies' and the positive parameters' barrier from a first one on, to the last of these: as strong as what
-    pulls out, no step ends at the edge it first meets."""
+    """Decreasing weights of the bodies' and the positive parameters' barriers, from `first` to `last`.
+
+    The first ones balance the pull of the data, so that no Newton step ends at the first boundary it meets.
+    """
     barrier = first
     while barrier > LAST_BARRIER / SHRINKING**0.5:
         yield barrier, barrier
@@ -121,9 +123,9 @@ def _descended(
     positive: np.ndarray,
     barriers: Iterator[tuple[float, float]],
 ) -> tuple[np.ndarray, bool]:
-    """The end of Newton's steps behind one barrier after another, (P,), and whether that is behind the last one.
+    """Newton steps for one barrier weight after another: the end point, (P,), and whether the last weight was reached.
 
-    Rounding may take the steps over the edge: then it is the end behind the barrier before.
+    Rounding may carry the steps over the boundary: then it is the end point of the barrier before.
     """
     reached = point
     for barrier in barriers:
@@ -147,10 +149,10 @@ def _newton(
     positive: np.ndarray,
     barrier: tuple[float, float],
 ) -> tuple[np.ndarray, float]:
-    """Newton step (P,) of the barrier problem and half its squared decrement.
+    """Newton step (P,) of the barrier problem, and half its squared decrement.
 
-    In coordinates in which the barrier's Hessian is the identity: however near the edge, no rounding of its curvature there
-    drowns what is known of the rest.
+    Computed in coordinates in which the Hessian of the barrier is the identity, so that close to the boundary its rounding
+    errors do not swamp the information on the other parameters.
     """
     of_bodies, of_positive = barrier
     gradient, hessian = information @ (point - mean), information.copy()
@@ -180,7 +182,7 @@ def _newton(
 
 
 def _largest(point: np.ndarray, step: np.ndarray, bodies: int, positive: np.ndarray) -> float:
-    """Length of the step: full where that stays inside, else most of the way to the edge."""
+    """Step length: 1 if the full step stays inside, otherwise most of the way to the boundary."""
     reach = 1.0
     for body in range(bodies):
         rows = slice(body * PER_LINK, (body + 1) * PER_LINK)

@@ -1,4 +1,4 @@
-"""Motors that turn with two joints at once, as those of many wrists do."""
+"""Motors that turn with two joints at once, as in the wrists of many robots."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Coupling:
 
 @dataclass(frozen=True)
 class CoupledMotors:
-    """Inertia and friction of such motors, felt by both their joints.
+    """Inertia and friction of coupled motors, which act on both their joints.
 
     Attributes:
         couplings: which joints, c of them.
@@ -46,7 +46,7 @@ class CoupledMotors:
         return np.stack(parts, axis=-1)
 
     def of_pairs(self, values: np.ndarray) -> np.ndarray:
-        """The motors' share of values for all pairs and signs, (N, n - 1, signs), (N, c)."""
+        """The coupled motors' entries of values for all pairs and signs, (N, n - 1, signs), as (N, c)."""
         chosen = [values[:, c.joint, COUPLING_SIGNS.index(c.sign)] for c in self.couplings]
         return np.stack(chosen, axis=-1) if chosen else np.zeros((len(values), 0))
 
@@ -67,17 +67,17 @@ class CoupledMotors:
         return self.on_joints(self.parameters[:, 1] * self.speeds(velocity), velocity.shape[-1])
 
     def dry(self, velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Effort of Coulomb friction and its curve, from the motors' directions (..., c), (..., n) [N·m]."""
+        """Effort of Coulomb friction and its speed-dependent part, from the motors' directions (..., c), (..., n) [N·m]."""
         speed = self.speeds(velocity) / self.limit
         learned = sum(w * phi for w, phi in zip(self.weights.T, curve(speed, direction), strict=True))
         return self.on_joints(self.parameters[:, 2] * direction + learned, velocity.shape[-1])
 
     def friction(self, velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Effort of viscous friction, Coulomb friction and its curve, (..., n) [N·m]."""
+        """Effort of viscous friction, Coulomb friction and its speed-dependent part, (..., n) [N·m]."""
         return self.viscous(velocity) + self.dry(velocity, direction)
 
     def mass_matrix(self, width: int) -> np.ndarray:
-        """What the rotors add to M, positive semi-definite, (width, width) [kg·m²]."""
+        """Contribution of the rotors to M, positive semi-definite, (width, width) [kg·m²]."""
         ways = self.on_joints(np.eye(len(self.couplings)), width)
         return np.asarray((ways * self.parameters[:, :1]).T @ ways)
 

@@ -1,7 +1,7 @@
-"""What a joint's effort may hold beyond rigid bodies: friction's curve, load, position, neighbours.
+"""Features for the effort of a joint beyond rigid bodies: speed-dependent friction, load, position, neighbouring joints.
 
-Each joint has its own small network: one hidden layer of fixed features, below, and output weights that are
-identified together with the rigid body, so that neither takes what the other explains.
+Each joint has a small network of its own: a hidden layer of fixed features (below) and output weights, which are identified
+together with the rigid bodies, so that neither absorbs what the other explains.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SPREAD = {"curve": 0.3, "load": 1.0, "direction": 0.1, "position": 1.0, "neighbo
 
 @dataclass(frozen=True)
 class Scales:
-    """What features are measured in: typical effort [N·m] and velocity limit [rad/s] of each joint, (n,)."""
+    """Units of the features: typical effort [N·m] and velocity limit [rad/s] of each joint, (n,)."""
 
     effort: np.ndarray
     velocity: np.ndarray
@@ -43,7 +43,7 @@ class Scales:
 
 @cache
 def group_slices() -> dict[str, slice]:
-    """Where each group is among the features."""
+    """The slice of each group among the features."""
     edges = np.cumsum([0, *GROUPS.values()])
     return {name: slice(int(a), int(b)) for name, a, b in zip(GROUPS, edges[:-1], edges[1:], strict=True)}
 
@@ -51,7 +51,7 @@ def group_slices() -> dict[str, slice]:
 def features(
     position: np.ndarray, velocity: np.ndarray, direction: np.ndarray, load: np.ndarray, scales: Scales
 ) -> np.ndarray:
-    """All features of each joint, (N, n, FEATURES), of the order of one.
+    """All features of each joint, (N, n, FEATURES), of order one.
 
     Args:
         position, velocity: (N, n).
@@ -70,8 +70,7 @@ def features(
 
 
 def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
-    """Features of friction's curve: what it differs from Coulomb and viscous friction, CURVE_FEATURES of
-    them.
+    """Features of the friction curve: its deviation from Coulomb and viscous friction, CURVE_FEATURES of them.
 
     Args:
         speed: velocity in units of its limit.
@@ -82,7 +81,7 @@ def curve(speed: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
 
 
 def feature_spread() -> np.ndarray:
-    """Prior standard deviation of each feature's weight, in the units of `SPREAD`, (FEATURES,)."""
+    """Prior standard deviation of each feature's weight, in units of `SPREAD`, (FEATURES,)."""
     where, spread = group_slices(), np.empty(FEATURES)
     waves = largest_waves() / np.arange(1, HARMONICS + 1)
     for name, values in SPREAD.items():
@@ -91,15 +90,15 @@ def feature_spread() -> np.ndarray:
 
 
 def largest_waves() -> np.ndarray:
-    """What each harmonic of the position may be found to weigh at most, as `feature_spread`, (HARMONICS,).
+    """Upper bound of the prior deviation of each position harmonic, as `feature_spread`, (HARMONICS,).
 
-    Long waves look like gravity, which is known better.
+    Low harmonics resemble gravity, which is known better.
     """
     return SPREAD["position"] * np.minimum((np.arange(1, HARMONICS + 1) / LONG_WAVE) ** 2, 1.0)
 
 
 def _waves(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """sin(k q) and cos(k q) of positions (N, n) for all `HARMONICS` k, (N, HARMONICS, n) each, by their sum formulas."""
+    """sin(k q) and cos(k q) of positions (N, n) for all `HARMONICS` k, (N, HARMONICS, n) each, by angle-sum formulas."""
     sines, cosines = (np.stack([wave(position)], axis=1) for wave in (np.sin, np.cos))
     known = 1
     while known < HARMONICS:
@@ -112,7 +111,7 @@ def _waves(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shifted(values: np.ndarray, step: int) -> np.ndarray:
-    """Values of the joint before (step -1) or after (1); none beyond the ends."""
+    """Values of the joint before (step -1) or after (1); zero beyond the ends."""
     result = np.zeros_like(values)
     if step < 0:
         result[:, 1:] = values[:, :-1]

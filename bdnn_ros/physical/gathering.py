@@ -1,4 +1,4 @@
-"""Sums over each joint's columns, gathered in one system of the parameters of all joints."""
+"""Assembles sums over each joint's columns into one system of equations for the parameters of all joints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Gathering:
-    """Where sums over the first K columns of n joints go in a system of the P parameters they reach; found once for all sums.
+    """Precomputed index maps from sums over the first K columns of n joints to the system of the P parameters.
 
     Args:
         columns: of each joint, which take part; of these, those among the first K do.
@@ -50,5 +50,5 @@ class Gathering:
 
 
 def _pairs(rows: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> np.ndarray:
-    """Sums of each joint's every two, one after the other."""
+    """Sums of all pairs of each joint's rows and columns, concatenated."""
     return np.concatenate([(a[:, None] + b).ravel() for a, b in zip(rows, columns, strict=True)])

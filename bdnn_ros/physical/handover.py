@@ -1,4 +1,4 @@
-"""From what is known to the model that is handed over: feasible, or not at all."""
+"""From the posterior to the model that is handed over; refused if it is not physically consistent."""
 
 from __future__ import annotations
 
@@ -34,10 +34,9 @@ def physical_model(
     version: int = 1,
     motion: Recursion | None = None,
 ) -> PhysicalModel:
-    """The most probable model that can exist.
+    """The most probable physically consistent model.
 
-    Bodies and friction are moved to where they are possible; the weights learned beside them follow, as far
-    as what is known ties them together.
+    Bodies and friction are moved into the feasible set; the learned weights follow as far as the posterior correlates them.
 
     Args:
         motion: sums of what tells, by which what they leave open of all that its joints may add is told as well; None where
@@ -83,7 +82,7 @@ def physical_model(
 
 
 def _most_probable(posterior: Posterior, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """The most probable parameters that can exist, (P,), and the information on those that are no weights."""
+    """The most probable feasible parameters, (P,), and the information on those that are not weights."""
     layout = posterior.layout
     physical = np.arange(layout.lead + 1 + len(layout.setup))
     learned = np.arange(len(physical), layout.size)
@@ -97,7 +96,7 @@ def _most_probable(posterior: Posterior, width: int) -> tuple[np.ndarray, np.nda
 
 
 def _motors(vector: np.ndarray, layout: Layout, structure: Structure, scales: Scales) -> CoupledMotors:
-    """The motors that turn with two joints, by the parameters (P,)."""
+    """The coupled motors of the parameters (P,)."""
     pairs = structure.couplings
     return CoupledMotors(
         pairs,
@@ -110,7 +109,7 @@ def _motors(vector: np.ndarray, layout: Layout, structure: Structure, scales: Sc
 def _learned_effort(
     vector: np.ndarray, layout: Layout, structure: Structure, scales: Scales
 ) -> LocalResiduals | None:
-    """What joints add that was learned, by the parameters (P,); None where nothing was."""
+    """The learned residual networks of the parameters (P,); None if nothing was learned."""
     if not any(structure.groups):
         return None
     of_joint = [vector[where] for where in layout.weights]
@@ -121,7 +120,7 @@ def _learned_effort(
 
 
 def _idealised(structure: Structure, scales: Scales) -> np.ndarray:
-    """What the friction laws' own error adds to the covariance of the base parameters, (P, P)."""
+    """Covariance of the base parameters that comes from the idealisation in the friction laws, (P, P)."""
     width = len(structure.friction)
     bodies = width * PER_LINK
     friction = FRICTION_LAW * np.array(structure.friction)

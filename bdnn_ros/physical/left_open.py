@@ -1,7 +1,7 @@
-"""What a motion left open of an identified model, in what its parameters' covariance alone does not say.
+"""Uncertainty that the motion left in an identified model beyond the covariance of its parameters.
 
-Friction is Coulomb and viscous friction in idea only. Where its curve was learned, other speeds may show another; where it
-was not worth learning, the curve is there all the same, and more of it shows where a joint is slower, or faster.
+Coulomb and viscous friction are an idealisation. Where the friction curve was learned, other speeds may show another one.
+Where it was not worth learning, it still exists, and shows at slower or faster speeds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ALWAYS = "curve"
 
 @dataclass(frozen=True)
 class LeftOpen(ReadOnlyArrays):
-    """What is not known of an identified model's base parameters and of the weights of what its joints may add beside them.
+    """Joint uncertainty of the base parameters and of the weights of the terms beside them.
 
     Attributes:
         joints, places: of each weight, the joint and where it is among the features, (W,) each.
@@ -45,17 +45,17 @@ class LeftOpen(ReadOnlyArrays):
 
     @classmethod
     def plain(cls, covariance: np.ndarray) -> LeftOpen:
-        """What a covariance of base parameters says, (P, P), where nobody knows of anything beside them."""
+        """The uncertainty given by a covariance of base parameters, (P, P), alone."""
         none, width = np.empty(0, int), len(covariance) // (PER_LINK + PER_JOINT)
         return cls(none, none, covariance, np.ones(width), np.ones(width))
 
     @property
     def scales(self) -> Scales:
-        """What the features are measured in."""
+        """The units of the features."""
         return Scales(self.scale_effort, self.scale_velocity)
 
     def columns(self, robot: Robot, signals: Signals, load: np.ndarray | None = None) -> np.ndarray:
-        """What one unit of each weight adds to the effort of its joint along a motion, as soft as the effort is, (N, W).
+        """Effort of its joint per unit of each weight along a motion, low-passed as the effort is, (N, W).
 
         Args:
             load: what bodies ask of the joints, (N, n) [N·m], if not what the robot's do.
@@ -70,7 +70,7 @@ class LeftOpen(ReadOnlyArrays):
         return signals.soften(result)
 
     def moved(self, before: LocalResiduals | None, further: np.ndarray) -> LocalResiduals | None:
-        """What joints add that was learned before, with weights that are so much more, (W,) [N·m]."""
+        """The residual networks with weights increased by `further`, (W,) [N·m]."""
         width = len(self.scale_effort)
         if not len(self.joints):
             return before
@@ -84,7 +84,7 @@ class LeftOpen(ReadOnlyArrays):
         return replace(before, groups=tuple(groups), weights=weights)
 
     def wider(self, added: np.ndarray) -> LeftOpen:
-        """The same with more open of the base parameters, by a covariance (P, P)."""
+        """The same with a covariance (P, P) added to that of the base parameters."""
         beside = np.pad(added, (0, len(self.joints)))
         return replace(self, covariance=self.covariance + beside)
 
@@ -109,9 +109,10 @@ class LeftOpen(ReadOnlyArrays):
 
 
 def left_open(recursion: Recursion, structure: Structure, known: Posterior, scales: Scales) -> LeftOpen:
-    """What all motion so far leaves open beside a model of a structure.
+    """What all motion so far leaves open beside a model with this structure.
 
-    What a joint would have of a curve that was not worth learning is as open as it is large: no more of it is in the model.
+    A joint whose friction curve was not worth learning gets an uncertainty as large as the curve itself, which the model
+    lacks.
 
     Args:
         known: what the model was made of.
@@ -134,7 +135,7 @@ def left_open(recursion: Recursion, structure: Structure, known: Posterior, scal
 
 
 def _left_out(posterior: Posterior, known: Posterior, joint: int) -> np.ndarray:
-    """By how much a joint's friction, offset and weights are others with its curve than they are known without, (P,)."""
+    """Change of the parameters, (P,), if a joint's friction curve were included."""
     result = np.zeros(posterior.layout.size)
     own, weights = _own(posterior.layout, joint), posterior.layout.weights[joint]
     before, learned = known.mean[own], known.mean[known.layout.weights[joint]]
@@ -145,6 +146,6 @@ def _left_out(posterior: Posterior, known: Posterior, joint: int) -> np.ndarray:
 
 
 def _own(every: Layout, joint: int) -> np.ndarray:
-    """Where a joint's `JOINT_NAMES` are among all parameters, (PER_JOINT,)."""
+    """Indices of a joint's `JOINT_NAMES` among all parameters, (PER_JOINT,)."""
     width = len(every.columns)
     return width * PER_LINK + np.arange(PER_JOINT) * width + joint

@@ -1,4 +1,4 @@
-"""Linear algebra of symmetric systems whose unknowns differ in scale."""
+"""Linear algebra of symmetric systems whose unknowns have very different scales."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from scipy.linalg import lapack
 
 @dataclass(frozen=True)
 class Definite:
-    """A positive-definite matrix (P, P) whose rows differ in scale; it is factored once, when first asked.
+    """A positive-definite matrix (P, P) with badly scaled rows, factored on first use.
 
-    Cholesky's rounding is the same whatever the rows are scaled by (Higham, Accuracy and Stability of Numerical
+    The rounding errors of Cholesky's factorisation do not depend on such scaling (Higham, Accuracy and Stability of Numerical
     Algorithms, 2002, §10.1).
 
     Raises:
@@ -23,16 +23,16 @@ class Definite:
     matrix: np.ndarray
 
     def solve(self, vector: np.ndarray) -> np.ndarray:
-        """Solution of its system for a right-hand side (P,), or for several (P, k)."""
+        """Solution for a right-hand side (P,), or for several (P, k)."""
         return np.asarray(lapack.dpotrs(self._factor, vector[::-1], lower=1)[0][::-1])
 
     def inverse(self) -> np.ndarray:
-        """(P, P)."""
+        """The inverse, (P, P)."""
         lower = lapack.dpotri(self._factor, lower=1)[0]
         return np.asarray((lower + np.tril(lower, -1).T)[::-1, ::-1])
 
     def left(self, count: int) -> np.ndarray:
-        """What is left of the first unknowns' system once the others are eliminated: B⁻¹ of `halved`, (count, count)."""
+        """Schur complement: the matrix of the first unknowns after the others are eliminated, B⁻¹ of `halved`, (count, count)."""
         last = self._factor[-count:, -count:]
         return np.asarray((last @ last.T)[::-1, ::-1])
 
@@ -43,7 +43,7 @@ class Definite:
 
     @cached_property
     def _factor(self) -> np.ndarray:
-        """Lower Cholesky factor of the matrix in reverse: its end is the factor of the inverse's beginning, inverted."""
+        """Lower Cholesky factor of the matrix with rows and columns reversed, whose end gives the beginning of the inverse."""
         factor, failed = lapack.dpotrf(self.matrix[::-1, ::-1].T, lower=1)
         if failed:
             raise np.linalg.LinAlgError(f"The matrix is not definite at row {len(factor) - failed}.")
@@ -61,7 +61,7 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
 
 
 def principal(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues and vectors of the excited directions, after scaling columns to one size."""
+    """Eigenvalues and vectors of the excited directions, after scaling the columns to equal size."""
     size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
     used = size > 1e-9 * size.max()
     values, vectors = np.linalg.eigh(gram[np.ix_(used, used)] / np.outer(size[used], size[used]))

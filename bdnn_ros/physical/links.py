@@ -1,4 +1,4 @@
-"""By how much links may be off, in units that a description's own bodies set."""
+"""Errors of link parameters in relative units, given by the described bodies themselves."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ THIN = 0.3
 def relative_inertials(robot: Robot) -> np.ndarray:
     """Map from relative errors of each link to its inertial parameters, (n * PER_LINK, n * PER_LINK).
 
-    Of each link's ten units the first scales mass and inertia together, the next three move the centre of mass, each by how
-    far the link's mass reaches from the joint's frame in that direction, and the last six change its second moments about
-    the centre, each by its own size. So an error of 0.1 is "10 % off" in each of these senses: of a rod, along it.
+    Each link has ten units. The first scales mass and inertia together. The next three move the centre of mass, each relative
+    to the extent of the link's mass from the joint's frame in that direction. The last six change its second moments about
+    the centre, each relative to its own size. An error of 0.1 thus means "10 % off" in each of these senses.
     """
     result = np.zeros((robot.width * PER_LINK, robot.width * PER_LINK))
     heavy = heaviness(robot.inertials)
@@ -43,6 +43,6 @@ def relative_inertials(robot: Robot) -> np.ndarray:
 
 
 def _axes(moments: np.ndarray) -> np.ndarray:
-    """Principal axes of second moments (3, 3) as columns, as long as they reach, no link being thinner than `THIN`."""
+    """Principal axes of second moments (3, 3) as columns, scaled by the extent along them; no link is thinner than `THIN`."""
     reach, axes = np.linalg.eigh(moments)
     return np.asarray(axes * np.sqrt(np.maximum(reach, THIN**2 * reach.max())))

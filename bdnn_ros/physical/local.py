@@ -1,4 +1,4 @@
-"""What each joint adds to the effort of the rigid bodies, learned: one small network a joint."""
+"""The learned part of each joint's effort beside the rigid bodies: one small network per joint."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROWS = 4000
 
 @dataclass(frozen=True)
 class LocalResiduals:
-    """Effort of each joint from its position, velocity, load, and its neighbours' velocities.
+    """Effort of each joint as a function of its position, velocity, load and its neighbours' velocities.
 
     Attributes:
         groups: groups of features that are switched on, of each joint.
@@ -37,7 +37,7 @@ class LocalResiduals:
 
     @property
     def by_load(self) -> bool:
-        """Whether any joint's depends on the load."""
+        """Whether that of any joint depends on the load."""
         return any("load" in names for names in self.groups)
 
     def effort(
@@ -70,7 +70,7 @@ class LocalResiduals:
         return result.reshape(np.shape(position)) - (viscous * velocity + coulomb * own + offset)
 
     def growth(self, velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Learned effort per size of the load that the rigid bodies ask, (N, n).
+        """Learned effort per magnitude of the rigid bodies' load, (N, n).
 
         Args:
             velocity, direction: as of `effort`, (N, n).
@@ -99,7 +99,7 @@ class LocalResiduals:
 
 
 def spread_weights(groups: tuple[tuple[str, ...], ...], values: list[np.ndarray]) -> np.ndarray:
-    """Weights of all features, (n, FEATURES), from those of the groups that are on, by `GROUPS`."""
+    """Weights of all features, (n, FEATURES), from those of the active groups, by `GROUPS`."""
     weights, where = np.zeros((len(groups), FEATURES)), group_slices()
     for row, names, given in zip(weights, groups, values, strict=True):
         start = 0

@@ -1,4 +1,4 @@
-"""A robot whose parameters were identified, with their uncertainty: the physical model handed over."""
+"""The physical model: a robot with identified parameters and their uncertainty."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LOAD_TOLERANCE = 1e-10
 
 @dataclass(frozen=True)
 class PhysicalModel(ReadOnlyArrays):
-    """An identified robot: rigid bodies, armature, friction, offset, and what the joints add to them; arrays are read-only.
+    """An identified robot: rigid bodies, armature, friction, offset and learned joint terms; arrays are read-only.
 
     Attributes:
         robot: bodies, armature and friction as identified; feasible, so M is positive-definite everywhere.
@@ -84,7 +84,7 @@ class PhysicalModel(ReadOnlyArrays):
 
     @property
     def parameters(self) -> Parameters:
-        """What was identified, by kind."""
+        """The identified parameters by kind."""
         robot = self.robot
         return Parameters(robot.inertials, robot.armature, robot.viscous, robot.coulomb, self.offset)
 
@@ -95,26 +95,26 @@ class PhysicalModel(ReadOnlyArrays):
 
     @property
     def leans(self) -> bool:
-        """Whether motion showed that the base stands otherwise than described."""
+        """Whether the motion showed that the base is tilted differently from the description."""
         return any(self.tilt_std)
 
     @property
     def zeros(self) -> list[tuple[int, float, float]]:
-        """Joints whose zeros motion showed to be off: which, what it reports there and its standard deviation [rad] ([m])."""
+        """Joints with an identified zero: index, the position reported at zero, its standard deviation [rad] ([m])."""
         return [(k, float(self.robot.zeros[k]), std) for k, std in enumerate(self.zeros_std) if std]
 
     def position_unit(self, joint: int) -> str:
-        """Unit of what a joint reports, rad or m."""
+        """Unit of a joint's position, rad or m."""
         return along("rad", bool(self.robot.slides[joint]))
 
     @property
     def left_open(self) -> LeftOpen:
-        """What the motion left open, of the parameters at least."""
+        """What the motion left open; from the covariance alone if nothing else is known."""
         return LeftOpen.plain(self.covariance) if self.open is None else self.open
 
     @property
     def velocity_cutoff(self) -> np.ndarray:
-        """Of the low-passes that the reported velocities had passed, (n,) [Hz], infinite for none."""
+        """Cut-off of the low-passes on the reported velocities, (n,) [Hz], infinite for none."""
         lags = np.array(self.velocity_lags or (0.0,) * self.robot.width)
         return np.divide(0.5 / np.pi, lags, out=np.full(len(lags), np.inf), where=lags > 0.0)
 
@@ -141,9 +141,9 @@ class PhysicalModel(ReadOnlyArrays):
     def forward_dynamics(self, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Acceleration [rad/s²], (..., n).
 
-        Where learned friction depends on the load, it is iterated with the load that the acceleration it lets through makes.
-        That settles where friction grows by less than the load does; else what is returned is the last of
-        `LOAD_ITERATIONS` rounds, and no effort that `inverse_dynamics` would give back.
+        Where learned friction depends on the load, the load is iterated together with the acceleration. The iteration
+        converges if friction grows more slowly than the load; otherwise the result is that of the last of `LOAD_ITERATIONS`
+        rounds, and does not invert `inverse_dynamics`.
         """
         q, v, u = fitting(self.robot.width, position, velocity, effort)
         M = self.mass_matrix(q)
@@ -173,7 +173,7 @@ class PhysicalModel(ReadOnlyArrays):
         return self.robot.gravity(position)
 
     def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Friction, offset and what is learned, at zero acceleration [N·m], (..., n)."""
+        """Friction, offset and learned terms at zero acceleration [N·m], (..., n)."""
         q, v = fitting(self.robot.width, position, velocity)
         return self._friction(q, v, self.robot.rigid_effort(q, v, np.zeros_like(q)))
 
@@ -188,7 +188,7 @@ class PhysicalModel(ReadOnlyArrays):
     def predict(self, signals: Signals) -> np.ndarray:
         """Effort along a motion, (N, n) [N·m], low-passed as much as `signals.effort` is.
 
-        Unlike `inverse_dynamics` it knows the motion before: dry friction takes its travel to turn round.
+        Unlike `inverse_dynamics` it knows the history of the motion: dry friction needs some travel to reverse.
         """
         robot, q, v, a = self.robot, signals.position, signals.velocity, signals.acceleration
         state = directions(signals)
@@ -203,7 +203,7 @@ class PhysicalModel(ReadOnlyArrays):
         return self._shifted(load + linear + signals.soften(sharp), signals)
 
     def _shifted(self, effort: np.ndarray, signals: Signals) -> np.ndarray:
-        """The effort as a sensor reports it that is ahead of the motion, and as slow as it is."""
+        """The effort as the sensor reports it: with its lead and its low-pass."""
         effort = signals.lagging(effort, self.lag)
         if self.lead == 0.0:
             return effort
@@ -215,7 +215,7 @@ class PhysicalModel(ReadOnlyArrays):
         return result
 
     def effort_std(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-        """Standard deviation of the effort by parameters and residual, (N, n) [N·m]; all (N, n)."""
+        """Standard deviation of the effort from parameters and residual, (N, n) [N·m]; arguments (N, n)."""
         n = self.robot.width
         q, v, a = fitting(n, position, velocity, acceleration)
         terms = np.stack([a, v, np.sign(v), np.ones_like(q)], axis=-1)
@@ -302,7 +302,7 @@ class PhysicalModel(ReadOnlyArrays):
 
 
 def _shapes(width: int, learned: bool) -> dict[str, tuple[int, ...]]:
-    """Shapes of the arrays of a model of n = `width` joints that are not its robot's."""
+    """Shapes of the arrays of a model of n = `width` joints, except those of its robot."""
     count = width * (PER_LINK + PER_JOINT)
     shapes: dict[str, tuple[int, ...]] = {"offset": (width,), "covariance": (count, count), "noise": (width,)}
     if learned:

@@ -1,4 +1,4 @@
-"""Physical parameters of a robot and what is believed of them before any motion: the URDF, with a spread."""
+"""Physical parameters of a robot, and their prior before any motion: the URDF with a spread."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WIDEST_SPREAD = 10.0
 
 @dataclass(frozen=True)
 class Spread:
-    """How far the real robot may be from its URDF, before any motion is seen.
+    """How far the real robot is expected to be from its URDF (prior standard deviations).
 
     Attributes:
         inertial: relative standard deviation of every link's mass, centre and inertia; the prior is the same
@@ -94,16 +94,16 @@ def parameter_names(joints: Sequence[str]) -> list[str]:
 
 
 def of_robot(robot: Robot) -> Parameters:
-    """The parameters a robot has now, without offset."""
+    """The present parameters of a robot, with zero offset."""
     return Parameters(robot.inertials, robot.armature, robot.viscous, robot.coulomb, np.zeros(robot.width))
 
 
 def prior(robot: Robot, spread: Spread | None = None) -> Prior:
-    """The belief that the real robot is near this one.
+    """The prior belief that the real robot is close to this one.
 
-    A link's pseudo-inertia J = L Lᵀ is believed to be L exp(X) Lᵀ with X a symmetric Gaussian of standard
-    deviation `spread.inertial`: to first order the affine-invariant metric of Lee, Wensing and Park,
-    "Geometric robot dynamic identification" (IEEE T-RO 2020), which no choice of frame or unit changes.
+    The real pseudo-inertia of a link with J = L Lᵀ is L exp(X) Lᵀ, with X a symmetric Gaussian of standard deviation
+    `spread.inertial`: to first order the affine-invariant metric of Lee, Wensing and Park, "Geometric robot dynamic
+    identification" (IEEE T-RO 2020), which does not depend on frame or unit.
     """
     spread = spread or Spread()
     width = robot.width
@@ -155,7 +155,7 @@ def _unknown_body(robot: Robot, share: float) -> np.ndarray:
 
 
 def usual_motion(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Random positions, velocities and accelerations over what joints usually reach, (N, n) each."""
+    """Random positions, velocities and accelerations in the usual range of the joints, (N, n) each."""
     generator = np.random.default_rng(0)
     count = 200
     low, high = robot.limits.usual_range

@@ -1,4 +1,4 @@
-"""What was identified, as numbers with their uncertainty, for people and programs to read."""
+"""Identified parameters with their uncertainty, for parameters.json."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ FORMAT, VERSION = "bdnn_ros/parameters", 1
 def as_json(
     model: PhysicalModel, remarks: Sequence[Remark] = (), agreements: Sequence[Agreement] = ()
 ) -> dict[str, Any]:
-    """Parameters, the combinations that motion can tell, terms beside them, and remarks; plain values.
+    """Parameters, identifiable combinations, learned terms and remarks as plain values.
 
-    Standard deviations are of one parameter by itself: of a body's inertias only combinations are known well.
+    The standard deviation of a single inertial parameter may be large although combinations are known well.
     """
     vector = model.parameters.vector()
     return {
@@ -63,7 +63,7 @@ def as_json(
 
 
 def tilt_entry(model: PhysicalModel) -> dict[str, Any]:
-    """How the base stands, in degrees; plain values."""
+    """The base tilt in degrees, as plain values."""
     angles = zip(("roll", "pitch"), model.tilt, model.tilt_std, strict=True)
     return {
         name: {"value": math.degrees(value), "std": math.degrees(std), "unit": "deg"}
@@ -72,7 +72,7 @@ def tilt_entry(model: PhysicalModel) -> dict[str, Any]:
 
 
 def zeros_entry(model: PhysicalModel) -> dict[str, Any]:
-    """What joints report at their zeros, of those that are off; plain values."""
+    """The identified joint zeros, as plain values."""
     return {
         model.joints[joint]: {"value": value, "std": std, "unit": model.position_unit(joint)}
         for joint, value, std in model.zeros
@@ -80,7 +80,7 @@ def zeros_entry(model: PhysicalModel) -> dict[str, Any]:
 
 
 def _terms(model: PhysicalModel, joint: int) -> dict[str, Any]:
-    """What the joint's effort is made of beside the rigid body's."""
+    """The terms of the joint's effort beside the rigid bodies."""
     breakaway = BREAKAWAYS[model.breakaway[joint] if model.breakaway else USUAL]
     pairs = [c for c in model.motors.couplings if joint - c.joint in (0, 1)]
     return {

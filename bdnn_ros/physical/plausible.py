@@ -1,4 +1,4 @@
-"""What is read of a model for what some robot can be: no mass below zero, no friction that drives, no variance below zero."""
+"""Checks that a model read from a file is physically possible: no negative mass, friction or variance."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PER_JOINT = {
 
 
 def require_plausible(robot: Robot, bodies: np.ndarray | None = None, slack: float = 0.0) -> None:
-    """Refuses a robot as none can be, unless its own description says so: some have impossible links, or none of any mass.
+    """Refuse a robot that cannot exist, unless its own description is impossible in the same way (as some are).
 
     Args:
         bodies: what stands for the robot's own inertial parameters, (n, PER_LINK): those with all that hangs from them.
@@ -52,7 +52,7 @@ def require_plausible(robot: Robot, bodies: np.ndarray | None = None, slack: flo
 
 
 def require_covariance(covariance: np.ndarray) -> None:
-    """Refuses a matrix (P, P) that is no covariance.
+    """Refuse a matrix (P, P) that is not a covariance.
 
     Raises:
         RobotError: it is not symmetric, or not positive semi-definite, by more than rounding.

@@ -1,4 +1,4 @@
-"""How much of a motion is explained by bodies, rotors and friction that can exist, where others would explain it all."""
+"""How much of a motion physically possible bodies, rotors and friction explain, compared with unconstrained ones."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ CLEARLY = 2.0
 
 @dataclass(frozen=True)
 class Possible:
-    """The likeliest bodies, rotors and friction that can exist, and what they leave.
+    """The most likely physically possible bodies, rotors and friction, and their residual.
 
-    What none of them does, as a spring or a balancer, may look like some that cannot exist, a rotor of negative inertia for
-    one: these leave nothing to explain.
+    Effects outside this model, such as a spring or balancer, may be fitted by impossible parameters (a rotor with negative
+    inertia, say), which leave no residual. The comparison reveals such effects.
 
     Attributes:
         inertials: of the bodies, flat, (n * PER_LINK,).
@@ -36,7 +36,7 @@ class Possible:
 
     @classmethod
     def of(cls, recursion: Recursion, posterior: Posterior) -> Possible:
-        """Those nearest to a posterior, as far as its sums of motion tell."""
+        """The feasible parameters nearest to a posterior, and their residual by its sums of motion."""
         assert recursion.total is not None
         layout = posterior.layout
         width = len(layout.columns)
@@ -51,12 +51,12 @@ class Possible:
 
     @property
     def unexplained(self) -> np.ndarray:
-        """Joints of which something else has to explain most, (n,) bool."""
+        """Joints most of whose effort must come from something else, (n,) bool."""
         return self.left > CLEARLY * self.least
 
 
 def typical_friction(posterior_mean: np.ndarray, plain: Layout, statistics: Statistics) -> tuple[float, ...]:
-    """Root mean square of each joint's viscous and Coulomb friction along the motion, n [N·m]."""
+    """RMS of each joint's viscous and Coulomb friction along the motion, n values [N·m]."""
     result = []
     for joint, parameters in enumerate(plain.parameters):
         own = len(plain.columns) * PER_LINK + np.array([1, 2])

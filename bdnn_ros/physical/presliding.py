@@ -1,4 +1,4 @@
-"""Which way dry friction pulls: the direction of motion, with the short travel it takes to turn round."""
+"""Direction of dry friction along a motion, with the short travel (pre-sliding) that it needs to reverse."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ class Directions:
 
 
 def directions(signals: Signals, start: Directions | None = None) -> Directions:
-    """Direction of friction along a motion.
+    """Direction of dry friction along a motion.
 
-    Where the velocity is hardly above its noise, the direction is what is expected of it, erf(v / (√2 σ)).
+    Where the velocity is close to its noise σ, it is the expected direction erf(v / (√2 σ)).
 
     Args:
         start: state before the first sample; None takes the first direction of each joint.
@@ -102,16 +102,16 @@ def directions(signals: Signals, start: Directions | None = None) -> Directions:
 
 
 def _expected(velocity: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Direction that is expected of measured velocities (N, n) with this noise, (n,) or (N, n)."""
+    """Expected direction of measured velocities (N, n) with this noise, (n,) or (N, n)."""
     return np.asarray(erf(velocity / (np.sqrt(2.0) * np.maximum(std, SMALLEST))))
 
 
 def _doubt(signals: Signals, rows: slice) -> np.ndarray:
     """Standard deviation of that direction, (N, n).
 
-    Noise hides a slow velocity's sign, and when friction turned round between two samples of the effort no sample tells,
-    nor between two of the path: a time that is off by τ is a velocity off by a τ. Where a joint stops and sticks, friction
-    may be anything, and the low-pass hides it: of a stop it makes a velocity of its variance times the jerk.
+    Noise hides the sign of a slow velocity. No sample tells whether friction reversed between two samples; a timing error τ
+    is a velocity error a τ. Where a joint sticks, its friction may be anything, and the low-pass hides that: it turns a stop
+    into a velocity of its variance times the jerk.
     """
     velocity, acceleration = _finer(signals.velocity[rows]), _finer(signals.acceleration[rows])
     apart = np.hypot(1.0 / signals.raw_rate, 1.0 / (SUBSTEPS * signals.rate))
@@ -124,12 +124,12 @@ def _doubt(signals: Signals, rows: slice) -> np.ndarray:
 
 
 def coupled(values: np.ndarray) -> np.ndarray:
-    """Values (..., n) of joints as motors see them that turn with two, (..., n - 1, len(COUPLING_SIGNS))."""
+    """Joint values (..., n) as seen by coupled motors, (..., n - 1, len(COUPLING_SIGNS))."""
     return values[..., 1:, None] + np.array(COUPLING_SIGNS) * values[..., :-1, None]
 
 
 def turning(position: np.ndarray, turned: np.ndarray, start: np.ndarray | None) -> np.ndarray:
-    """Direction of paths (M, m), -1 or 1, which changes where a path turns round and goes back further than noise.
+    """Direction of paths (M, m), -1 or 1; it changes where a path reverses by more than its noise.
 
     Unlike sign(velocity) it keeps its value at rest.
 
@@ -185,15 +185,15 @@ def slide(position: np.ndarray, breakaways: Sequence[float], start: np.ndarray) 
 
 
 def _at_rest(velocity: np.ndarray, rate: float) -> np.ndarray:
-    """Where paths with these velocities (N, m) rest, (N, m) bool."""
+    """Where paths with these velocities (N, m) are at rest, (N, m) bool."""
     least = int(np.ceil(RESTING_SECONDS * rate))
     return lasting(np.abs(velocity) < SLOW, least)
 
 
 def standing(position: np.ndarray, noise: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Where joints at positions (N, n) rest, or go no further than noise and rounding before they rest again, (N, n) bool.
+    """Where joints at positions (N, n) rest, or move within noise and encoder resolution between rests, (N, n) bool.
 
-    A flip of one count looks like motion, but static friction holds on across it.
+    A flip of one encoder count looks like motion, but static friction holds across it.
 
     Args:
         noise: standard deviation of the positions, (n,) [rad].
@@ -209,7 +209,7 @@ def standing(position: np.ndarray, noise: np.ndarray, rest: np.ndarray) -> np.nd
 
 
 def _between(position: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray:
-    """Positions (N, m) with SUBSTEPS − 1 more between each two, on the cubic of both ends' velocities."""
+    """Positions (N, m) with SUBSTEPS − 1 more between each two, by cubic interpolation with the velocities."""
     t = np.arange(SUBSTEPS)[:, None] / SUBSTEPS
     parts = (
         (1.0 + 2.0 * t) * (1.0 - t) ** 2 * position[:-1, None]
@@ -221,14 +221,14 @@ def _between(position: np.ndarray, velocity: np.ndarray, step: float) -> np.ndar
 
 
 def _finer(values: np.ndarray) -> np.ndarray:
-    """Values (M, n) with SUBSTEPS − 1 more between each two, on straight lines."""
+    """Values (M, n) with SUBSTEPS − 1 more between each two, by linear interpolation."""
     t = np.arange(SUBSTEPS)[:, None] / SUBSTEPS
     parts = (1.0 - t) * values[:-1, None] + t * values[1:, None]
     return np.concatenate([parts.reshape(-1, values.shape[1]), values[-1:]])
 
 
 def _mean_around(states: np.ndarray) -> np.ndarray:
-    """Mean of the states of substeps over the period around each sample."""
+    """Mean of the substeps' states over the period around each sample."""
     half = SUBSTEPS // 2
     before, after = (np.repeat(end, half, axis=0) for end in (states[:1], states[-1:]))
     padded = np.concatenate([before, states, after])

@@ -1,4 +1,4 @@
-"""Bayesian least squares in information form: what the samples say is summed, and nothing is forgotten."""
+"""Recursive Bayesian least squares in information form; nothing is forgotten."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FEWEST_BLOCKS = 6
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known of P parameters after the data: a Gaussian.
+    """Gaussian posterior of P parameters.
 
     Attributes:
         mean: (P,).
@@ -74,7 +74,7 @@ class Posterior:
 
 
 class Recursion:
-    """Sums statistics block by block and solves for the parameters of all joints at once.
+    """Accumulates statistics block by block and solves for the parameters of all joints at once.
 
     Args:
         belief: Gaussian prior of the base parameters.
@@ -94,13 +94,13 @@ class Recursion:
         self.doubt()
 
     def doubt(self) -> None:
-        """Forget what the residual is like."""
+        """Discard the estimates of noise and correlation."""
         self.noise = FIRST_NOISE * self.belief.effort_scale
         self.correlation = np.full(len(self.belief.effort_scale), FIRST_CORRELATION)
         self._doubting = True
 
     def clear(self) -> None:
-        """Forget all data; what the residual is like stays."""
+        """Discard all data; the estimates of noise and correlation stay."""
         self.total: Statistics | None = None
         self.sensors: SensorNoise | None = None
         self.blocks.clear()
@@ -112,7 +112,7 @@ class Recursion:
         weights: np.ndarray | None = None,
         sensors: SensorNoise | None = None,
     ) -> None:
-        """Take in rows: columns (N, n, K) and effort (N, n), low-passed alike, and their weights (N, n).
+        """Add rows: columns (N, n, K) and effort (N, n), low-passed alike, with weights (N, n).
 
         Args:
             sensors: noise that is in these rows, where it is known.
@@ -127,10 +127,10 @@ class Recursion:
             self.total.take_in(statistics)
 
     def solve(self, layout: Layout, iterations: int = 1) -> Posterior:
-        """The parameters after all data so far.
+        """The parameters from all data so far.
 
-        Noise and parameters are estimated in turn (EM: Dempster, Laird and Rubin 1977); the noise of the
-        last call is the start of the next, so one iteration is enough while data comes in.
+        Noise and parameters are estimated alternately (EM: Dempster, Laird and Rubin 1977). The noise of the last call is the
+        start of the next, so one iteration suffices while data comes in.
 
         Raises:
             RecordingError: no data came yet.
@@ -151,11 +151,11 @@ class Recursion:
         return posterior if self.sensors is None else self._freed(posterior)
 
     def weights(self) -> np.ndarray:
-        """Information of a row of each joint, (n,) [1/(N·m)²]."""
+        """Information of one row of each joint, (n,) [1/(N·m)²]."""
         return 1.0 / (self.noise**2 * self.correlation)
 
     def without_joint(self, layout: Layout, joint: int) -> tuple[np.ndarray, np.ndarray]:
-        """What all other joints say of the first `base` parameters this joint has: information and vector."""
+        """Information on the first `base` parameters of this joint from all other joints: matrix and vector."""
         weights = self.weights()
         weights[joint] = 0.0
         information, vector = self._accumulated(layout, self.total, weights)
@@ -167,7 +167,7 @@ class Recursion:
         return information[np.ix_(kept, kept)] - cross @ gain[:, :-1], vector[kept] - cross @ gain[:, -1]
 
     def left_out(self, layout: Layout, folds: Sequence[Statistics]) -> np.ndarray:
-        """Squared error of each joint on parts of the data, each under the parameters of all else, (n,) [N²·m²]."""
+        """Cross-validated squared error of each joint, each fold under the parameters of all others, (n,) [N²·m²]."""
         assert self.total is not None
         errors = np.zeros(len(self.noise))
         for fold in folds:
@@ -182,11 +182,11 @@ class Recursion:
         return Posterior(known.solve(vector), known, self.noise, self.correlation, layout)
 
     def _freed(self, posterior: Posterior) -> Posterior:
-        """The same without what the position's noise takes from bodies and rotors.
+        """The posterior corrected for the attenuation by noise in the positions.
 
-        Noise in the columns makes their coefficients too small, however long the motion (Fuller, Measurement Error
-        Models, 1987). Its own share F of the information A is known, so the mean is that of A - F; the information is
-        (A - F) A⁻¹ (A - F), which stays definite where F is nearly all there is.
+        Noise in the columns biases their coefficients towards zero, however long the motion (Fuller, Measurement Error
+        Models, 1987). Its contribution F to the information A is known, so the mean is that of A - F. The information becomes
+        (A - F) A⁻¹ (A - F), which stays definite even if F is nearly all of A.
         """
         assert self.total is not None and self.sensors is not None
         layout, known = posterior.layout, posterior.known
@@ -214,7 +214,7 @@ class Recursion:
     def _accumulated(
         self, layout: Layout, total: Statistics | None, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Information matrix and vector of prior and data, a row of each joint with its weight."""
+        """Information matrix and vector of prior and data, each joint's rows with its weight."""
         assert total is not None
         information, vector = layout.gathered(total, weights)
         information[: layout.base, : layout.base] += self.prior_information
@@ -224,7 +224,7 @@ class Recursion:
         return information, vector
 
     def _noise(self, posterior: Posterior) -> np.ndarray:
-        """Standard deviation of the residual, allowing for what is still unknown of the parameters, (n,)."""
+        """Standard deviation of the residual, allowing for the remaining uncertainty of the parameters, (n,)."""
         assert self.total is not None
         layout = posterior.layout
         result = np.empty(len(layout.columns))
@@ -236,12 +236,12 @@ class Recursion:
         return np.maximum(result, SMALLEST_NOISE * self.belief.effort_scale)
 
     def _correlation(self, posterior: Posterior) -> np.ndarray:
-        """How many rows say as much as one independent one, (n,).
+        """Number of rows that count as one independent row, (n,).
 
-        Rows are correlated in time by the low-pass, by coloured noise and by what the model lacks. Were they
-        not, the squared scores of blocks of time would add up to what the noise alone gives: the design
-        effect of a cluster-robust covariance (Liang and Zeger 1986). Before there are enough blocks, what the
-        sensors' noise makes of the residual counts as that noise is known to, and the rest as `FIRST_CORRELATION`.
+        Rows are correlated in time by the low-pass, by coloured noise and by unmodelled effects. Without correlation the
+        squared scores of blocks of time would add up to what the noise alone gives: the design effect of a cluster-robust
+        covariance (Liang and Zeger 1986). While there are too few blocks, the share of sensor noise in the residual is taken
+        with its known correlation, and the rest with `FIRST_CORRELATION`.
         """
         assert self.total is not None
         blocks = self.blocks
@@ -259,7 +259,7 @@ class Recursion:
         return result
 
     def _start_from_sensors(self, layout: Layout) -> None:
-        """Begin with the least noise there can be: what the model lacks shows in the residual."""
+        """Start with the noise of the sensors, the least there can be; unmodelled effects show in the residual later."""
         assert self.sensors is not None
         self._doubting = False
         known = self.sensors.columns.shape[-1]
@@ -274,7 +274,7 @@ class Recursion:
     def _first_correlation(self, posterior: Posterior) -> np.ndarray:
         """The same from the noise of the sensors, (n,).
 
-        A joint whose few rows fit by chance says no more than most of the others do.
+        A joint whose few rows fit by chance is not taken to be better known than most of the others.
         """
         if self.sensors is None:
             return self.correlation

@@ -1,4 +1,4 @@
-"""What a user should know about the data."""
+"""Remarks on the data for the user."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Remark:
-    """Something the user should know about the data.
+    """A remark on the data for the user.
 
     Attributes:
         about: joint or joints, or empty for the whole recording.

@@ -1,4 +1,4 @@
-"""Which terms the data supports: each is switched on only where it lowers the error on stretches left out."""
+"""Selection of model terms by cross-validation: a term is switched on only if it lowers the error on stretches left out."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def choose(
     kinds: Sequence[int],
     possible: np.ndarray | None = None,
 ) -> Structure:
-    """The structure that predicts best what was left out.
+    """The structure that best predicts stretches left out.
 
     Args:
         plain: nothing switched on.
@@ -86,10 +86,9 @@ def choose(
 
 
 def set_up(recursion: Recursion, plain: Structure) -> Structure:
-    """With what is not as described of how the robot is set up: what lowers the error on what was left out most, then
-    what does so beside it, and so on.
+    """The structure with deviations of the set-up (base tilt, joint zeros), added greedily by the cross-validated error.
 
-    It has to show on two joints at least: what it does to one alone could as well be a spring or a weight of its own.
+    A deviation must show on at least two joints: on a single one it could as well be a spring or a weight of its own.
 
     Args:
         plain: nothing switched on; by its layout the noise was estimated.
@@ -117,7 +116,7 @@ def set_up(recursion: Recursion, plain: Structure) -> Structure:
 
 
 def sure(posterior: Posterior, setup: tuple[int, ...]) -> tuple[int, ...]:
-    """What of the setup is surely not as described; one angle of the base says so of both."""
+    """The deviations of the set-up that are significant; one angle of the base stands for both."""
     at = posterior.layout.setup
     sizes = np.abs(posterior.mean[at]) / posterior.std[at]
     off = {k for k, size in zip(setup, sizes, strict=True) if size > KNOWN}
@@ -127,13 +126,13 @@ def sure(posterior: Posterior, setup: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _shows(gain: np.ndarray) -> bool:
-    """Whether two joints at least gain enough, and others do not lose too much of it."""
+    """Whether at least two joints gain enough, and the others do not lose too much of it."""
     lost = -gain[gain < 0.0].sum()
     return bool(np.count_nonzero(gain > SETUP_GAIN) > 1 and lost < SETUP_COST * gain[gain > 0.0].sum())
 
 
 def _folds(recursion: Recursion) -> list[Statistics]:
-    """Stretches of time to leave out in turn; none where there is too little data."""
+    """Stretches of time to leave out in turn; empty if there is too little data."""
     blocks = list(recursion.blocks)
     if len(blocks) < FEWEST_BLOCKS:
         return []
@@ -142,9 +141,9 @@ def _folds(recursion: Recursion) -> list[Statistics]:
 
 
 class _Joint:
-    """One joint's regression; what the other joints say of the bodies is its prior.
+    """Regression of one joint, with the other joints' information on the bodies as its prior.
 
-    The bodies take part in every choice of terms: they are eliminated once, and a choice costs only its own.
+    The bodies are part of every choice of terms: they are eliminated once, so that a choice costs only its own columns.
     """
 
     def __init__(
@@ -176,7 +175,7 @@ class _Joint:
         self.weigh(float(recursion.noise[joint]) ** 2)
 
     def weigh(self, variance: float) -> None:
-        """Eliminate the bodies, with rows of this variance [N²·m²]."""
+        """Eliminate the bodies, for rows of this variance [N²·m²]."""
         weight = 1.0 / (max(variance, self._least) * self.correlation)
         n = self.bodies
         total, said = self.gram.sum(axis=0), self.moment.sum(axis=0)
@@ -203,7 +202,7 @@ class _Joint:
         )
 
     def error(self, breakaway: int, groups: Sequence[str] = (), couplings: Sequence[Coupling] = ()) -> float:
-        """Squared error on what was left out, fold by fold, under the coefficients of all other folds."""
+        """Cross-validated squared error, fold by fold, under the coefficients of all other folds."""
         index = self._index(breakaway, groups, couplings)
         x = np.linalg.solve(self._system[:, index[:, None], index], self._right[:, index, None])[..., 0]
         fitted = np.einsum("fk,fkl,fl->f", x, self._quadratic[:, index[:, None], index], x)
@@ -212,10 +211,10 @@ class _Joint:
         return float(np.maximum(errors, 0.0).sum() + least)
 
     def believe_waves(self, terms: Terms, couplings: Sequence[Coupling]) -> None:
-        """Believe of each harmonic of the position as much as the motion shows of it, beside these terms.
+        """Adapt the prior of each position harmonic to what the motion shows of it, beside these terms.
 
-        Automatic relevance determination (MacKay 1992): harmonics that the joint does not have would otherwise
-        each take a little, which adds up at positions where the joint has not been.
+        Automatic relevance determination (MacKay 1992): otherwise each harmonic that the joint does not have would get a
+        small weight, and these add up at positions where the joint has not been.
         """
         index = self._index(*terms, couplings)
         waves = self.where.of_group(LARGE) - self.bodies
@@ -235,12 +234,12 @@ class _Joint:
 
     @property
     def relevance(self) -> tuple[float, ...]:
-        """What is believed of each feature: prior deviation of its weight, FEATURES of them [N·m]."""
+        """Prior deviation of the weight of each feature, FEATURES of them [N·m]."""
         first = self.where.features - self.bodies
         return tuple((1.0 / np.sqrt(self.prior[first : first + FEATURES])).tolist())
 
     def _index(self, breakaway: int, groups: Sequence[str], couplings: Sequence[Coupling]) -> np.ndarray:
-        """Where the columns of these terms are, counted after the bodies."""
+        """Indices of the columns of these terms, counted after the bodies."""
         columns = [
             self.where.of_joint(breakaway),
             np.array([self.where.lead]),
@@ -252,7 +251,7 @@ class _Joint:
         return np.concatenate(columns) - self.bodies
 
     def _prior(self, belief: Prior, plain: Structure) -> tuple[np.ndarray, np.ndarray]:
-        """Information and vector of all columns but the bodies', before any data."""
+        """Prior information and vector of all columns except the bodies'."""
         where, n = self.where, self.bodies
         information, vector = np.ones(where.count), np.zeros(where.count)
         for breakaway in range(len(BREAKAWAYS)):
@@ -271,7 +270,7 @@ class _Joint:
 
 
 def _couplings(joints: Sequence[_Joint], kinds: Sequence[int]) -> tuple[Coupling, ...]:
-    """Motors that turn with two joints: those that both joints' errors speak for."""
+    """Coupled motors supported by the errors of both their joints."""
     found = []
     own = ("curve",)  # or a coupling would be taken for the curve of the joints' own friction
     plain = [joint.error(USUAL, own) for joint in joints]
@@ -288,9 +287,9 @@ def _couplings(joints: Sequence[_Joint], kinds: Sequence[int]) -> tuple[Coupling
 
 
 def _best(joint: _Joint, couplings: tuple[Coupling, ...]) -> Terms:
-    """The terms of one joint that leave the least error for what they cost.
+    """The terms of one joint with the least cross-validated error, including a penalty for each.
 
-    Every breakaway with every set of small groups is tried, then the best of them with the large one as well.
+    Every breakaway is tried with every set of small groups, then the best of them with the large group as well.
     """
 
     def cost(terms: Terms, error: float) -> float:
@@ -310,7 +309,7 @@ def _best(joint: _Joint, couplings: tuple[Coupling, ...]) -> Terms:
 
 
 def _small_terms(joint: _Joint, couplings: tuple[Coupling, ...]) -> Iterator[tuple[Terms, float]]:
-    """Every breakaway with every set of small groups, a curve only where it is no worse without one; and their errors."""
+    """Every breakaway with every set of small groups, with their errors; a friction curve only where it does not do harm."""
     small = [name for name in GROUPS if name not in ("curve", LARGE)]
     for groups in chain(*(combinations(small, count) for count in range(len(small) + 1))):
         errors = [joint.error(breakaway, groups, couplings) for breakaway in range(len(BREAKAWAYS))]

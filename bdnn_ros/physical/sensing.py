@@ -1,4 +1,4 @@
-"""What the sensors' noise alone leaves of a joint's effort, and how alike neighbouring rows of it are."""
+"""Sensor noise in a joint's residual, and its correlation between neighbouring rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CHANCE = 2.0
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """White noise of the sensors as it reaches the low-passed rows, summed over rows.
+    """White sensor noise after the low-pass, summed over rows.
 
     Attributes:
         effort: Σ variance by noise on the effort, (n,) [N²·m²].
@@ -36,7 +36,7 @@ class SensorNoise:
 
     @classmethod
     def of(cls, robot: Robot, signals: Signals, rows: np.ndarray) -> SensorNoise:
-        """Of the chosen rows of a motion that was low-passed twice, as `columns.low_passed` does."""
+        """The noise in the chosen rows of a motion that was low-passed twice, as `columns.low_passed` does."""
         assert signals.effort_noise is not None
         width, rate = np.sqrt(2.0) * signals.kernel_std, signals.raw_rate
         spacing = (rows[-1] - rows[0]) / (signals.rate * (len(rows) - 1)) if len(rows) > 1 else width
@@ -60,14 +60,13 @@ class SensorNoise:
         )
 
     def variance(self, joint: int, coefficients: np.ndarray) -> float:
-        """Variance of a joint's residual by the sensors alone [N²·m²], under its coefficients of the bodies and
-        armature, (k,)."""
+        """Variance of a joint's residual from the sensors alone [N²·m²], for its coefficients of bodies and armature, (k,)."""
         return float(self.effort[joint] + coefficients @ self.columns[joint] @ coefficients) / self.count
 
     def correlation(self, joint: int, coefficients: np.ndarray, variance: float, unexplained: float) -> float:
-        """How many rows of a joint's residual say as much as one independent one.
+        """Number of rows of a joint's residual that count as one independent row.
 
-        The part of its variance that is the sensors' counts as that noise does; the rest is what the model lacks.
+        Sensor noise counts with its known correlation, the rest of the variance as unmodelled effects.
 
         Args:
             coefficients: of the joint's bodies and armature, (k,).
@@ -84,7 +83,7 @@ class SensorNoise:
 
 
 def _by_acceleration(robot: Robot, position: np.ndarray) -> np.ndarray:
-    """Change of each joint's columns of bodies and armature by each joint's acceleration, (N, n, n, k): joint, moved joint."""
+    """Derivative of the columns of bodies and armature by the accelerations, (N, n, n, k): joint, moved joint."""
     count, width = position.shape
     moved = np.concatenate([np.zeros((1, width)), np.eye(width)])
     still = np.zeros((count * len(moved), width))

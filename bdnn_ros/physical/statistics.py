@@ -1,4 +1,4 @@
-"""What motion says about the coefficients of each joint, summed."""
+"""Sufficient statistics of a motion for the coefficients of each joint."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOST_BYTES = 1 << 28
 
 @dataclass(frozen=True)
 class Statistics:
-    """What a stretch of motion says about each joint's K coefficients.
+    """Sufficient statistics of a stretch of motion for each joint's K coefficients.
 
     Attributes:
         gram: Σ w φ φᵀ, (n, K, K).
@@ -40,13 +40,13 @@ class Statistics:
         return cls(gram, moment, (y**2).sum(axis=1), (root**2).sum(axis=0))
 
     def take_in(self, other: Statistics) -> None:
-        """Add others to these, in place: they are large."""
+        """Add others to these in place, since they are large."""
         for own, further in zip(self.parts, other.parts, strict=True):
             own += further
 
     @property
     def parts(self) -> tuple[np.ndarray, ...]:
-        """Its four sums."""
+        """The four sums."""
         return self.gram, self.moment, self.energy, self.count
 
     def __add__(self, other: Statistics) -> Statistics:
@@ -83,7 +83,7 @@ class Regression:
 
 
 class Blocks:
-    """Statistics of successive stretches of time, in memory that is taken once: a stream may last for days.
+    """Statistics of successive stretches of time in fixed memory, however long the stream lasts.
 
     Args:
         most: blocks kept apart; beyond that, neighbours are joined and a block covers twice the time.
@@ -96,12 +96,12 @@ class Blocks:
         self.clear()
 
     def clear(self) -> None:
-        """Forget them all."""
+        """Discard all."""
         self._count = self._parts = 0
         self._per_block = 1
 
     def add(self, statistics: Statistics) -> None:
-        """Take in what the next stretch says."""
+        """Add the next stretch."""
         parts = statistics.parts
         if not self._memory:
             self._most = min(self._most, max(MOST_BYTES // statistics.gram.nbytes, self._least))
@@ -139,7 +139,7 @@ class Blocks:
 
 
 def summed(parts: Sequence[Statistics]) -> Statistics:
-    """The statistics of several stretches together."""
+    """The sum of several statistics."""
     total = parts[0]
     for part in parts[1:]:
         total = total + part

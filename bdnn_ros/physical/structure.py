@@ -1,4 +1,4 @@
-"""Which terms a robot's effort is made of, and where their coefficients are."""
+"""The terms of a robot's effort model, and the places of their coefficients."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOTOR_CURVE = 0.2
 
 @dataclass(frozen=True)
 class Structure:
-    """What is switched on.
+    """The terms that are switched on.
 
     Attributes:
         breakaway: index into `BREAKAWAYS` of each joint, n.
@@ -51,12 +51,12 @@ class Structure:
 
     @classmethod
     def plain(cls, belief: Prior) -> Structure:
-        """Rigid bodies, armature, viscous and Coulomb friction, offset."""
+        """Rigid bodies, armature, viscous and Coulomb friction, offset only."""
         width, usual = len(belief.effort_scale), tuple(0.1 * belief.effort_scale)
         return cls((USUAL,) * width, ((),) * width, usual, usual)
 
     def with_joint(self, joint: int, breakaway: int, groups: tuple[str, ...]) -> Structure:
-        """The same with another choice for one joint."""
+        """The same with other terms for one joint."""
         return replace(
             self,
             breakaway=(*self.breakaway[:joint], breakaway, *self.breakaway[joint + 1 :]),
@@ -65,12 +65,12 @@ class Structure:
 
 
 class Columns:
-    """Where each term is among the K columns of a joint.
+    """Places of the terms among the K columns of a joint.
 
-    In order, low-passed once: the bodies (n · PER_LINK), armature, viscous, offset, for the pair with the
-    joint before and the joint after, for each sign, armature and viscous friction of a coupled motor, the rate
-    of the measured effort, and what the setup adds: a tilted base, zeros that are off. Then, low-passed twice: Coulomb
-    friction for each of `BREAKAWAYS`, the features, and Coulomb friction of the coupled motors with its curve.
+    First the columns low-passed once: the bodies (n · PER_LINK), armature, viscous friction and offset; armature and viscous
+    friction of a coupled motor, for the pair with the joint before and the joint after and for each sign; the rate of the
+    measured effort; base tilt and joint zeros. Then the columns low-passed twice: Coulomb friction for each of `BREAKAWAYS`,
+    the features, and Coulomb friction of the coupled motors with its curve.
     """
 
     def __init__(self, width: int) -> None:
@@ -94,9 +94,9 @@ class Columns:
         return self.features + np.arange(part.start, part.stop)
 
     def of_coupling(self, after: bool, sign: int) -> np.ndarray:
-        """Columns of a coupled motor, seen from its first joint (with the joint `after` it) or its second.
+        """Columns of a coupled motor, seen from its first joint (shared with the joint `after` it) or its second.
 
-        First the `PER_COUPLING` parameters, then the features of its friction's curve.
+        First the `PER_COUPLING` parameters, then the features of its friction curve.
         """
         pair = len(COUPLING_SIGNS) * after + COUPLING_SIGNS.index(sign)
         smooth = self.coupled_smooth + 2 * pair
@@ -106,10 +106,10 @@ class Columns:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the P parameters of a structure are.
+    """Places of the P parameters of a structure.
 
-    Those of `Prior`, then `PER_COUPLING` of each coupling, the time the effort is ahead, what is unknown of the setup, the
-    weights of the couplings' curves, and the weights of the joints' features.
+    Those of `Prior`, then `PER_COUPLING` for each coupling, the lead of the effort, the deviations of the set-up, the weights
+    of the couplings' curves, and the weights of the joints' features.
 
     Attributes:
         columns: of each joint, which of its K columns take part.
@@ -141,7 +141,7 @@ class Layout:
         return self.base + len(self.deviation)
 
     def regression(self, statistics: Statistics, joint: int) -> Regression:
-        """What statistics say of the parameters of one joint, in their order."""
+        """The regression of one joint's parameters, in their order."""
         sums, straight = statistics.of_joint(joint, self.columns[joint]), self.straight[joint]
         if len(straight):
             features, own = self._features_and_own(joint)
@@ -152,7 +152,7 @@ class Layout:
 
     @property
     def shared(self) -> int:
-        """How many columns, from the first, are parameters of the same place on all joints: the bodies'."""
+        """Number of leading columns that belong to the same parameters for all joints: the bodies'."""
         return self.base // (PER_LINK + PER_JOINT) * PER_LINK
 
     @cached_property
@@ -160,13 +160,13 @@ class Layout:
         return {}
 
     def gathering(self, count: int) -> Gathering:
-        """Where sums over the first so many of each joint's columns go among the first parameters, which they reach."""
+        """Index maps from sums over the first `count` columns of each joint to the parameters that they reach."""
         if count not in self._gatherings:
             self._gatherings[count] = Gathering(self.columns, self.parameters, self.shared, count)
         return self._gatherings[count]
 
     def gathered(self, statistics: Statistics, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What statistics say of all parameters, a row of each joint with its weight (n,): gram (P, P) and moment (P,)."""
+        """The normal equations of all parameters, each joint's rows with its weight (n,): gram (P, P) and moment (P,)."""
         gathering = self.gathering(statistics.gram.shape[-1])
         gram, moment = (
             gathering.matrix(statistics.gram, weights),
@@ -194,15 +194,15 @@ class Layout:
         return score
 
     def _features_and_own(self, joint: int) -> tuple[slice, slice]:
-        """Where a joint has its features among its columns, and its friction and offset."""
+        """Places of a joint's features among its columns, and of its friction and offset."""
         count, bodies = len(self.columns[joint]), len(self.columns) * PER_LINK
         return slice(count - len(self.straight[joint]), count), slice(bodies + 1, bodies + PER_JOINT)
 
 
 def straightened(structure: Structure, gram: np.ndarray) -> tuple[np.ndarray, ...]:
-    """What is taken from each joint's features so that they hold no friction or offset of their own.
+    """The friction and offset contained in each joint's features, to be subtracted from them.
 
-    Viscous and Coulomb friction and offset stay what fits the motion best, whatever is learned beside them.
+    Viscous and Coulomb friction and offset thus remain the best fit to the motion, whatever is learned beside them.
 
     Args:
         gram: Σ φ φᵀ of each joint's columns after the bodies', over fast motion: where a joint turns round, dry
@@ -223,7 +223,7 @@ def straightened(structure: Structure, gram: np.ndarray) -> tuple[np.ndarray, ..
 
 
 def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] = ()) -> Layout:
-    """Where the coefficients of a structure are, and what is believed of those beyond the base.
+    """The layout of a structure, with the prior of the parameters beyond the base.
 
     Args:
         straight: of `straightened`; none leaves the features as they are.
@@ -282,7 +282,7 @@ def layout(structure: Structure, belief: Prior, straight: Sequence[np.ndarray] =
 
 
 def coupling_deviation(belief: Prior, structure: Structure, joint: int) -> np.ndarray:
-    """Prior deviation of a coupled motor's parameters and of its curve's weights: means of its two joints."""
+    """Prior deviation of a coupled motor's parameters and curve weights: the means of its two joints."""
     width = len(belief.effort_scale)
     deviation = np.sqrt(np.diagonal(belief.covariance)[width * PER_LINK :]).reshape(PER_JOINT, width)
     curve = np.full(CURVE_FEATURES, MOTOR_CURVE * np.mean(structure.friction[joint : joint + 2]))

@@ -1,4 +1,4 @@
-"""What motion says of a robot's parameters, summed; and summed anew once more is known of the robot."""
+"""Statistics of all motion, accumulated, and recomputed once more is known of the robot."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Motion:
 
 
 class Sums:
-    """Sums over motion, for the parameters and for the choice of what is learned beside them.
+    """Statistics for the parameters and for the selection of terms.
 
     Args:
         robot: the simulation's.
@@ -53,7 +53,7 @@ class Sums:
         self.take_for(robot)
 
     def take_for(self, carrier: Robot, unknown: np.ndarray | None = None) -> None:
-        """From now on the bodies, the dry friction and the tilt are about those of this robot.
+        """Linearise bodies, dry friction and tilt about this robot from now on.
 
         Args:
             unknown: standard deviation of its dry friction, (n,) [N·m]; None before any motion.
@@ -62,7 +62,7 @@ class Sums:
         self._unknown = self._described if unknown is None else unknown
 
     def again(self, motions: Iterable[Motion], usual: np.ndarray) -> None:
-        """Sum all motion anew, with what its residual usually is, (n,) [N·m]."""
+        """Recompute from all motion, given the standard deviation of the residual, (n,) [N·m]."""
         self.usual = usual
         self.recursion.clear()
         self.evidence.clear()

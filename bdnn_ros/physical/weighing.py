@@ -1,4 +1,4 @@
-"""What each row of a motion says of each joint: less where dry friction may be anything."""
+"""Weights of the rows of a motion for each joint: low where dry friction is uncertain."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ REST_WEIGHT = 0.1
 def certainty(
     signals: Signals, rows: np.ndarray, state: Directions, friction: np.ndarray, residual: np.ndarray
 ) -> np.ndarray:
-    """Share of a row's error that is not doubt of friction's direction, (len(rows), n), 0 to 1; hardly any if unmeasured.
+    """Share of a row's error variance that does not come from the uncertain direction of friction, (len(rows), n), 0 to 1.
 
-    Without it slow motion, whose reversals the position's noise hides, pulls over what fast motion told.
+    It is almost zero where no effort was measured. Without these weights slow motion, whose reversals hide in the noise of
+    the positions, would override what fast motion tells.
 
     Args:
         friction: dry friction of each joint, (n,) [N·m].
@@ -37,10 +38,10 @@ def certainty(
 def holding(
     signals: Signals, rows: np.ndarray, state: Directions, unknown: np.ndarray, residual: np.ndarray
 ) -> np.ndarray:
-    """Share of a row's error that is not static friction of unknown size, (len(rows), n), 0 to 1.
+    """Share of a row's error variance that does not come from static friction of unknown size, (len(rows), n), 0 to 1.
 
-    A joint that stands may be held by as much as its friction may be, however small it is taken to be. It counts
-    squared: what holds is the same all the while, so that many rows say no more than one.
+    A resting joint may be held by anything up to its possible friction, however small that is thought to be. The share is
+    squared: the static friction is the same throughout a rest, so that many rows say no more than one.
 
     Args:
         unknown: standard deviation of the dry friction of each joint, (n,) [N·m].
@@ -55,11 +56,11 @@ def holding(
 
 
 def sliding(signals: Signals, rows: np.ndarray, scales: Scales) -> np.ndarray:
-    """What rows count for the parameters by the joints' speed, (len(rows), n)."""
+    """Weights of rows for the parameters by the joints' speed, (len(rows), n)."""
     speed = (signals.velocity[rows] / scales.velocity / SLIDING) ** 2
     return np.asarray(np.maximum(speed / (1.0 + speed), TURNING_WEIGHT))
 
 
 def moving(signals: Signals, rows: np.ndarray) -> np.ndarray:
-    """What rows count for the choice of what is learned, (len(rows), n)."""
+    """Weights of rows for the selection of terms, (len(rows), n)."""
     return np.where(signals.at_rest[rows], REST_WEIGHT, 1.0)
