@@ -43,7 +43,7 @@ class Windows:
 
     @property
     def share(self) -> float:
-        """What makes of a sum over windows and of an integral over time a mean."""
+        """Factor that turns a sum over windows and an integral over time into a mean."""
         return 1.0 / (self.states.shape[1] * self.steps * self.step)
 
     def loss(self, index: int | slice, state: np.ndarray) -> float:
@@ -203,6 +203,6 @@ def _add(total: list[np.ndarray], factor: float, parts: list[np.ndarray]) -> Non
 
 
 def _rows(done: Any, rows: slice) -> Any:
-    """The same pass for some of its batch."""
+    """The same pass for part of its batch."""
     parts = [getattr(done, f.name) for f in fields(done)]
     return type(done)(*(p[rows] if isinstance(p, np.ndarray) else _rows(p, rows) for p in parts))

@@ -1,11 +1,10 @@
-"""Bodies, rotors and friction that could exist, fitted to effort.
+"""Physically possible bodies, rotors and friction fitted to effort.
 
-Parameters θ: inertials of n bodies (10 n), then armature, viscous, coulomb and offset of n joints. For
-given axes the effort is linear in θ. What is believed of a body before any motion is k (tr J₀⁻¹J − log
-det J) for its pseudo-inertia J and a reference J₀ (Lee, Wensing and Park, "Geometric robot dynamic
-identification", IEEE T-RO 2020), and k (x / x₀ − log x) for what is positive. That is convex, the same in
-every frame, near the reference a Gaussian of relative spread 1/√k, and infinite at the edge of what can
-exist: whatever is fitted, M is positive-definite and friction never drives.
+Parameters θ: inertials of n bodies (10 n), then armature, viscous, coulomb and offset of n joints. For given axes the effort
+is linear in θ. The prior of a body is k (tr J₀⁻¹J − log det J) for its pseudo-inertia J and a reference J₀ (Lee, Wensing and
+Park, "Geometric robot dynamic identification", IEEE T-RO 2020), and k (x / x₀ − log x) for positive quantities. It is convex,
+the same in every frame, close to a Gaussian of relative spread 1/√k near the reference, and infinite at the boundary of what
+is possible: whatever is fitted, M is positive-definite and friction dissipates.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ _BASIS = pseudo_inertia(np.eye(PER_LINK))
 
 @dataclass(frozen=True)
 class Belief:
-    """What is believed of n bodies and joints before any motion.
+    """The prior of n bodies and joints.
 
     Attributes:
         inertials: reference bodies, (n, PER_LINK), feasible.
@@ -56,7 +55,7 @@ class Belief:
         return np.concatenate([self.inertials.ravel(), self.joints.ravel(), np.zeros(len(self.offset))])
 
     def nats(self, theta: np.ndarray) -> float:
-        """Minus the logarithm of the belief in θ, less that in the reference; infinite beyond what can be."""
+        """Negative log prior of θ relative to the reference; infinite outside the possible range."""
         n = len(self.offset)
         edge, last = PER_LINK * n, (PER_LINK + 3) * n
         positive = theta[edge:last]
@@ -97,7 +96,7 @@ class Belief:
         return gradient, hessian
 
     def stronger(self, factor: float) -> Belief:
-        """The same belief, held more firmly."""
+        """The same prior, stronger by this factor."""
         strength = (factor * self.body_strength, factor * self.joint_strength)
         return Belief(self.inertials, self.joints, self.offset / np.sqrt(factor), *strength)
 
@@ -119,7 +118,7 @@ class Quadratic:
 
 
 def columns(regressor: np.ndarray, samples: Samples) -> np.ndarray:
-    """All columns of the effort, (N, n, 10 n + 4 n): bodies, then armature, viscous, coulomb, offset; zero where unseen."""
+    """All columns of the effort, (N, n, 10 n + 4 n): bodies, then armature, viscous, coulomb, offset; zero where unmeasured."""
     n = samples.width
     joint = [samples.acceleration, samples.velocity, samples.direction, np.ones_like(samples.effort)]
     blocks = [values[:, :, None] * np.eye(n) for values in joint]
@@ -127,14 +126,14 @@ def columns(regressor: np.ndarray, samples: Samples) -> np.ndarray:
 
 
 def quadratic(design: np.ndarray, effort: np.ndarray, noise: np.ndarray) -> Quadratic:
-    """The error of columns (N, n, P) against effort (N, n), each joint over its noise (n,)."""
+    """The error of columns (N, n, P) against effort (N, n), each joint relative to its noise (n,)."""
     rows = (design / noise[:, None]).reshape(-1, design.shape[2])
     target = (effort / noise).ravel()
     return Quadratic(rows.T @ rows, rows.T @ target, 0.5 * float(target @ target))
 
 
 def fit(error: Quadratic, belief: Belief, start: np.ndarray | None = None) -> np.ndarray:
-    """The most probable θ: a convex problem, solved by damped Newton steps; costs no pass over the data.
+    """The most probable θ: a convex problem, solved by damped Newton steps without another pass over the data.
 
     Args:
         start: a feasible θ near the solution; None comes from the reference, in steps.

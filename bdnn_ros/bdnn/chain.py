@@ -1,9 +1,9 @@
-"""A serial chain learned from effort alone: no URDF, no geometry, the axes are weights like any other.
+"""A serial chain learned from effort alone: without URDF or geometry, its axes are weights like any other.
 
-For given axes the effort is linear in bodies, rotors and friction, so only the axes are searched, from
-random starts, each step solving for the rest (variable projection: Golub and Pereyra, SIAM J. Numer.
-Anal. 10(2), 1973). The best starts are then refined on more samples with bodies that could exist. The
-result has the seed form: its H is positive-definite whatever the weights.
+For given axes the effort is linear in bodies, rotors and friction, so only the axes are searched, from random starts, each
+step solving for the rest (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10(2), 1973). The best starts are then
+refined on more samples with physically possible bodies. The result has the seed form: its H is positive-definite whatever the
+weights.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ NOISE_FLOOR = 1e-3
 
 @dataclass(frozen=True)
 class Chain:
-    """A chain that explains an effort.
+    """A chain that explains the effort.
 
     Attributes:
         kinematics: its axes.
@@ -52,12 +52,12 @@ class Chain:
     cost: float
 
     def effort(self, samples: Samples) -> np.ndarray:
-        """Effort along samples, (N, n) [N·m], zero where none was seen."""
+        """Effort along samples, (N, n) [N·m], zero where none was measured."""
         regressor = self.kinematics.regressor(samples.position, samples.velocity, samples.acceleration)
         return columns(regressor, samples) @ self.parameters
 
     def error(self, samples: Samples, scale: np.ndarray | None = None) -> np.ndarray:
-        """Mean squared error by joint, (n,), over the square of a scale (n,), else of the effort's own; of what was seen."""
+        """Mean squared error of what was measured, (n,), relative to a scale (n,), by default the spread of the effort."""
         scale = scales_of(samples).effort if scale is None else scale
         return mean_square((self.effort(samples) - samples.effort) / scale, samples.seen)
 
@@ -66,7 +66,7 @@ class Chain:
 
 
 def descend(samples: Samples, start: Kinematics, steps: int, give_up: Callable[[], bool]) -> Chain:
-    """The chain that axes run down to from a start, by Levenberg-Marquardt.
+    """The chain reached from a start by Levenberg-Marquardt over the axes.
 
     Args:
         give_up: asked before every step.
@@ -106,7 +106,7 @@ def descend(samples: Samples, start: Kinematics, steps: int, give_up: Callable[[
 
 
 class Search:
-    """Random starts, one after the other, the best kept.
+    """Random starts, one after the other; the best are kept.
 
     Attributes:
         found: the best chains so far, best first.
@@ -122,11 +122,11 @@ class Search:
 
     @property
     def settled(self) -> bool:
-        """Whether two starts ended at the best: a third would hardly find better."""
+        """Whether two starts reached the best chain: a third would hardly be better."""
         return len(self.found) > 1 and self.found[1].cost < FOUND_AGAIN * self.found[0].cost
 
     def try_once(self, give_up: Callable[[], bool]) -> None:
-        """One more start."""
+        """Try one more start."""
         self.starts += 1
         start = Kinematics.random(self._samples.width, self._rng)
         try:
@@ -140,7 +140,7 @@ class Search:
 def _solved(
     samples: Samples, kinematics: Kinematics, scale: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Rows (N n, P), target, best θ, residual and cost for given axes; rows are zero where no effort was seen."""
+    """Rows (N n, P), target, best θ, residual and cost for given axes; rows are zero where no effort was measured."""
     regressor = kinematics.regressor(samples.position, samples.velocity, samples.acceleration)
     design = columns(regressor, samples) / scale[:, None]
     rows, target = design.reshape(-1, design.shape[2]), (samples.effort / scale).ravel()
@@ -161,8 +161,7 @@ def _ridge(gram: np.ndarray) -> np.ndarray:
 
 
 def generic(samples: Samples) -> Belief:
-    """What is believed of a chain before its motion is seen: decimetres, a mass that the effort suits, rotors
-    and friction well below the joint's inertia and effort; all of it hardly held."""
+    """A weak prior for a chain without a description: decimetre links, masses that suit the effort, small rotors and friction."""
     n, scales = samples.width, scales_of(samples)
     mass = float(scales.effort.max()) / 9.81
     body = np.zeros(PER_LINK)
@@ -175,13 +174,13 @@ def generic(samples: Samples) -> Belief:
 
 
 def feasible(samples: Samples, chain: Chain, belief: Belief) -> Chain:
-    """The chain of the same axes with bodies that could exist."""
+    """The chain with the same axes and physically possible bodies."""
     error = _error(samples, chain.kinematics, noise_of(samples, chain))
     return _costed(samples, Chain(chain.kinematics, fit(error, belief), np.nan))
 
 
 def refine(samples: Samples, chain: Chain, belief: Belief) -> Chain | None:
-    """One Newton step of axes, bodies and joints together; None when it gains nothing.
+    """One Newton step of axes, bodies and joints together; None if it gains nothing.
 
     Args:
         chain: feasible.
@@ -208,7 +207,7 @@ def refine(samples: Samples, chain: Chain, belief: Belief) -> Chain | None:
 
 
 def _reach_nats(kinematics: Kinematics) -> float:
-    """What is believed of the distances between axes: links are seldom longer than `LONGEST`."""
+    """Negative log prior of the distances between axes: links are seldom longer than `LONGEST`."""
     return 0.5 * float(np.sum(kinematics.translations**2)) / LONGEST**2
 
 
@@ -219,7 +218,7 @@ def refit(samples: Samples, chain: Chain, belief: Belief) -> Chain:
 
 
 def noise_of(samples: Samples, chain: Chain) -> np.ndarray:
-    """Standard deviation of what the chain leaves unexplained, (n,) [N·m]."""
+    """Standard deviation of the chain's residual, (n,) [N·m]."""
     residual = chain.effort(samples) - samples.effort
     left = np.sqrt(mean_square(residual, samples.seen))
     return np.maximum(left, NOISE_FLOOR * scales_of(samples).effort)
@@ -234,7 +233,7 @@ def _chunks(samples: Samples) -> list[Samples]:
 
 
 def _error(samples: Samples, kinematics: Kinematics, noise: np.ndarray) -> Quadratic:
-    """The error as a quadratic form, gathered chunk by chunk."""
+    """The error as a quadratic form, accumulated chunk by chunk."""
     parts = []
     for part in _chunks(samples):
         regressor = kinematics.regressor(part.position, part.velocity, part.acceleration)

@@ -1,4 +1,4 @@
-"""Training a black box: a chain found, its bodies made real, and networks for what it leaves out."""
+"""Training without a prior: find a chain, make its bodies physically possible, learn the rest by networks."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ LOAD_SAMPLES = 2000
 
 
 class ChainTraining:
-    """One black box in the making, a short piece of work at a time.
+    """The training of a black-box model, in short steps.
 
-    The stages are: search random axes until two starts agree; polish the best on more samples, make their
-    bodies real and refine them; keep the one with the least error, fit its bodies and local networks to all.
-    Every chain has as many weights, few beside the samples, so nothing need be held out to choose one; the
-    local networks are judged on blocks of time left out.
+    Stages: search random axes until two starts agree; polish the best on more samples, make their bodies possible and refine
+    them; keep the one with the least error, and fit its bodies and local networks to all samples. All chains have equally
+    many weights, few compared with the samples, so none are held out for the choice; the local networks are cross-validated
+    on blocks of time.
     """
 
     def __init__(
@@ -75,12 +75,12 @@ class ChainTraining:
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether the training is complete."""
         return self.stage == "finished"
 
     @property
     def told(self) -> str:
-        """What is being done, for a progress line."""
+        """The present stage, for a progress line."""
         if self.stage == "search":
             best = f", best error {100.0 * self._search.found[0].cost:.3g} %" if self._search.found else ""
             return f"searching axes: start {self._search.starts}{best}"
@@ -88,7 +88,7 @@ class ChainTraining:
         return "refining bodies" + (f", error {100.0 * done[0].cost:.3g} %" if done else "")
 
     def advance(self, used: Callable[[], float]) -> None:
-        """One piece of work; `used` tells the share of the budget that is spent."""
+        """Do one step; `used` returns the share of the budget that is spent."""
         if self.stage == "search":
             self._search.try_once(lambda: bool(self._search.found) and used() > SEARCH_SHARE)
             agreed = self._search.settled and self._search.found[0].cost < CLEAR
@@ -101,7 +101,7 @@ class ChainTraining:
             self.stage = "finished"
 
     def model(self) -> BDNN:
-        """The best black box so far.
+        """The best model so far.
 
         Raises:
             DataError: there was no time to find one, or no start found any.
@@ -137,7 +137,7 @@ class ChainTraining:
             self.stage = "fit"
 
     def _done(self) -> list[Chain]:
-        """The best of each refinement, best first."""
+        """The best chain of each refinement, best first."""
         ends = [refinement.best for refinement in self._refinements]
         return sorted((chain for chain in ends if chain is not None), key=lambda chain: chain.cost)
 
@@ -163,7 +163,7 @@ class ChainTraining:
     # -- files -----------------------------------------------------------------------------------------------
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays and JSON-able rest from which the training goes on."""
+        """Arrays and JSON-able information to resume the training."""
         arrays: dict[str, np.ndarray] = {}
         for name, group in (("found", self._search.found), ("waiting", self._waiting)):
             for k, chain in enumerate(group):
@@ -174,7 +174,7 @@ class ChainTraining:
         return arrays, {"stage": self.stage, "starts": self._search.starts, "rng": rng, **counts}
 
     def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
-        """Go on from a state of the same data."""
+        """Resume from a state of the same data."""
         found, self._waiting = (
             [get_chain(f"{name}{k}", arrays) for k in range(int(info[name]))] for name in ("found", "waiting")
         )

@@ -1,7 +1,6 @@
-"""What stands behind a BDNN: networks alone, or a prior whose rest the networks know.
+"""The two cores of a BDNN: networks alone, or a prior with networks for the rest.
 
-Both are the seed form q̈ = H (u − R). A core gives M = H⁻¹, its derivative and R; `dynamics.BDNN` does the
-rest.
+Both have the seed form q̈ = H (u − R). A core provides M = H⁻¹, its derivative and R; `dynamics.BDNN` does the rest.
 """
 
 from __future__ import annotations
@@ -97,11 +96,10 @@ class NetworkCore:
 
 @dataclass(frozen=True)
 class PriorCore:
-    """A prior's dynamics, and networks that know what it leaves out.
+    """The dynamics of a prior, with networks for what it leaves out.
 
-    M = L P(h(q))⁻¹ Lᵀ with the prior's M = L Lᵀ: a product of positive-definite factors, so positive-
-    definite whatever the weights of h; h = 0 leaves the prior as it is. R is the prior's bias and the
-    local networks'.
+    M = L P(h(q))⁻¹ Lᵀ with the prior's M = L Lᵀ: a product of positive-definite factors, so positive-definite whatever the
+    weights of h; h = 0 leaves the prior as it is. R is the prior's bias plus the local networks'.
 
     Attributes:
         prior: any dynamics; its M must be positive-definite.

@@ -38,7 +38,7 @@ WORTH = 2e-3
 
 @dataclass(frozen=True)
 class Task:
-    """What the correction is to explain.
+    """The data that the correction has to explain.
 
     Attributes:
         inputs: [sin q, cos q], (N, 2n).
@@ -77,7 +77,7 @@ class Task:
 
 
 class _Enough(Exception):
-    """Time is up, or the held-out error rises."""
+    """Stops the optimiser: time is up, or the held-out error rises."""
 
 
 def corrected(
@@ -87,7 +87,7 @@ def corrected(
     rng: np.random.Generator,
     give_up: Callable[[], bool],
 ) -> PriorCore:
-    """The core with a correction of M, or as it is where that does not pay."""
+    """The core with a corrected M, or unchanged if that does not lower the held-out error."""
     learn, judge = (_task(core, parts, rng) for parts in (train, validation))
     n = core.local.velocity.size
     network = Network.random(2 * n, HIDDEN, vector_size(n), rng)

@@ -1,4 +1,4 @@
-"""The BDNN: acceleration from effort and effort from acceleration, by the same H and R."""
+"""The BDNN: forward and inverse dynamics from the same H and R."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class BDNN:
         return self.core.bias(q, np.zeros_like(q)).reshape(np.shape(position))
 
     def friction(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """What of the bias is neither Coriolis nor gravity [N·m], (..., n)."""
+        """The part of the bias that is neither Coriolis nor gravity [N·m], (..., n)."""
         bias = self.core.bias(_rows(position), _rows(velocity)).reshape(np.shape(position))
         return bias - self.coriolis(position, velocity) - self.gravity(position)
 

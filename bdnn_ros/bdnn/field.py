@@ -49,7 +49,7 @@ class Scales:
 
 @dataclass(frozen=True)
 class FieldPass:
-    """What an evaluation of f leaves behind for its derivatives.
+    """Intermediate results of an evaluation of f, for its derivatives.
 
     Attributes:
         state: x, (B, 2n).
@@ -71,7 +71,7 @@ class FieldPass:
 
 @dataclass(frozen=True)
 class EffortPass:
-    """What an evaluation of the inverse dynamics leaves behind for its derivative.
+    """Intermediate results of an evaluation of the inverse dynamics, for its derivative.
 
     Attributes:
         h, r: passes of the two networks.

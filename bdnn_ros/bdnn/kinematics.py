@@ -1,4 +1,4 @@
-"""Where the axes of an unknown serial chain lie, and how the effort changes when they move."""
+"""Geometry of an unknown serial chain, and the derivative of its effort with respect to the axes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ REACH = 0.3
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Placement of each joint's frame in that of the joint before, at zero angle; every axis is z.
+    """Pose of each joint's frame in that of the joint before, at zero angle; every axis is z.
 
     Attributes:
         rotations: (n, 3, 3).
@@ -30,7 +30,7 @@ class Kinematics:
 
     @classmethod
     def random(cls, n: int, rng: np.random.Generator) -> Kinematics:
-        """Axes in any direction."""
+        """Axes in random directions."""
         quaternions = rng.normal(size=(n, 4))
         quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
         rotations = np.array([pin.Quaternion(*row).toRotationMatrix() for row in quaternions])

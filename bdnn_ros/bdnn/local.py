@@ -1,10 +1,10 @@
-"""One small network per joint for what a prior's bias leaves out: friction's shape, cogging, springs.
+"""One small network per joint for what a prior's bias leaves out: the shape of friction, cogging, springs.
 
-A joint's network sees that joint alone: its position with harmonics, its velocity, its direction of motion
-and its gravity load; of its neighbours, which may share a gear, only velocity and direction. So little data
-teaches much, and nothing is learned that the motion did not show joint by joint. The hidden layer is drawn
-at random and the output layer solved for (a random-vector functional-link network: Pao and Takefuji,
-"Functional-link net computing", Computer 25(5), 1992): no steps, no local minima.
+The network of a joint sees only that joint: its position with harmonics, its velocity, its direction of motion and its
+gravity load; of its neighbours, which may share a gear, only velocity and direction. So little data suffices, and nothing is
+learned that the motion did not show joint by joint. The hidden layer is random and the output layer is solved for (a random-
+vector functional-link network: Pao and Takefuji, "Functional-link net computing", Computer 25(5), 1992): no iterations, no
+local minima.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ STEEPEST = 30.0
 
 @dataclass(frozen=True)
 class LocalNetworks:
-    """Effort of each joint from its own motion.
+    """Effort of each joint as a function of its own motion.
 
     Attributes:
         hidden_weights, hidden_bias: of the inputs [sin q, cos q, q̇ / velocity, direction, load],
@@ -46,7 +46,7 @@ class LocalNetworks:
 
     @classmethod
     def silent(cls, velocity: np.ndarray, load: np.ndarray) -> LocalNetworks:
-        """Networks that add nothing yet."""
+        """Networks with zero output."""
         n, rng = len(velocity), np.random.default_rng(0)
         weights = rng.normal(size=(n, HIDDEN, INPUTS)) * np.array([1.0, 1.0, 1.0, 0.5, 0.5])
         weights[:, :, 2] *= np.exp(rng.uniform(0.0, np.log(STEEPEST), (n, HIDDEN)))
@@ -129,7 +129,7 @@ class LocalNetworks:
 
 
 def penalties(networks: LocalNetworks) -> np.ndarray:
-    """How much each feature's weight is held back, (F,): high harmonics more, plain friction little."""
+    """Ridge penalty of each feature's weight, (F,): larger for high harmonics, small for plain friction."""
     orders = np.arange(1, networks.harmonics + 1)
     wavy = 1.0 + 0.3 * (orders - 1.0)
     plain = np.array([1e-3, 1e-2, 1e-2, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])

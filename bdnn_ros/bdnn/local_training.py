@@ -1,4 +1,4 @@
-"""Fitting the local networks: a ridge, its strength chosen by leaving blocks of time out, joint by joint."""
+"""Fits the local networks by ridge regression; its strength is cross-validated on blocks of time, joint by joint."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Sums:
 
 
 def fit_local(core: PriorCore, parts: Sequence[Signals]) -> LocalNetworks:
-    """Networks for what the core's prior leaves out; silent but for an offset where they do not help.
+    """Networks for what the core's prior leaves out; only an offset where more does not help.
 
     Features and residual are low-passed alike.
     """
@@ -67,7 +67,7 @@ def fit_local(core: PriorCore, parts: Sequence[Signals]) -> LocalNetworks:
 
 
 def sums_of(core: PriorCore, parts: Sequence[Signals]) -> list[list[Sums]]:
-    """Sums of every joint over blocks of time, `BLOCKS` of them or one for each part."""
+    """Sums for every joint over blocks of time, `BLOCKS` of them or one for each part."""
     each = max(round(BLOCKS / len(parts)), 1)
     result: list[list[Sums]] = [[] for _ in core.joints]
     for signals in parts:
@@ -98,7 +98,7 @@ def _joint_sums(
 
 
 def chosen_weights(blocks: list[Sums], penalty: np.ndarray) -> np.ndarray:
-    """Output weights (F,) of one joint; silent where there is nothing to learn from."""
+    """Output weights (F,) of one joint; zero if there is nothing to learn from."""
     if not blocks:
         return np.zeros_like(penalty)
     everything = sum(blocks[1:], blocks[0])
@@ -114,7 +114,7 @@ def chosen_weights(blocks: list[Sums], penalty: np.ndarray) -> np.ndarray:
 
 
 def _left_out(blocks: list[Sums], everything: Sums, solve: Callable[[Sums], np.ndarray]) -> np.ndarray:
-    """Error on each block of the weights solved without it; on one block only, of its own."""
+    """Error on each block with the weights solved without it; with a single block, on that block itself."""
     if len(blocks) == 1:
         return np.array([blocks[0].error(solve(blocks[0]))])
     return np.array([block.error(solve(everything - block)) for block in blocks])

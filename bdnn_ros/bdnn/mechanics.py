@@ -1,6 +1,6 @@
-"""A model read as mechanics: its matrices, energies and powers, and whether they are those of a real machine.
+"""Mechanics of a model: its matrices, energies and powers, and whether they are those of a real machine.
 
-Works on any `Dynamics`; a model that gives ∂M/∂q itself is taken at its word, the others are differenced.
+Works on any `Dynamics`; ∂M/∂q is taken from the model if it provides it, otherwise by finite differences.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(PATH_STEPS)
 
 @dataclass(frozen=True)
 class Parts:
-    """What an effort is made of, (..., n) each [N·m].
+    """The parts of an effort, (..., n) each [N·m].
 
     Attributes:
         inertial: M q̈.
@@ -44,7 +44,7 @@ class Parts:
 
 @dataclass(frozen=True)
 class Consistency:
-    """Whether a model can be a machine, over random motions in a range.
+    """Whether a model behaves like a machine, over random motions in a range.
 
     Attributes:
         smallest_eigenvalue: of M [kg·m²].
@@ -66,7 +66,7 @@ class Consistency:
 
     @property
     def sound(self) -> bool:
-        """Whether M is positive-definite and symmetric, and friction passive but for a trace."""
+        """Whether M is positive-definite and symmetric, and friction is passive (up to 1 % of the motions)."""
         return self.smallest_eigenvalue > 0.0 and self.asymmetry < 1e-6 and self.passive > 0.99
 
 
@@ -91,7 +91,7 @@ def coriolis_matrix(model: Dynamics, position: np.ndarray, velocity: np.ndarray)
 
 
 def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Parts:
-    """The effort of a motion by what it is for; the parts add up to the inverse dynamics."""
+    """The effort of a motion split into its parts, which add up to the inverse dynamics."""
     matrix = model.mass_matrix(position)
     inertial = (matrix @ np.asarray(acceleration)[..., None])[..., 0]
     coriolis, gravity = model.coriolis(position, velocity), model.gravity(position)
@@ -101,7 +101,7 @@ def parts(model: Dynamics, position: np.ndarray, velocity: np.ndarray, accelerat
 
 
 def odd_friction(model: Dynamics, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """What of the friction changes sign with the velocity, (..., n) [N·m]: it dissipates, the rest is an offset."""
+    """The part of friction that changes sign with the velocity, (..., n) [N·m]: it dissipates; the rest is an offset."""
     ahead, back = model.friction(position, velocity), model.friction(position, -np.asarray(velocity))
     return 0.5 * (ahead - back)
 
@@ -133,7 +133,7 @@ def potential_energy(
 def power_balance(
     model: Dynamics, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Where the drives' power goes [W], (...): into kinetic and potential energy and friction; what is left.
+    """Where the power of the drives goes [W], (...): kinetic energy, potential energy, friction; and the remainder.
 
     `left` is zero for a machine: q̇ᵀu = d/dt (½ q̇ᵀM q̇) + q̇ᵀg + q̇ᵀ friction needs q̇ᵀ(Ṁ − 2C)q̇ = 0.
     """
@@ -155,7 +155,7 @@ def consistency(
     *,
     poses: int = POSES,
 ) -> Consistency:
-    """Whether a model can be a machine within a range of motion.
+    """Whether a model behaves like a machine within a range of motion.
 
     Args:
         lower, upper: of the position, (n,) [rad].

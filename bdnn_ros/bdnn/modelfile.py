@@ -1,7 +1,7 @@
-"""Model files: named arrays and what they mean, in one safetensors file.
+"""Model files: named arrays and their description in one safetensors file.
 
-The JSON that describes the arrays travels in the file's own metadata: a model is one file, nothing in it is
-code, and reading it executes nothing. Beside it stands a SHA-256 of both, by which a file that was altered is told.
+The JSON description is stored in the metadata of the file: a model is one file, it contains no code, and reading it executes
+nothing. A SHA-256 of description and arrays reveals alterations.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ HEADER, CHECKSUM = "bdnn_ros", "bdnn_ros.sha256"
 
 
 def model_path(path: str | Path) -> Path:
-    """The model file meant by a path: the file itself, or `model.bdnn` in a directory."""
+    """The model file that a path means: the file itself, or `model.bdnn` in a directory."""
     path = Path(path)
     return path / FILE_NAME if path.is_dir() else path
 
 
 def model_place(path: str | Path) -> Path:
-    """The file that a model is saved to: the path itself if it ends in `.bdnn`, else `model.bdnn` in a directory there.
+    """The file to save a model to: the path itself if it ends in `.bdnn`, else `model.bdnn` in that directory.
 
-    Only that suffix means a file: dates, versions and shares in the name of a directory have dots, too.
+    Other suffixes do not mean a file: directory names with dates, versions or numbers have dots, too.
     """
     path = Path(path)
     return path if path.suffix == SUFFIX and not path.is_dir() else path / FILE_NAME
 
 
 def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Path:
-    """Write a model; an earlier file stays whole until the new one is complete.
+    """Write a model; an earlier file is kept until the new one is complete.
 
     Args:
         path: the `.bdnn` file, or the directory that is to hold `model.bdnn`, which is made.
@@ -59,7 +59,7 @@ def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], info: dict[
 
 
 def write(target: Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> Path:
-    """Write a model's arrays to exactly this file; an earlier one stays whole until the new one is complete.
+    """Write a model to exactly this file; an earlier one is kept until the new one is complete.
 
     Args:
         kind: what reads it back, as "bdnn".
@@ -91,7 +91,7 @@ def write(target: Path, kind: str, arrays: dict[str, np.ndarray], info: dict[str
 
 
 def checksum(header: str, arrays: dict[str, np.ndarray]) -> str:
-    """SHA-256, in hexadecimal, of a model's description and its arrays; what they are called and of which type counts, too."""
+    """SHA-256, in hexadecimal, of a model's description and arrays, including their names and types."""
     digest = hashlib.sha256(header.encode())
     for name, values in sorted(arrays.items()):
         values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))

@@ -1,7 +1,7 @@
-"""Training H and R networks alone, both ways: effort from motion, and motion from effort.
+"""Training of H and R networks alone, in both directions: effort from motion, and motion from effort.
 
-The inverse loss settles the scale of H that rollouts leave open; rollouts, by `backtracking`, mend what small
-errors of the effort would add up to. Small networks are polished by L-BFGS on all samples at once.
+The inverse loss fixes the scale of H, which rollouts leave open; rollouts, by `backtracking`, correct small effort errors
+that would accumulate. Small networks are finally polished by L-BFGS on all samples at once.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ SLICE = 100
 
 
 def hidden_units(joints: int) -> int:
-    """Hidden units of each network: what measurement found enough."""
+    """Hidden units of each network, as found sufficient by measurement."""
     return 32 if joints <= POLISH_JOINTS else 128
 
 
 class NetworkTraining:
-    """Networks in the making: Adam on batches, then L-BFGS where it pays; the best on held-out data stays."""
+    """Adam on batches, then L-BFGS where it helps; the weights with the best held-out error are kept."""
 
     def __init__(
         self,
@@ -70,21 +70,21 @@ class NetworkTraining:
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether the training is complete."""
         return self.stage == "finished"
 
     @property
     def told(self) -> str:
-        """What is being done, for a progress line."""
+        """The present stage, for a progress line."""
         return f"{self.stage}: step {self._steps}, held-out error {100.0 * self._best:.3g} %"
 
     def model(self) -> BDNN:
-        """The networks that did best on what was held out."""
+        """The networks with the best held-out error."""
         field = Field(self._field.h, self._field.r, self._field.scales).astype(np.float64)
         return BDNN(NetworkCore(self._joints, field.with_vector(self._best_weights.astype(np.float64))))
 
     def advance(self, used: Callable[[], float]) -> None:
-        """One piece of work; `used` tells the share of the budget that is spent."""
+        """Do one step; `used` returns the share of the budget that is spent."""
         polish = len(self._joints) <= POLISH_JOINTS
         end = POLISH_SHARE if polish else 1.0
         if self.stage == "batches":
@@ -114,7 +114,7 @@ class NetworkTraining:
         self._weights -= np.float32(rate * unbias) * first / (np.sqrt(second) + np.float32(1e-8))
 
     def _add_forward(self, gradient: np.ndarray) -> None:
-        """Add the gradient of some rollouts; one that runs away must not drown the rest."""
+        """Add the gradient of some rollouts; a diverging one must not dominate the rest."""
         windows = self._rollouts.draw(WINDOWS, self._rng)
         if windows is None:
             return
@@ -125,7 +125,7 @@ class NetworkTraining:
             gradient += min(FORWARD_WEIGHT * FORWARD_EVERY, float(np.linalg.norm(gradient)) / size) * forward
 
     def _look(self) -> None:
-        """Keep the weights if they are the best so far on what was held out."""
+        """Keep the weights if their held-out error is the best so far."""
         error = self._held_out(self._field)
         if error < self._best:
             self._best, self._best_weights = error, self._weights.copy()
@@ -160,7 +160,7 @@ class NetworkTraining:
             pass
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays and JSON-able rest from which the training goes on."""
+        """Arrays and JSON-able information to resume the training."""
         arrays = {"weights": self._weights, "moments": self._moments, "best_weights": self._best_weights}
         best = float(self._best) if np.isfinite(self._best) else None
         return arrays, {
@@ -171,7 +171,7 @@ class NetworkTraining:
         }
 
     def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
-        """Go on from a state of the same data."""
+        """Resume from a state of the same data."""
         self._weights[:], self._moments[:] = arrays["weights"], arrays["moments"]
         self._best_weights = arrays["best_weights"].copy()
         self._best = np.inf if info["best"] is None else float(info["best"])
@@ -184,7 +184,7 @@ class _TimeUp(Exception):
 
 
 class Rollouts:
-    """Windows of measured motion to roll out from, drawn at random; those drawn together are of one rate, so of one step."""
+    """Random windows of measured motion to roll out from; those drawn together have one rate and thus one step."""
 
     def __init__(self, parts: Sequence[Signals], velocity: np.ndarray) -> None:
         self._states = [np.concatenate([s.position, s.velocity], axis=1).astype(np.float32) for s in parts]
@@ -204,7 +204,7 @@ class Rollouts:
         self._starts = [(2.0 / rate, np.array(found)) for rate, found in starts.items() if found]
 
     def draw(self, count: int, rng: np.random.Generator) -> Windows | None:
-        """Some windows, two working samples a step; None where no segment is long enough for one."""
+        """Some windows with two working samples per step; None if no segment is long enough."""
         if not self._starts:
             return None
         step, starts = self._starts[0]

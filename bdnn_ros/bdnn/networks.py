@@ -49,7 +49,7 @@ ACTIVATIONS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.nd
 
 @dataclass(frozen=True)
 class Pass:
-    """What a network's forward pass leaves behind for its derivatives; names as in the paper.
+    """Intermediate results of a network's forward pass, for its derivatives; names as in the paper.
 
     Attributes:
         inputs: o⁽¹⁾, (B, in).

@@ -1,4 +1,4 @@
-"""Training on prior knowledge: a robot's bodies are identified, then networks learn the rest."""
+"""Training on a prior: the bodies of a robot are identified, then networks learn the rest."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ STAGES = ("bodies", "networks", "correction", "finished")
 
 
 class PriorTraining:
-    """A BDNN on a prior in the making, a piece of work at a time: bodies, networks, correction of M."""
+    """The training of a BDNN on a prior, in steps: bodies, networks, correction of M."""
 
     def __init__(
         self,
@@ -64,22 +64,22 @@ class PriorTraining:
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether the training is complete."""
         return self.stage == "finished"
 
     @property
     def told(self) -> str:
-        """What is being done, for a progress line."""
+        """The present stage, for a progress line."""
         return {"bodies": "identifying bodies and friction", "networks": "fitting the joints' networks"}.get(
             self.stage, "correcting the mass matrix"
         )
 
     def model(self) -> BDNNOnPrior:
-        """The best so far; the prior itself at first."""
+        """The best model so far; the prior itself at first."""
         return BDNNOnPrior(self._core)
 
     def advance(self, used: Callable[[], float]) -> None:
-        """One piece of work; `used` tells the share of the budget that is spent."""
+        """Do one step; `used` returns the share of the budget that is spent."""
         if self.stage == "bodies":
             self._identify_bodies()
             self.stage = "networks"
@@ -105,13 +105,13 @@ class PriorTraining:
             self._core = replace(self._core, prior=robot, local=self._core.local.with_offset(offset))
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays and JSON-able rest from which the training goes on; a prior that is no robot stays as it was given."""
+        """Arrays and JSON-able information to resume the training; a prior other than a robot is not part of it."""
         arrays, info = prior_core_state(self._core, with_prior=isinstance(self._core.prior, Robot))
         info |= {"given": fingerprint(self._given), "stage": self.stage}
         return arrays, {**info, "rng": self._rng.bit_generator.state}
 
     def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
-        """Go on from a state of the same data and prior.
+        """Resume from a state of the same data and prior.
 
         Raises:
             ModelFileError: the prior was another one.
@@ -131,7 +131,7 @@ class PriorTraining:
 
 
 def belief_of(robot: Robot, samples: Samples) -> Belief:
-    """What a URDF makes one believe: its bodies by and large, rotors and friction of any usual size."""
+    """The prior from a URDF: its bodies approximately, rotors and friction of any usual size."""
     scales = scales_of(samples)
     usual = np.array([scales.effort / scales.acceleration, scales.effort / scales.velocity, scales.effort])
     told = np.array([robot.armature, robot.viscous, robot.coulomb])
@@ -142,7 +142,7 @@ def belief_of(robot: Robot, samples: Samples) -> Belief:
 
 
 def identified(robot: Robot, belief: Belief, samples: Samples, start: np.ndarray | None) -> np.ndarray:
-    """The most probable θ of a robot, as in `bodies`; the noise is what the fit before left."""
+    """The most probable θ of a robot, as in `bodies`; the noise is the residual of the fit before."""
     design = columns(robot.regressor(samples.position, samples.velocity, samples.acceleration), samples)
     theta = belief.reference if start is None else start
     least = NOISE_FLOOR * scales_of(samples).effort

@@ -1,4 +1,4 @@
-"""From axes that explain the effort to a chain of bodies that could exist, a step at a time."""
+"""Refinement of a chain, from axes that explain the effort to physically possible bodies, step by step."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ENOUGH = 1.6
 
 
 class Refinement:
-    """One chain on its way to be real: several attempts, each from the same axes.
+    """The refinement of one chain: several attempts from the same axes.
 
     Attributes:
         origin: the chain to start from, its bodies unlimited.
@@ -49,7 +49,7 @@ class Refinement:
         return len(self.reached) == len(ATTEMPTS) or self.reached[-1].cost < ENOUGH * self.origin.cost
 
     def advance(self, samples: Samples, belief: Belief) -> None:
-        """One step, or the beginning of the next attempt."""
+        """One step, or the start of the next attempt."""
         if not self.reached or self._step == len(ATTEMPTS[len(self.reached) - 1]):
             firmness = ATTEMPTS[len(self.reached)][0]
             self.reached.append(chains.feasible(samples, self.origin, belief.stronger(firmness)))

@@ -1,9 +1,9 @@
-"""Networks for what named causes leave: of a joint, from whatever of the robot's motion it was seen to depend on.
+"""Networks for what named causes leave: for a joint, of whatever motion of the robot its residual was seen to depend on.
 
-As the local networks on a prior (`local.py`), they have a hidden layer that is drawn at random and an output layer that is
-solved for, beside the inputs' own harmonics and products. But a joint's network sees the inputs that it is given, of any
-joint: its neighbour's position, say. None is an acceleration or a time, so that the mass matrix stays what it was, and what
-was learned holds another day. Beyond what the motion showed of an input, it counts as at the end of that.
+Like the local networks on a prior (`local.py`) they have a random hidden layer and an output layer that is solved for, beside
+harmonics and products of the inputs. But the network of a joint sees only the inputs it is given, of any joint: its
+neighbour's position, say. No input is an acceleration or a time, so the mass matrix stays unchanged and the result holds on
+another day. Outside the range of an input seen in training, the value at the end of that range is used.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FALLING = (1.0, 4.0, 16.0)
 
 @dataclass(frozen=True)
 class Input:
-    """What a network sees.
+    """An input of a network.
 
     Attributes:
         joint: whose.
@@ -49,7 +49,7 @@ class Input:
 
 @dataclass(frozen=True)
 class RestNetwork:
-    """Effort of one joint from some inputs.
+    """Effort of one joint as a function of some inputs.
 
     Attributes:
         joint: where the effort acts.
@@ -66,7 +66,7 @@ class RestNetwork:
 
     @classmethod
     def silent(cls, joint: int, inputs: Sequence[Input]) -> RestNetwork:
-        """A network that adds nothing yet."""
+        """A network with zero output."""
         rng = np.random.default_rng(0)
         gains: list[np.ndarray] = []
         for each in inputs:
@@ -94,7 +94,7 @@ class RestNetwork:
     def features(
         self, position: np.ndarray, velocity: np.ndarray, direction: np.ndarray, load: np.ndarray
     ) -> np.ndarray:
-        """What the output layer weighs, (B, F): 1, each input's own, products of two inputs, hidden units.
+        """The features that the output layer weighs, (B, F): 1, features of each input, products of two inputs, hidden units.
 
         Args:
             position, velocity: of the robot, (B, n).
@@ -115,7 +115,7 @@ class RestNetwork:
         return np.concatenate([first, hidden], axis=1)
 
     def beyond(self, position: np.ndarray, velocity: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """Where an input is beyond what the motion showed of it, (B,) bool; arguments as of `features`."""
+        """Where an input is outside the range seen in training, (B,) bool; arguments as of `features`."""
         given = {POSITION: position, VELOCITY: velocity, LOAD: load}
         result = np.zeros(len(position), bool)
         for each in self.inputs:
@@ -125,7 +125,7 @@ class RestNetwork:
 
     @property
     def penalties(self) -> np.ndarray:
-        """How much each feature's weight is held back, (F,): high harmonics more."""
+        """Ridge penalty of each feature's weight, (F,): larger for high harmonics."""
         found, widths = [1e-3], []
         for each in self.inputs:
             if each.quantity == POSITION:

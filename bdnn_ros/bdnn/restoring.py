@@ -1,4 +1,4 @@
-"""A prior and its networks as arrays and JSON, and back."""
+"""Serialization of a prior with its networks."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def prior_core(arrays: dict[str, np.ndarray], info: dict[str, Any], build: Build
 
 
 def fingerprint(prior: Dynamics) -> str:
-    """What tells a prior from every other; of those that cannot be saved the type and the joints alone."""
+    """A hash that identifies a prior; for priors that cannot be saved, of type and joints only."""
     try:
         kind, arrays, info = _prior_state(prior)
     except ModelFileError:

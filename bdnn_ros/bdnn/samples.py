@@ -1,4 +1,4 @@
-"""Samples to learn from: signals low-passed once more, both sides alike, thinned to what is independent."""
+"""Training samples: signals low-passed once more, motion and effort alike, thinned to independent samples."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Samples:
         return self.effort.shape[1]
 
     def rows(self, chosen: np.ndarray) -> Samples:
-        """Some of the samples."""
+        """The samples of these rows."""
         return Samples(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
     def some(self, count: int, rng: np.random.Generator) -> Samples:
@@ -83,7 +83,7 @@ def samples_of(parts: Sequence[Signals], thinning: float = THINNING) -> Samples:
 
 
 def scales_of(samples: Samples) -> Scales:
-    """Typical sizes of a motion; joints that hardly move count as those that do."""
+    """Typical magnitudes of a motion; joints that hardly move get those of the others."""
     velocity = _typical(samples.velocity)
     return Scales(
         velocity,
@@ -94,7 +94,7 @@ def scales_of(samples: Samples) -> Scales:
 
 
 def mean_square(errors: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """By joint, (n,), of errors (N, n) that are zero where nothing was seen; zero of a joint that never was."""
+    """By joint, (n,), of errors (N, n) that are zero where unmeasured; zero for a joint that was never measured."""
     return np.asarray(np.sum(errors**2, axis=0) / np.maximum(np.sum(seen, axis=0), 1))
 
 
@@ -107,13 +107,13 @@ def _typical(values: np.ndarray, seen: np.ndarray | None = None) -> np.ndarray:
 
 
 def joined(first: Samples, second: Samples) -> Samples:
-    """Samples of both."""
+    """Both samples, concatenated."""
     names = Samples.__dataclass_fields__
     return Samples(*(np.concatenate([getattr(first, name), getattr(second, name)]) for name in names))
 
 
 def shortened(parts: Sequence[Signals], most: int) -> list[Signals]:
-    """The beginnings of several recordings' signals, `most` working samples in all, or one that is just enough."""
+    """The beginnings of several recordings' signals, `most` working samples in all, or a single one if that is too short."""
     total = sum(len(signals) for signals in parts)
     if total <= most:
         return list(parts)
@@ -128,10 +128,10 @@ def shortened(parts: Sequence[Signals], most: int) -> list[Signals]:
 
 
 def most_samples(budget: float) -> int:
-    """Samples that the last fit of the bodies may take within a budget [s]."""
+    """Number of samples for the last fit of the bodies within a budget [s]."""
     return int(min(SAMPLES_PER_SECOND * budget, 1e9))
 
 
 def most_working_samples(budget: float) -> int:
-    """Working samples that the fit of the local networks may take within a budget [s]."""
+    """Number of working samples for the fit of the local networks within a budget [s]."""
     return int(min(WORKING_SAMPLES_PER_SECOND * budget, 1e9))

@@ -1,4 +1,4 @@
-"""Identifying a BDNN from signals within a budget, with a state to go on from."""
+"""Trains a BDNN within a time budget; training can be interrupted and resumed."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ SAVE_SECONDS = 2.0
 
 
 class Training(Protocol):
-    """A model in the making."""
+    """A training in progress."""
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether the training is complete."""
 
     @property
     def told(self) -> str:
-        """What is being done."""
+        """The present stage, for a progress line."""
 
     def advance(self, used: Callable[[], float]) -> None:
-        """One piece of work; `used` tells the share of the budget that is spent."""
+        """Do one step; `used` returns the share of the budget that is spent."""
 
     def model(self) -> BDNN:
         """The best model so far."""
 
     def to_state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays and JSON-able rest from which the training goes on."""
+        """Arrays and JSON-able information to resume the training."""
 
     def restore(self, arrays: dict[str, np.ndarray], info: dict[str, Any]) -> None:
-        """Go on from a state of the same data."""
+        """Resume from a state of the same data."""
 
 
 def identify(
@@ -100,7 +100,7 @@ def identify(
 
 @dataclass(frozen=True)
 class _Spending:
-    """How much of a budget [s] is spent.
+    """The use of a time budget [s].
 
     Attributes:
         start: when the training began, or went on.
@@ -120,7 +120,7 @@ class _Spending:
 def _spend(
     spending: _Spending, training: Training, progress: Progress | None, path: Path | None, label: str
 ) -> None:
-    """Train until the budget is spent or nothing is left to do; the state is kept in a file, if one is given."""
+    """Train until the budget is spent or the training is complete; the state is kept in a file if one is given."""
     saved = spending.start
     try:
         while not training.finished and spending.used() < 1.0:
@@ -180,7 +180,7 @@ def _save(training: Training, path: Path, label: str, spent: float) -> None:
 
 
 def _restore(training: Training, path: Path | None, label: str) -> float:
-    """Seconds that were spent before."""
+    """Resume from the file if there is one; returns the seconds spent before."""
     if path is None or not path.exists():
         return 0.0
     kind, arrays, info = modelfile.load(path, finite=False)  # what cannot be costs infinitely much

@@ -1,7 +1,7 @@
-"""Whether something pushes one joint for a while: a contact, which neither bodies nor friction explain.
+"""Whether something pushes one joint for a while: a contact that neither bodies nor friction explain.
 
-Blocks of time in which bodies, rotors and friction leave a joint's effort far from what they usually leave are a push where
-they come and go, pull one way, and are at positions where the joint is also found without them.
+Blocks of time in which a joint's residual after bodies, rotors and friction is far above its usual level are a push if they
+are temporary, pull one way, and lie at positions that the joint also takes without them.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Push:
 
 
 def pushed(recording: Recording, signals: Signals, robot: Robot) -> Iterator[Remark]:
-    """What a user should know of a contact."""
+    """The remark on a contact."""
     found = push(signals, robot)
     if found is not None:
         joint = robot.joints[found.joint]
@@ -65,9 +65,9 @@ def pushed(recording: Recording, signals: Signals, robot: Robot) -> Iterator[Rem
 
 
 def push(signals: Signals, robot: Robot) -> Push | None:
-    """What pushes one joint for a while, throughout or now and then; None where nothing surely does, or without efforts.
+    """A push on one joint, continuous or intermittent; None if there surely is none, or without efforts.
 
-    What several joints feel may be a load as well, and is none.
+    What several joints feel is not reported, since it may be a load.
     """
     if signals.effort is None or not signals.interior.any():
         return None
@@ -101,7 +101,7 @@ def push(signals: Signals, robot: Robot) -> Push | None:
 
 
 def _pushes(motion: Motion, joint: int, left: np.ndarray, rows: np.ndarray, free: np.ndarray) -> bool:
-    """Whether what is left of a joint's effort (R,) on some rows, (R,) bool, looks like a push beside that of free ones."""
+    """Whether a joint's residual (R,) on some rows, (R,) bool, looks like a push compared with the free rows."""
     size = float(np.sqrt(np.mean(left[rows] ** 2)))
     one_way = abs(float(left[rows].mean())) > ONE_WAY * size
     position = motion.position[:, joint]
@@ -112,10 +112,10 @@ def _pushes(motion: Motion, joint: int, left: np.ndarray, rows: np.ndarray, free
 
 
 def _left(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """What bodies, rotors and friction leave, (R, n), and that of blocks per the usual one, (B, n), zero of what hardly moves.
+    """Residual (R, n) after bodies, rotors and friction, and its level in each block relative to the usual, (B, n).
 
-    Blocks count the less the more is left of them, or a push would pull over the bodies (iteratively reweighted: Holland
-    and Welsch, 1977).
+    The level is zero where a joint hardly moves. Blocks with a large residual get less weight, or a push would distort the
+    bodies (iteratively reweighted least squares: Holland and Welsch, 1977).
     """
     moves = motion.weight > 0.0
     size = np.bincount(motion.block)[:, None]

@@ -1,4 +1,4 @@
-"""What a drive that rattles leaves out."""
+"""Times left out because a drive rattles (its effort oscillates)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bdnn_ros.signals.rattling import rattling
 
 
 def rattled(recording: Recording) -> Iterator[Remark]:
-    """The joint that rattles the longest, where one does."""
+    """The joint that rattles the longest, if any does."""
     samples = rattling(recording)
     if not samples.any():
         return

@@ -1,4 +1,4 @@
-"""How a robot turned out to be set up, where motion showed that it is not as described."""
+"""Remarks on the identified set-up of the robot: base tilt and joint zeros that differ from the description."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bdnn_ros.physical.remark import Remark
 
 
 def tilted(model: PhysicalModel) -> Iterator[Remark]:
-    """Whether the base stands otherwise than the description says."""
+    """The base tilt, if it differs from the description."""
     if not model.leans:
         return
     (roll, pitch), (by_roll, by_pitch) = np.degrees(model.tilt), np.degrees(model.tilt_std)
@@ -23,7 +23,7 @@ def tilted(model: PhysicalModel) -> Iterator[Remark]:
 
 
 def zeros_off(model: PhysicalModel) -> Iterator[Remark]:
-    """Joints that are not at zero where they report it."""
+    """Joints whose reported zero is wrong."""
     for joint, value, std in model.zeros:
         name, unit = model.joints[joint], model.position_unit(joint)
         yield Remark(

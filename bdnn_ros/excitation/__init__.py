@@ -1,1 +1,1 @@
-"""The next motion: the one that tells apart what a diagnosis could not."""
+"""Plans the next motion: one that distinguishes what a diagnosis could not."""

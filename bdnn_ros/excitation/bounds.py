@@ -1,4 +1,4 @@
-"""What a motion must keep: a robot's limits, less what is held in reserve."""
+"""Limits of a motion: those of the robot, less a reserve."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a motion must keep, (n,) each: positions, and magnitudes of velocity, acceleration, effort.
+    """Limits of a motion, (n,) each: position range, and magnitudes of velocity, acceleration and effort.
 
     Attributes:
         model: what tells the effort.
@@ -47,7 +47,9 @@ class Bounds:
         ranges: Mapping[str, tuple[float, float]] | None = None,
         model: Dynamics | None = None,
     ) -> Bounds:
-        """The robot's limits, less what is kept in reserve; of more than a turn, one about the middle unless a range is given.
+        """The robot's limits, less a reserve.
+
+        A joint that may turn by more than a revolution gets one revolution about the middle, unless a range is given.
 
         Args:
             margin: share of each joint's range kept free at both ends.
@@ -95,7 +97,7 @@ class Bounds:
         return cls(low, high, speed, quick, effort * robot.limits.effort, robot if model is None else model)
 
     def kept_by(self, motion: Trajectory, slack: float = 1e-6) -> bool:
-        """Whether a motion stays inside."""
+        """Whether a motion stays within the limits."""
         inside = (motion.position >= self.lower - slack) & (motion.position <= self.upper + slack)
         slow = np.abs(motion.velocity) <= self.velocity * (1.0 + slack)
         gentle = np.abs(motion.acceleration) <= self.acceleration * (1.0 + slack)
@@ -108,8 +110,8 @@ class Bounds:
 def _room(low: np.ndarray, high: np.ndarray, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest position of each joint, (n,) each [rad] ([m]).
 
-    Where a limit is missing it is half a turn (π m) from zero, or a whole one from the other limit; a joint that may turn
-    further than once turns once about the middle of its range, unless all of it was asked for.
+    A missing limit is taken to be half a turn (π m) from zero, or a whole turn from the other limit. A joint with more than
+    one turn uses one turn about the middle of its range, unless the whole range was asked for.
 
     Args:
         low, high: limits, infinite where there are none, (n,) each.

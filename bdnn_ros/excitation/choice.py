@@ -1,8 +1,7 @@
-"""The next motion: pieces chosen so that together they tell the rivals of a diagnosis apart.
+"""Selects pieces of motion that together distinguish the rivals of a diagnosis.
 
-Pieces are drawn at random inside the limits; their information adds up, so the best set is found by adding
-the piece that helps most, then by exchanging pieces while that helps (Fedorov, Theory of Optimal Experiments,
-1972).
+Pieces are drawn at random within the limits. Their information adds up, so the best set is built by adding the piece that
+helps most, then by exchanging pieces while that helps (Fedorov, Theory of Optimal Experiments, 1972).
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Separation:
-    """What a motion is expected to say about a finding and its rival."""
+    """The expected evidence of a motion for a finding against its rival."""
 
     finding: Suspect
     rival: Suspect
@@ -55,13 +54,13 @@ class Separation:
 
     @property
     def settled(self) -> bool:
-        """Whether the expected evidence decides."""
+        """Whether the expected evidence is decisive."""
         return self.evidence >= DECISIVE
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """The motion, what it is expected to settle, what no motion of its kind can, and joints that hardly move in it."""
+    """The motion, what it should decide, notes on what no such motion can decide, and joints that hardly move in it."""
 
     trajectory: Trajectory
     separations: tuple[Separation, ...]
@@ -79,7 +78,7 @@ def excite(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Excitation:
-    """A motion inside the limits that tells the rivals of a diagnosis apart, or shows all parameters.
+    """A motion within the limits that distinguishes the rivals of a diagnosis, or excites all parameters.
 
     Args:
         robot: bodies, armature and friction as known best; limits.
@@ -125,13 +124,13 @@ def excite(
 
 
 def _still(trajectory: Trajectory, robot: Robot) -> tuple[str, ...]:
-    """Joints whose way is lost in their encoder's noise."""
+    """Joints that travel no further than the noise of their encoders."""
     travel = np.ptp(trajectory.position, axis=0)
     return tuple(joint for joint, far in zip(robot.joints, travel, strict=True) if far < TRAVEL)
 
 
 def _better(design: Design, pieces: list[Piece], one: Piece | None) -> list[Piece]:
-    """Some pieces, or one that takes all the time."""
+    """Several pieces, or one that takes all the time: the better choice."""
     together = np.asarray(sum(design.gram(piece) for piece in pieces))
     if one is None or design.value(design.gram(one)) <= design.value(together):
         return pieces
@@ -150,7 +149,7 @@ def _noise(robot: Robot, case: Case | None) -> np.ndarray:
 
 
 class _Search:
-    """One search for the pieces of a motion."""
+    """The search for the pieces of a motion."""
 
     def __init__(
         self,
@@ -169,7 +168,7 @@ class _Search:
         self.grams: list[np.ndarray] = []
 
     def run(self) -> list[Piece]:
-        """The best set of pieces, in an order of short ways."""
+        """The best set of pieces, in an order with short transitions."""
         focus = self._focus()
         for k in range(DRAWS):
             if k % 20 == 0:
@@ -202,9 +201,9 @@ class _Search:
         return chosen
 
     def _stay_in_one_region(self) -> None:
-        """Keep the pieces about one to which there are ways to and fro: those that tell most together.
+        """Keep the pieces between which transitions exist both ways: the most informative set of these.
 
-        An arm too weak to be held stretched out may hang or stand, but cannot go from one to the other.
+        An arm too weak to be held stretched out may hang or stand upright, but cannot move from one to the other.
         """
         self.say("looking for ways")
         left, regions = list(range(len(self.pieces))), list[list[int]]()
@@ -222,7 +221,7 @@ class _Search:
         return way(self.bounds, a.end, b.centre)[1] and way(self.bounds, b.end, a.centre)[1]
 
     def _focus(self) -> np.ndarray:
-        """How much each joint matters, (n,): those of the questions most, those that carry a link in question some."""
+        """Importance of each joint, (n,): that of the questions most, of joints that carry a link in question some."""
         focus = np.full(self.robot.width, 0.05)
         for suspect in self.design.suspects if self.design.asked else ():
             if suspect.target < 0:
@@ -237,7 +236,7 @@ class _Search:
         return np.asarray(np.sum([self.grams[k] for k in chosen], axis=0)) + np.zeros_like(self.grams[0])
 
     def _best(self, chosen: list[int]) -> int:
-        """The piece that helps most beside the chosen."""
+        """The piece that adds most to the chosen ones."""
         total, values = self._total(chosen), []
         for first in range(0, len(self.grams), BATCH):
             values.append(self.design.value(total + np.array(self.grams[first : first + BATCH])))
@@ -251,7 +250,7 @@ class _Search:
         return chosen
 
     def _exchanged(self, chosen: list[int]) -> list[int]:
-        """Give each piece's place to a better one, until none is."""
+        """Replace pieces by better ones until no exchange helps."""
         for _ in range(EXCHANGES):
             before = list(chosen)
             for k in range(len(chosen)):
@@ -263,7 +262,7 @@ class _Search:
         return chosen
 
     def _short_enough(self, chosen: list[int]) -> list[Piece]:
-        """The pieces in an order of short ways; the least useful ones go until the time suffices."""
+        """The pieces in an order with short transitions; the least useful ones are dropped until the time suffices."""
         while True:
             order, time = self._ordered(chosen)
             if time <= self.duration or len(order) == 1:
@@ -274,9 +273,9 @@ class _Search:
             chosen = [c for k, c in enumerate(chosen) if k != int(np.argmax(values))]
 
     def _ordered(self, chosen: list[int]) -> tuple[list[int], float]:
-        """Places among the chosen, each followed by the nearest one left, from the best start, and their time [s].
+        """Order of the chosen pieces by nearest neighbour from the best start, and their total time [s].
 
-        Those are left out to which there is no way: the longest chain counts, then the shortest time.
+        Unreachable pieces are dropped: the longest chain counts first, then the shortest time.
         """
         pieces = [self.pieces[k] for k in chosen]
         ways = [[self._time(a.end, b.centre) for b in pieces] for a in pieces]
@@ -295,6 +294,6 @@ class _Search:
         return best, shortest + sum(pieces[k].duration for k in best)
 
     def _time(self, start: np.ndarray, end: np.ndarray) -> float:
-        """Time of the way between two poses (n,) [s], infinite where there is none."""
+        """Duration of the transition between two poses (n,) [s], infinite if there is none."""
         time, possible = way(self.bounds, start, end)
         return time if possible else np.inf

@@ -1,4 +1,4 @@
-"""Pieces of motion that start and end at rest, drawn at random, inside a robot's limits."""
+"""Random pieces of motion that start and end at rest within a robot's limits."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Piece:
         return np.asarray(self.at(np.array([self.duration])).position[0])
 
     def resized(self, factor: np.ndarray | float) -> Piece:
-        """The same piece with each joint's motion times a factor, (n,) or one for all."""
+        """The same piece with each joint's motion scaled by a factor, (n,) or one for all."""
         size = np.broadcast_to(np.asarray(factor, float), self.centre.shape)
         return replace(self, amplitude=self.amplitude * size[:, None], speed=self.speed * size)
 
@@ -99,9 +99,9 @@ class Piece:
 
 
 def drawn(bounds: Bounds, duration: float, focus: np.ndarray, rng: np.random.Generator) -> Piece | None:
-    """A random piece inside the limits: joints swing, go to and fro steadily, or make small reversals.
+    """A random piece within the limits: joints swing, move back and forth at constant speed, or make small reversals.
 
-    Nearly all joints move in every piece: one at rest tells nothing, not even of its neighbours.
+    Nearly all joints move in every piece: a joint at rest reveals nothing, not even about its neighbours.
 
     Args:
         focus: how much each joint matters, (n,), at least one above zero; these do more than swing.
@@ -132,7 +132,7 @@ def drawn(bounds: Bounds, duration: float, focus: np.ndarray, rng: np.random.Gen
 
 
 def swinging(bounds: Bounds, duration: float, rng: np.random.Generator) -> Piece | None:
-    """A random Fourier series inside the limits in which all joints swing, from rest to rest; None as of `drawn`."""
+    """A random Fourier series within the limits in which all joints move, from rest to rest; None as of `drawn`."""
     width, period = bounds.width, float(np.clip(duration, SHORTEST_PERIOD, LONGEST_PERIOD))
     harmonics = np.arange(1, max(int(rng.choice(HIGHEST) * period), 2) + 1)
     room = bounds.upper - bounds.lower
@@ -147,7 +147,7 @@ def swinging(bounds: Bounds, duration: float, rng: np.random.Generator) -> Piece
 
 
 def retouched(bounds: Bounds, piece: Piece, step: float, rng: np.random.Generator) -> Piece | None:
-    """A swinging piece in which one joint or two move otherwise, about another pose; None as of `drawn`.
+    """A swinging piece with a changed motion of one or two joints and another pose; None as of `drawn`.
 
     Args:
         step: how far away, about 1.
@@ -186,7 +186,7 @@ def _sines(
 def _ramps(
     most: np.ndarray, duration: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times (S,), speeds (S, n) and blend of motions to and fro, each joint near a speed of its own."""
+    """Times (S,), speeds (S, n) and blend time of motions back and forth, each joint near a speed of its own."""
     reversals = int(rng.integers(1, 6))
     least = np.minimum(SLOWEST, 0.5 * most)
     speeds = least * (most / least) ** rng.random(len(most))
@@ -198,7 +198,7 @@ def _ramps(
 
 
 def changed(bounds: Bounds, piece: Piece, rng: np.random.Generator) -> Piece | None:
-    """A piece not far from another one: pose, sizes and tempo moved a little."""
+    """A variation of a piece: pose, amplitudes and tempo slightly changed."""
     width = bounds.width
     moved = piece.centre + 0.15 * (bounds.upper - bounds.lower) * rng.standard_normal(width)
     other = replace(
@@ -211,7 +211,7 @@ def changed(bounds: Bounds, piece: Piece, rng: np.random.Generator) -> Piece | N
 
 
 def fitted(bounds: Bounds, piece: Piece, share: np.ndarray | float = 0.0) -> Piece | None:
-    """The piece made so small that it keeps all limits, None where it cannot.
+    """The piece scaled down to keep all limits; None if that is impossible.
 
     Args:
         share: how much of its room each joint's motion is brought to first, (n,); 0 never enlarges.

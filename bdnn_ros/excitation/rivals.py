@@ -1,6 +1,6 @@
-"""The suspects of a diagnosis.json: each finding with the rivals it could not be told from.
+"""The open questions of a diagnosis.json: each finding with the rivals that it could not be distinguished from.
 
-Rivals that are less probable than a tie takes (`TIE`) are settled: no motion is spent on them.
+Rivals that are less probable than a tie (`TIE`) are settled: no motion is spent on them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bdnn_ros.robot.entries import reading
 
 @dataclass(frozen=True)
 class Suspect:
-    """An effect at its place; with values where the diagnosis has estimated them.
+    """An effect at a place, with values if the diagnosis has estimated them.
 
     Attributes:
         target: index of the joint, or of the joint that moves the link; -1 for the base or all joints.
@@ -40,14 +40,14 @@ class Suspect:
     probability: float
 
     def words(self, robot: Robot) -> str:
-        """What a sentence calls it."""
+        """Its name in a sentence."""
         place = self.link or (robot.joints[self.target] if self.target >= 0 else "")
         return f"{self.effect.name}@{place}" if place else self.effect.name
 
 
 @dataclass(frozen=True)
 class Question:
-    """A finding, and what else it could still be."""
+    """A finding and its rivals."""
 
     finding: Suspect
     rivals: tuple[Suspect, ...]
@@ -55,7 +55,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Case:
-    """What a diagnosis leaves open.
+    """The open questions of a diagnosis.
 
     Attributes:
         questions: every finding, also those without rivals that are open.
@@ -69,7 +69,7 @@ class Case:
 
     @property
     def open(self) -> bool:
-        """Whether a finding has a rival."""
+        """Whether any finding has a rival."""
         return any(question.rivals for question in self.questions)
 
 
@@ -96,7 +96,7 @@ def read_case(path: Path, robot: Robot) -> Case:
 
 
 def joints_of(path: Path) -> tuple[tuple[str, ...], str]:
-    """The joints of a diagnosis.json, and where its robot description came from.
+    """The joints of a diagnosis.json, and the source of its robot description.
 
     Raises:
         UsageError: the file cannot be read, or is no diagnosis.
@@ -147,7 +147,7 @@ def _place(one: Mapping[str, Any], robot: Robot) -> tuple[int, str | None]:
 
 
 def _effect(one: Mapping[str, Any], robot: Robot, target: int, link: str | None) -> Effect:
-    """The effect that a diagnosis names, in the variant that can sit there and has its parameters, units included.
+    """The effect named in a diagnosis, in the variant that fits the place and the parameters, units included.
 
     Raises:
         UsageError: there is none.
@@ -176,7 +176,7 @@ def _sits(effect: Effect, where: str) -> bool:
 
 
 def _odd(effect: Effect, parameters: Mapping[str, Any] | None) -> list[str]:
-    """What is odd about a finding's parameters, where it should be those of an effect."""
+    """What is wrong with the parameters of a finding for its effect."""
     units = {parameter.name: parameter.unit_at(effect.slides) for parameter in effect.parameters}
     found = []
     for name, quantity in (parameters or {}).items():

@@ -1,4 +1,4 @@
-"""Trajectories: pieces of motion one after the other, with straight ways between them."""
+"""Trajectories: pieces of motion joined by straight transitions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bdnn_ros.simulation.excitation import Trajectory, smooth_step
 
 
 def way(bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool]:
-    """Time of a straight way between two poses (n,) from rest to rest [s], and whether effort suffices."""
+    """Duration of a straight transition between two poses (n,) from rest to rest [s], and whether the effort suffices."""
     distance = np.abs(end - start)
     time = max(
         float((1.875 * distance / bounds.velocity).max()),
@@ -28,7 +28,7 @@ def way(bounds: Bounds, start: np.ndarray, end: np.ndarray) -> tuple[float, bool
 
 
 def straight(start: np.ndarray, end: np.ndarray, duration: float, time: np.ndarray) -> Trajectory:
-    """From one pose to another, (n,) [rad], from rest to rest within `duration` [s]; there before and after, (N,) [s]."""
+    """From pose to pose, (n,) [rad], from rest to rest within `duration` [s]; at rest there before and after, (N,) [s]."""
     step, slope, bend = smooth_step(time / duration)
     distance = end - start
     return Trajectory(
@@ -40,7 +40,7 @@ def straight(start: np.ndarray, end: np.ndarray, duration: float, time: np.ndarr
 
 
 def joined(bounds: Bounds, pieces: Sequence[Piece], rate: float) -> Trajectory | None:
-    """Pieces one after the other with straight ways between, at `rate` [Hz]; None where no way is found."""
+    """Pieces joined by straight transitions, at `rate` [Hz]; None if no transition is possible."""
     parts: list[Trajectory] = []
     begin, here = 0.0, pieces[0].centre
     spans: list[tuple[float, Piece | tuple[np.ndarray, np.ndarray], float]] = []

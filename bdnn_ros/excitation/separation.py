@@ -1,9 +1,9 @@
-"""How well a motion would tell causes apart, before it is made.
+"""How well a planned motion would distinguish causes.
 
-The expected evidence of a finding against its rival is half the squared norm of what is left of its effort
-after the rival, the other findings and the links' errors have explained what they can: the criterion of
-T-optimal design (Atkinson, Fedorov, The design of experiments for discriminating between two rival models,
-Biometrika 62(1), 1975). It follows from Gram matrices, which add up over pieces of motion.
+The expected evidence of a finding against its rival is half the squared norm of the finding's effort after the rival, the
+other findings and link errors have explained what they can: the criterion of T-optimal design (Atkinson, Fedorov, The design
+of experiments for discriminating between two rival models, Biometrika 62(1), 1975). It follows from Gram matrices, which add
+up over pieces of motion.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ BALANCE = 0.3
 
 @dataclass(frozen=True)
 class Pair:
-    """A finding and one rival, as columns of the design: what effort is to be left after which explanation.
+    """A finding and one rival, as columns of the design: whose effort is to remain after which explanation.
 
-    Where the rival is the finding and more (Stribeck beside Coulomb friction), it would explain all of it;
-    then the rival's own columns are to be left after the finding's, each with the finding's peak.
+    If the rival contains the finding (Stribeck friction contains Coulomb friction), it would explain all of it. Then the
+    rival's own columns are to remain after the finding's, each scaled to the finding's peak.
 
     Attributes:
         finding, rival: what is to be told apart.
@@ -73,7 +73,7 @@ class Pair:
 
 
 class Design:
-    """The columns that questions need, and what a motion's Gram matrix says about them.
+    """The columns that the questions need, and what the Gram matrix of a motion says about them.
 
     Args:
         robot: bodies, armature and friction as known best.
@@ -106,7 +106,7 @@ class Design:
         self.peaks = np.zeros(0)
 
     def gram(self, piece: Piece) -> np.ndarray:
-        """Information of a piece about all columns, (P, P), in units of the noise."""
+        """Information of a piece on all columns, (P, P), in units of the noise."""
         columns = self._columns(piece)
         rows = columns[::THINNING] / self.noise[:, None]
         tall = rows.reshape(-1, columns.shape[2])
@@ -152,15 +152,16 @@ class Design:
                 )
 
     def evidence(self, gram: np.ndarray) -> np.ndarray:
-        """Expected evidence of each pair, (..., pairs) [nats], of Gram matrices (..., P, P)."""
+        """Expected evidence for each pair, (..., pairs) [nats], from Gram matrices (..., P, P)."""
         values = [_left(gram, pair, self.peaks) for pair in self.pairs]
         return np.stack(values, axis=-1) if values else np.empty((*gram.shape[:-2], 0))
 
     def value(self, gram: np.ndarray) -> np.ndarray:
-        """What a choice of pieces maximises, (...): pairs told apart and, less so, all parameters known.
+        """The objective of a selection of pieces, (...): pairs distinguished and, with less weight, all parameters known.
 
-        Without questions, how well a model that saw them predicts the effort of usual motions: minus the logarithm of its
-        mean squared error (V-optimal design: Atkinson, Donev, Tobias, Optimum Experimental Designs, 2007, section 10.6).
+        Without questions: how well a model identified from them predicts the effort of usual motions, as minus the logarithm
+        of its mean squared error (V-optimal design: Atkinson, Donev, Tobias, Optimum Experimental Designs, 2007, section
+        10.6).
         """
         links = self.robot.width * PER_LINK + 1
         slots = np.concatenate([np.arange(links), *self._slots]).astype(int)
@@ -178,7 +179,7 @@ class Design:
 
 
 def _left(gram: np.ndarray, pair: Pair, peaks: np.ndarray) -> np.ndarray:
-    """Half the squared norm of a pair's own effort after the others' best explanation, (...)."""
+    """Half the squared norm of a pair's own effort after the best explanation by the others, (...)."""
     inner = gram[..., pair.others[:, None], pair.others]
     cross = gram[..., pair.others[:, None], pair.own]
     ridge = pair.precision + 1e-9 * np.maximum(np.diagonal(inner, axis1=-2, axis2=-1), 1e-9)
@@ -194,7 +195,7 @@ def _left(gram: np.ndarray, pair: Pair, peaks: np.ndarray) -> np.ndarray:
 
 
 def motion_of(robot: Robot, piece: Piece) -> Motion:
-    """A piece as effects see it, free of noise."""
+    """A piece as a motion for effects, free of noise."""
     time = np.arange(0.0, piece.duration, 1.0 / RATE)
     path = piece.at(time)
     signals = Signals(
@@ -216,7 +217,7 @@ def motion_of(robot: Robot, piece: Piece) -> Motion:
 
 
 def _shapes(suspect: Suspect, motion: Motion) -> list[Mapping[str, float]]:
-    """The shapes that stand for a suspect of unknown values in every piece: some of those a motion lets one look for."""
+    """Nonlinear parameter values that represent a suspect without values in every piece."""
     effect = suspect.effect
     if suspect.values is not None or (suspect.link and effect.general(motion.robot, suspect.link)):
         return []
@@ -228,7 +229,7 @@ def _shapes(suspect: Suspect, motion: Motion) -> list[Mapping[str, float]]:
 def _suspect_columns(
     suspect: Suspect, shapes: Sequence[Mapping[str, float]], motion: Motion
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of a suspect (N, n, k) and the effort of its values (N, n), zero where they are unknown."""
+    """Columns of a suspect (N, n, k), and its effort at the estimated values (N, n), zero if there are none."""
     effect, target, link = suspect.effect, suspect.target, suspect.link
     if suspect.values is not None:
         coefficients, shape = effect.coefficients(suspect.values)
@@ -247,19 +248,19 @@ def _tellable(suspect: Suspect) -> bool:
 
 
 def _by_motion(question: Question, case: Case, robot: Robot) -> Question:
-    """A question with the rivals that a motion may tell from its finding."""
+    """A question reduced to the rivals that a motion may distinguish from its finding."""
     return Question(question.finding, tuple(r for r in _looked_for(question, case, robot)[1] if _tellable(r)))
 
 
 def _looked_for(question: Question, case: Case, robot: Robot) -> tuple[list[str], list[Suspect]]:
-    """What a look settles of a question, as the diagnosis advises it, and the rivals that are left."""
+    """The part of a question that an inspection decides, as the diagnosis advises, and the remaining rivals."""
     finding, causes = question.finding, [one.finding for one in case.questions]
     rivals = [rival for rival in question.rivals if not same_physics(finding, rival)]
     return looked_for(finding, finding.values or {}, rivals, causes, robot, lambda one: name_of(robot, one))
 
 
 def _common(robot: Robot) -> list[Suspect]:
-    """What almost every drive has, on every joint."""
+    """Effects that almost every drive has, on every joint."""
     return [Suspect(get(name), joint, None, None, 0.0) for name in COMMON for joint in range(robot.width)]
 
 
@@ -268,7 +269,7 @@ def _listed(suspect: Suspect, among: Sequence[Suspect]) -> bool:
 
 
 def left_out(case: Case, robot: Robot) -> list[str]:
-    """One sentence for each question that another motion does not settle."""
+    """A sentence for each question that another motion does not decide."""
     sentences = []
     for question in case.questions:
         sentences += _looked_for(question, case, robot)[0]

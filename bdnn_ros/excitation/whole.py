@@ -1,7 +1,7 @@
-"""A motion in one piece: short ones lose too much time in ways from piece to piece.
+"""A motion in one piece, which loses no time in transitions.
 
-The best of some random Fourier series, then changed joint by joint while that helps. Swevers et al., Optimal robot excitation
-and identification, IEEE T-RA 13(5), 1997, optimise their coefficients alike.
+The best of some random Fourier series, then varied joint by joint while that helps. Swevers et al., Optimal robot excitation
+and identification, IEEE T-RA 13(5), 1997, optimise the coefficients in a similar way.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def whole(
     rng: np.random.Generator,
     say: Callable[[str], None],
 ) -> Piece | None:
-    """The most informative motion of one piece; None where none keeps the limits."""
+    """The most informative motion in one piece; None if none keeps the limits."""
     drawn, near = (max(round(seconds / duration), FEWEST) for seconds in (DRAWN, RETOUCHED))
 
     def value(piece: Piece | None, count: int) -> float:

@@ -1,1 +1,1 @@
-"""What a diagnosis adds to the robot: a model that predicts, and its files for other programs."""
+"""The extended model of a diagnosis, and its files for other programs."""

@@ -1,4 +1,4 @@
-"""An extended model in recordings of another time, and by the clock of those it was diagnosed from."""
+"""An extended model at another time than its recordings, and on their clock."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ OTHER = "{name} is none of the recordings that the model was diagnosed from: {en
 
 
 def known_effects(model: ExtendedModel) -> list[Known]:
-    """A model's effects, each with its standard deviations."""
+    """The model's effects with their standard deviations."""
     return list(zip(model.effects, model.stds or ({},) * len(model.effects), strict=True))
 
 
 def with_effects(model: ExtendedModel, known: Iterable[Known]) -> ExtendedModel:
-    """A model with these effects alone."""
+    """The model with these effects only."""
     pairs = list(known)
     return replace(model, effects=tuple(e for e, _ in pairs), stds=tuple(std for _, std in pairs))
 
 
 def at_another_time(model: ExtendedModel) -> tuple[ExtendedModel, list[Known]]:
-    """A model as it predicts what acts along a motion of another time, and what its sensors do beside.
+    """The model for motion at another time, and separately the effects of its sensors.
 
-    What pushed has ended, what drifted stays where it ended, and its encoders' zeros are its robot's.
+    Pushes are over, drifts stay at their end value, and joint zeros move into the robot.
     """
     lasting = [one for before in known_effects(model) for one in _lasting(*before)]
     offsets = Plant(model.bare)
@@ -58,7 +58,7 @@ def at_another_time(model: ExtendedModel) -> tuple[ExtendedModel, list[Known]]:
 
 
 def compared(model: ExtendedModel) -> Compared:
-    """A model as recordings of another time are compared with it."""
+    """The model in the form in which new recordings are compared with it."""
     acting, sensors = at_another_time(model)
     plant = Plant(acting.bare)
     for effect, _ in sensors:
@@ -73,9 +73,10 @@ def compared(model: ExtendedModel) -> Compared:
 
 
 def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, str]:
-    """A model as it acts along a recording, by that one's clock, and in words what is left out; nothing for nothing.
+    """The model on the clock of a recording, and a sentence on what is left out (empty if nothing is).
 
-    Its times are those of the recordings it was diagnosed from; where nobody knows which these are, they are taken as they are.
+    The times of its effects are those of the recordings it was diagnosed from; if these are unknown, the times are used as
+    they are.
     """
     known = known_effects(model)
     changing = [effect for effect, _ in known if by_the_clock(effect)]
@@ -89,24 +90,24 @@ def along(model: ExtendedModel, recording: Recording) -> tuple[ExtendedModel, st
 
 
 def _held_by(model: ExtendedModel, recording: Recording) -> list[Recorded]:
-    """Which of the recordings that a model was diagnosed from a recording is, or is a piece of, or holds."""
+    """Which of the model's recordings are this one, contain it, or are contained in it."""
     return [one for one in model.recorded if one.holds(recording)]
 
 
 def afterwards(model: ExtendedModel) -> ExtendedModel:
-    """A model once its recordings are over: what pushed has ended, what drifted stays where it ended."""
+    """The model after its recordings: pushes are over, drifts stay at their end value."""
     return with_effects(model, (one for before in known_effects(model) for one in _lasting(*before)))
 
 
 def by_the_clock(effect: Installed) -> bool:
-    """Whether an effect is another at another time of its recording."""
+    """Whether an effect depends on time."""
     return effect.effect.timed or isinstance(effect.effect, Drift)
 
 
 def _moved(
     effect: Installed, std: Mapping[str, float], same: Sequence[Recorded], recording: Recording
 ) -> list[Known]:
-    """An effect by the clock of a recording that is the same as some: what pushed, for each of those in which it did."""
+    """An effect on the clock of a recording that matches some of the model's: a push for each of those in which it acted."""
     if not by_the_clock(effect):
         return [(effect, std)]
     times = {name: effect.values[name] for name in ("start", "end")}
@@ -117,7 +118,7 @@ def _moved(
 
 
 def _ended(model: ExtendedModel, changing: Sequence[Installed]) -> str:
-    """What has become of effects with times since their recording, in words."""
+    """A sentence part on what became of the time-dependent effects."""
 
     def places(timed: bool) -> str:
         return listed(dict.fromkeys(e.place(model.bare) for e in changing if e.effect.timed == timed), 20)
@@ -129,7 +130,7 @@ def _ended(model: ExtendedModel, changing: Sequence[Installed]) -> str:
 
 
 def _lasting(effect: Installed, std: Mapping[str, float]) -> list[Known]:
-    """What is left of an effect once its recording is over."""
+    """What remains of an effect after its recording."""
     if effect.effect.timed:
         return []
     if not isinstance(effect.effect, Drift):

@@ -1,4 +1,4 @@
-"""effects.yaml: effects with their values, as the simulation reads them again."""
+"""effects.yaml: effects with their values, in the format that the simulation reads."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ THIS = "this file"
 
 
 def preamble(urdf: str = "", mjcf: str = "", left_out: Sequence[str] = ()) -> str:
-    """Which of the files that are there carries what, and what none does, as comments."""
+    """Comments on which file carries what, and what none of them carries."""
     lines = [f"What {urdf or mjcf} cannot say. Nothing is to be applied twice:"]
     wide = max(len(urdf), len(mjcf), len(THIS))
     carried = (
@@ -57,14 +57,14 @@ def preamble(urdf: str = "", mjcf: str = "", left_out: Sequence[str] = ()) -> st
 
 
 def entry(effect: Installed, robot: Robot) -> dict[str, Any]:
-    """An effect as in truth.yaml and effects.yaml; values that say nothing (an open end) are left out."""
+    """An effect as in truth.yaml and effects.yaml, without meaningless values (an open end)."""
     result: dict[str, Any] = dict(effect.as_truth(robot))
     result["parameters"] = {k: float(v) for k, v in effect.values.items() if np.isfinite(v)}
     return result
 
 
 def from_entry(one: object, robot: Robot) -> Installed:
-    """The effect of an entry, defaults filled in.
+    """The effect of an entry, with defaults filled in.
 
     Raises:
         UsageError: it is not complete, or place or numbers do not fit the effect and the robot.
@@ -86,7 +86,7 @@ def from_entry(one: object, robot: Robot) -> Installed:
 
 
 def from_entries(entries: Sequence[object], robot: Robot) -> list[Installed]:
-    """The effects of entries, in their order.
+    """The effects of entries, in order.
 
     Raises:
         UsageError: one cannot be read; the sentence says which.
@@ -132,7 +132,7 @@ def effects_text(
 
 
 def _standing(robot: Robot) -> dict[str, float]:
-    """Where the URDF's movable joints stand that are none of the robot's [rad] ([m]), as the robot has it."""
+    """Positions of the URDF's movable joints that are not joints of the robot [rad] ([m])."""
     whole = Robot.from_urdf(robot.urdf, with_mimics(Robot.from_urdf(robot.urdf)))
     stands = dict(zip(whole.joints, unseen(whole, robot), strict=True))
     return {joint: at for joint, at in stands.items() if joint not in robot.joints}
@@ -182,7 +182,7 @@ class EffectsFile:
         return cls(Path(path), content)
 
     def robot(self, described: Robot) -> Robot:
-        """The described robot with the joints of the file, where that names them: the others held as they were.
+        """The described robot with the joints of the file, if it names them; the others held as they were.
 
         Raises:
             UsageError: the file's joints and where others are held cannot be understood, or do not fit together.
@@ -209,14 +209,14 @@ class EffectsFile:
 
     @property
     def identified(self) -> bool:
-        """Whether it tells of a model, not of what a simulation hid."""
+        """Whether it was written for a model, not by a simulation."""
         return self.content.get("format") == FORMAT
 
     def _unlike(self, problem: str) -> UsageError:
         return UsageError(f"{self.path}: {problem}.", "Give it as it was written.")
 
     def effects(self, robot: Robot) -> list[Installed]:
-        """What the file has, for a robot.
+        """The effects of the file, for a robot.
 
         Raises:
             UsageError: something in it is not complete, or does not fit the robot.

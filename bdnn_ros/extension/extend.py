@@ -35,14 +35,14 @@ SURE = 2.0
 
 
 def extend(examination: Examination) -> ExtendedModel:
-    """The extended model of a diagnosis: links corrected, every finding installed, and what is not sure enough for a name.
+    """The extended model of a diagnosis: corrected links, every finding, and effects too uncertain to be named.
 
-    But no push without one: at its time nothing pushes in another recording.
+    A push that was not named is left out, since nothing pushes at that time in another recording.
 
-    The links' errors are those of the fit, moved as little as its information allows to bodies that can
-    exist together with the effects on them, so that M(q) is positive-definite. Where a model took the
-    simulation's place, what it has of effects and offsets comes first, as it is at another time; its sensors were taken out
-    of the recordings, and are put before them again.
+    The link errors are those of the fit, moved as little as its information allows to physically possible bodies (with the
+    effects on them), so that M(q) is positive-definite. If an earlier model was compared, its effects and offsets come first,
+    as they are at another time. Its sensor effects were removed from the recordings before the comparison, and are added
+    again.
 
     Raises:
         UsageError: that model holds more than a robot with effects.
@@ -91,7 +91,7 @@ def extend(examination: Examination) -> ExtendedModel:
 
 
 def _found(examination: Examination, robot: Robot) -> tuple[list[Installed], list[dict[str, float]]]:
-    """What was found, with standard deviations of the values."""
+    """The findings as effects, with standard deviations of their values."""
     estimates = [e for e in examination.estimates if not e.term.effect.timed or _told(e, examination)]
     found = [Installed(e.term.effect, e.term.target, e.term.link, dict(e.values)) for e in estimates]
     stds = [{name: q.std for name, q in e.quantities.items()} for e in estimates]
@@ -105,7 +105,7 @@ def _found(examination: Examination, robot: Robot) -> tuple[list[Installed], lis
 
 
 def _bearing(model: ExtendedModel) -> ExtendedModel:
-    """A model whose joints add by the bodies that were found what was learned before: some of it grows with the load."""
+    """The model with the new bodies as the load of its learned joint terms, some of which grow with the load."""
     if model.beyond is None:
         return model
     robot = model.robot
@@ -114,7 +114,7 @@ def _bearing(model: ExtendedModel) -> ExtendedModel:
 
 
 def _earlier(examination: Examination) -> tuple[ExtendedModel, list[Known]]:
-    """What was diagnosed against, as a robot with those effects that it cannot hold itself, and sensors that were taken out."""
+    """The model that was compared, as a robot with the effects that it cannot hold itself, and its sensor effects."""
     model, none = examination.model, np.zeros(examination.robot.width)
     if model is None:
         return ExtendedModel(examination.robot, (), none), []
@@ -131,9 +131,9 @@ def _earlier(examination: Examination) -> tuple[ExtendedModel, list[Known]]:
 
 
 def _sticking(examination: Examination, robot: Robot, effects: Sequence[Installed]) -> np.ndarray:
-    """Each joint's lead of its dry friction [N·m·s], (n,); zero where a joint has none, or the data do not show it.
+    """Lead of each joint's dry friction [N·m·s], (n,); zero if the joint has none or the data do not show it.
 
-    The fit has one for every joint, and hardly any row says anything of it where no dry friction turns round.
+    The fit has this term for every joint, but hardly a row says anything about it where no dry friction reverses.
     """
     equations, fit = examination.equations, examination.fit
     links = equations.rigid.shape[2]
@@ -151,7 +151,7 @@ def corrected_links(
     errors: np.ndarray,
     covariance: np.ndarray,
 ) -> Robot:
-    """A robot with its links' errors added, feasible together with the effects on its bodies, and without its payloads.
+    """The robot with link errors added, feasible together with the effects on its bodies, and without its payloads.
 
     Args:
         relative: from errors to inertial parameters, (n · PER_LINK, U).
@@ -169,7 +169,7 @@ def corrected_links(
 
 
 def _hangs(effect: Installed) -> bool:
-    """Whether it is a body of its own: what it hangs from is a link that can exist without it."""
+    """Whether the effect is a body of its own, attached to a link that can exist without it."""
     return effect.effect.name == Payload.name and effect.values["mass"] > 0.0
 
 
@@ -181,10 +181,10 @@ def _told(push: Estimate, examination: Examination) -> bool:
 
 
 def _bodies(examination: Examination) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What is not known of the bodies, as `corrected_links` takes it: the links' errors, and what payloads' values do not say.
+    """The uncertainty of the bodies as `corrected_links` takes it: link errors, and what the values of payloads leave open.
 
-    That is how these turn about their own centres. All else stays as it was found: the bodies move as little as the effort
-    beside that allows, and a link is no surer of how its payload turns than the effort is.
+    The latter is a payload's inertia about its own centre. Everything else stays as found: bodies move as little as the
+    remaining effort allows, and a link is no better known together with its payload than the effort is.
     """
     equations, fit, pool = examination.equations, examination.fit, examination.pool
     columns, rows = [equations.relative], [np.arange(equations.relative.shape[1])]
@@ -204,10 +204,10 @@ def _bodies(examination: Examination) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _joints_moved(
     earlier: ExtendedModel, robot: Robot, equations: Equations, errors: np.ndarray
 ) -> tuple[ExtendedModel, Robot]:
-    """A model with what its joints add, and a robot with armature, viscous and Coulomb friction moved by their errors (U,).
+    """A model's joint terms, and a robot with armature, viscous and Coulomb friction corrected by their errors (U,).
 
-    None of these comes below zero; both are as they were where no model was identified. What joints add is left what no
-    straight friction says: files for other programs have that alone.
+    None becomes negative; both are unchanged if no model was identified. Learned joint terms keep only what linear friction
+    cannot express, since files for other programs can hold only that.
     """
     if equations.jointwise is None or equations.learned is None or not errors.any():
         return earlier, robot
@@ -231,7 +231,7 @@ def _joints_moved(
 
 
 def _offsets_moved(model: ExtendedModel, errors: np.ndarray) -> ExtendedModel:
-    """A model with its joints' effort offsets moved by their errors, (n,) [N·m]."""
+    """The model with its effort offsets corrected by their errors, (n,) [N·m]."""
     known, there = [], set()
     for effect, std in known_effects(model):
         if effect.effect.name == "effort_offset":
@@ -245,7 +245,7 @@ def _offsets_moved(model: ExtendedModel, errors: np.ndarray) -> ExtendedModel:
 
 
 def _tilted_further(robot: Robot, found: Sequence[Installed]) -> list[Installed]:
-    """Effects whose tilt counts from level, not from the tilt that the robot has already."""
+    """Effects whose tilt counts from level instead of from the tilt that the robot already has."""
     before = dict(
         zip(("roll_deg", "pitch_deg"), np.degrees(tilt_of(robot.gravity_vector)).tolist(), strict=True)
     )

@@ -1,4 +1,4 @@
-"""The extended model: a robot with its links corrected and the effects that were found in it."""
+"""The extended model: a robot with corrected links and the effects found in it."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ GEAR_ROUNDS = {"joint_elasticity": 1, "backlash": 2}
 class ExtendedModel:
     """A robot with named effects.
 
-    Along a motion, `predict` counts every effect, at its times in the recordings that it was found in; `along` is for
-    others. The pointwise answers (`inverse_dynamics` and the rest) know neither past nor clock: hysteresis, backlash,
-    elasticity, delays, filters, drifts and external wrenches count only in `predict`. M, C and g are those of the efforts
-    that act; `inverse_dynamics` returns, and `forward_dynamics` takes, the effort that is measured, where
-    effort that acts = scale · measured + offset.
+    Along a motion, `predict` includes every effect, at its times in the recordings it was found in; `along` adapts the times
+    to other recordings. The pointwise functions (`inverse_dynamics` and the rest) know neither history nor clock: hysteresis,
+    backlash, elasticity, delays, filters, drifts and external wrenches count only in `predict`. M, C and g refer to the
+    effort that acts; `inverse_dynamics` returns, and `forward_dynamics` takes, the measured effort, where effort that acts =
+    scale · measured + offset.
 
     Attributes:
         bare: the robot without the effects: the simulation's with its links corrected.
@@ -92,34 +92,34 @@ class ExtendedModel:
 
     @cached_property
     def _planted(self) -> Plant:
-        """The robot with what acts all along a motion installed."""
+        """The robot with the effects that act throughout a motion."""
         return plant_of(self.bare, [e for e in self.effects if e.effect.name in IN_PLANT])
 
     @cached_property
     def plant(self) -> Plant:
-        """The robot with every effect installed that needs neither past nor clock."""
+        """The robot with every effect that needs neither history nor clock."""
         return plant_of(self.bare, [e for e in self.effects if e.effect.name not in WITH_MEMORY])
 
     @property
     def robot(self) -> Robot:
-        """The robot with those effects that it can hold: bodies, gravity, armature, viscous friction."""
+        """The robot with the effects that a `Robot` can hold: bodies, gravity, armature, viscous friction."""
         return self.plant.robot
 
     def along(self, recording: Recording) -> tuple[ExtendedModel, str]:
-        """Itself as it acts along a recording, by that one's clock, and in words what is left out; nothing for nothing."""
+        """The model on the clock of a recording, and a sentence on what is left out (empty if nothing is)."""
         return earlier.along(self, recording)
 
     def afterwards(self) -> ExtendedModel:
-        """Itself once its recordings are over: what pushed has ended, what drifted stays where it ended."""
+        """The model after its recordings: pushes are over, drifts stay at their end value."""
         return earlier.afterwards(self)
 
     def compared(self) -> Compared:
-        """Itself as recordings of another time are compared with it."""
+        """The model in the form in which new recordings are compared with it."""
         return earlier.compared(self)
 
     @property
     def beside_robot(self) -> tuple[Installed, ...]:
-        """The effects that the robot cannot hold."""
+        """The effects that a `Robot` cannot hold."""
         return tuple(effect for effect in self.effects if effect.effect.name not in IN_ROBOT)
 
     # -- pointwise -------------------------------------------------------------------------------------------
@@ -172,17 +172,17 @@ class ExtendedModel:
         return still - self.coriolis(position, velocity) - self.gravity(position)
 
     def learned_effort(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """What of `friction` networks learned, (..., n) [N·m], as it is measured."""
+        """The part of `friction` that networks learned, (..., n) [N·m], in measured units."""
         return self._learned(position, velocity, self._way(velocity)) / self.plant.scale
 
     @cached_property
     def _inertia_beyond(self) -> np.ndarray:
-        """What the identified model's motors add to M, (n, n)."""
+        """Contribution of the identified model's coupled motors to M, (n, n)."""
         width = self.bare.width
         return np.zeros((width, width)) if self.beyond is None else self.beyond.motors.mass_matrix(width)
 
     def _friction_beyond(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """What networks and an identified model's joints add to its robot's friction, (..., n) [N·m]."""
+        """Friction beside the robot's own: networks and learned joint terms, (..., n) [N·m]."""
         learned = self._learned(position, velocity, self._way(velocity))
         if self.beyond is None:
             return learned
@@ -196,7 +196,7 @@ class ExtendedModel:
         return effort_of(self.networks, position, velocity, direction, self.bare.gravity(position))
 
     def _way(self, velocity: np.ndarray) -> np.ndarray:
-        """How much of its dry friction each joint has, (..., n), from -1 to 1: it may come on little by little."""
+        """Fraction of dry friction that acts at each joint, (..., n), from -1 to 1; it may build up gradually with velocity."""
         sign, speed = np.sign(velocity), np.abs(velocity)
         if not self.creep:
             return np.asarray(sign)
@@ -205,7 +205,7 @@ class ExtendedModel:
         return np.divide(velocity, whole, out=np.zeros_like(whole), where=whole > 0.0)
 
     def _yet_to_come(self, velocity: np.ndarray) -> np.ndarray:
-        """What is not there of the robot's own dry friction that the robot counts at once, (..., n) [N·m]."""
+        """Dry friction that the robot counts in full although it has not built up yet, (..., n) [N·m]."""
         return self.robot.coulomb * (np.sign(velocity) - self._way(velocity))
 
     def _resistance(self, position: np.ndarray, velocity: np.ndarray, load: np.ndarray) -> np.ndarray:
@@ -238,10 +238,10 @@ class ExtendedModel:
         return np.asarray((signals.lagging(measured, self.lag) - plant.offset) / plant.scale)
 
     def _acting(self, plant: Plant, signals: Signals) -> tuple[Motion, np.ndarray]:
-        """A motion with the effort that really acts along it, and that effort, (N, n) [N·m].
+        """The motion with the effort that acts along it, and that effort, (N, n) [N·m].
 
-        What a load decides (friction in proportion to it, the side on which a loose gear lies) is decided by
-        the model's own load, never by the measured effort.
+        Effects that depend on the load (load-dependent friction, the side of a gear's backlash) use the model's own load,
+        never the measured effort.
         """
         robot = plant.robot
         rigid = robot.rigid_effort(
@@ -299,6 +299,6 @@ class ExtendedModel:
 
 
 def _settled(load: np.ndarray, before: np.ndarray) -> bool:
-    """Whether a round of the fixed point no longer changes the load but for rounding."""
+    """Whether a fixed-point iteration no longer changes the load beyond rounding."""
     most = LOAD_TOLERANCE * (1.0 + np.abs(load).max(initial=0.0))
     return bool(np.abs(load - before).max(initial=0.0) <= most)

@@ -28,7 +28,7 @@ def write_model_files(
     formats: Collection[str] = ROBOTS,
     beside: Sequence[str] = (),
 ) -> list[Path]:
-    """Write an extended model as URDF, MuJoCo model and effects; each file whole or not at all.
+    """Write an extended model as URDF, MuJoCo model and effects.yaml; each file whole or not at all.
 
     Args:
         model: what is written.
@@ -53,7 +53,7 @@ def write_model_files(
 
 
 def require_own_effects(out: Path, written: Path) -> None:
-    """Refuses files of which the effects.yaml would take the place of one that robots need which stay beside it.
+    """Refuse to replace an effects.yaml that belongs to robot files which stay in the directory.
 
     Args:
         out: the directory, with what is there already.
@@ -76,7 +76,7 @@ def require_own_effects(out: Path, written: Path) -> None:
 
 
 def _says(path: Path) -> list[object] | None:
-    """What an effects.yaml says, whatever the robots beside it are called; None where it cannot be read."""
+    """The effects in an effects.yaml, without the names of files beside it; None if it cannot be read."""
     try:
         content = EffectsFile.read(path).content
     except UsageError:

@@ -1,4 +1,4 @@
-"""Which effects a robot holds, and which a plant does; the others are efforts along a motion."""
+"""Which effects a `Robot` can hold, which a `Plant` can, and which need a motion."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ WITH_MEMORY = frozenset(
 
 
 def plant_of(robot: Robot, effects: Sequence[Installed]) -> Plant:
-    """A robot with effects installed."""
+    """A robot with effects installed, as a plant."""
     plant = Plant(robot)
     for effect in effects:
         effect.install(plant)

@@ -1,4 +1,4 @@
-"""Effort of rigid bodies, and of identified joints, in terms that become ONNX graphs."""
+"""Effort of rigid bodies and identified joints in operations that `symbols` turns into ONNX graphs."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def physical_effort(model: PhysicalModel, q: Array, v: Array, a: Array) -> Array
 
 
 def effort_beyond(model: PhysicalModel, q: Array, v: Array, a: Array, load: Array) -> Array:
-    """What coupled motors and learned friction add to an identified robot, under a load."""
+    """Effort of coupled motors and learned friction of an identified robot, under a load."""
     motors, effort = model.motors, 0.0 * q
     if motors.couplings:
         ways = motors.on_joints(np.eye(len(motors.couplings)), len(model.joints))

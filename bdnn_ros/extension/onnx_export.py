@@ -34,7 +34,7 @@ Formula = Callable[[Array, Array, Array], Array]
 
 
 def inverse_dynamics_graph(model: Dynamics) -> onnx.ModelProto:
-    """The graph of a model's inverse dynamics.
+    """The ONNX graph of a model's inverse dynamics.
 
     Raises:
         DataError: the model is of a kind that no graph is known for, or the graph did not agree with it.
@@ -103,7 +103,7 @@ def extended_effort(model: ExtendedModel, q: Array, v: Array, a: Array) -> Array
 
 
 def _way(model: ExtendedModel, v: Array) -> Array:
-    """How much of its dry friction each joint has, from -1 to 1."""
+    """Fraction of dry friction that acts at each joint, from -1 to 1."""
     if not model.creep:
         return np.sign(v)
     ahead, back, _ = np.array(model.creep).T
@@ -112,7 +112,7 @@ def _way(model: ExtendedModel, v: Array) -> Array:
 
 
 def _share(speed: Array, whole: np.ndarray) -> Array:
-    """How much of dry friction is there at a speed one way, from 0 to 1; where `whole` is zero, at once."""
+    """Fraction of dry friction built up at a speed in one direction, from 0 to 1; 1 at once where `whole` is zero."""
     soft = whole > 0.0
     return soft * np.minimum(np.maximum(speed / np.where(soft, whole, 1.0), 0.0), 1.0) + ~soft * np.maximum(
         np.sign(speed), 0.0

@@ -1,4 +1,4 @@
-"""Effort of BDNNs in terms that become ONNX graphs: networks, P, and the systems they ask to be solved."""
+"""Effort of BDNNs in operations that `symbols` turns into ONNX graphs: networks, P, and the linear systems they need."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recordings that an extended model was diagnosed from: to them belong the times of its effects."""
+"""Identification of the recordings that an extended model was diagnosed from; the times of its effects refer to them."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ SAME = 1e-5
 
 @dataclass(frozen=True)
 class Recorded:
-    """What tells one recording from all others, however it is stored or cut, and when it began.
+    """A fingerprint of a recording, however it is stored or cut, and its begin.
 
-    Stamps alone would not: simulations begin at one time.
+    Stamps alone would not suffice: all simulations begin at the same time.
 
     Attributes:
         begin: its first stamp on the model's clock [s].
@@ -36,7 +36,7 @@ class Recorded:
 
     @classmethod
     def of(cls, recording: Recording, begin: float) -> Recorded:
-        """That of a recording that begins so late on the model's clock [s]."""
+        """The fingerprint of a recording that begins at `begin` on the model's clock [s]."""
         rows = np.unique(np.linspace(0, len(recording) - 1, MARKS).astype(int))
         stamps = recording.epoch + np.round(recording.time[rows] * 1e9).astype(np.int64)
         return cls(begin, stamps, recording.position[rows])
@@ -47,11 +47,11 @@ class Recorded:
         return self.begin + float(self.stamps[-1] - self.stamps[0]) * 1e-9
 
     def since(self, recording: Recording) -> float:
-        """What the model's clock shows when that of a recording shows zero [s]."""
+        """The model's clock at time zero of a recording [s]."""
         return self.begin + float(recording.epoch - int(self.stamps[0])) * 1e-9
 
     def holds(self, recording: Recording) -> bool:
-        """Whether a recording is the same, or a piece of it, or holds it; joints in the model's order."""
+        """Whether a recording is this one, a piece of it, or contains it; joints in the model's order."""
         if not len(recording):
             return False
         time = (self.stamps - recording.epoch) * 1e-9
@@ -61,11 +61,11 @@ class Recorded:
         return bool(np.count_nonzero(seen) >= FEWEST_MARKS and (apart <= SAME).all())
 
     def meets(self, start: float, end: float) -> bool:
-        """Whether something from one time to another on the model's clock [s] was in it."""
+        """Whether an interval on the model's clock [s] overlaps it."""
         return start <= self.end and end >= self.begin
 
 
 def on_one_clock(recordings: Sequence[Recording]) -> tuple[Recorded, ...]:
-    """What tells recordings that were diagnosed together, in their order, by the clock of that diagnosis."""
+    """Fingerprints of recordings that were diagnosed together, on the clock of that diagnosis."""
     begin = starts([recording.time for recording in recordings])
     return tuple(Recorded.of(one, at) for one, at in zip(recordings, begin, strict=True))

@@ -1,4 +1,4 @@
-"""An extended model as named arrays and JSON-able rest, which make it again."""
+"""Serialization of an extended model: named arrays and JSON-able information."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RECORDED = "recorded."
 
 
 def state_of(model: ExtendedModel) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and JSON-able rest that make a model again."""
+    """The arrays and JSON-able information of a model."""
     arrays, info = robot_state(model.bare)
     arrays["noise"] = model.noise
     info |= {
@@ -63,7 +63,7 @@ def state_of(model: ExtendedModel) -> tuple[dict[str, np.ndarray], dict[str, Any
 
 
 def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, Any]:
-    """What `ExtendedModel` is made of, by name, from `state_of`.
+    """The arguments of `ExtendedModel`, by name, from `state_of`.
 
     Raises:
         ModelFileError: something is missing, does not fit or cannot be.
@@ -115,7 +115,7 @@ def parts_of(arrays: dict[str, np.ndarray], info: dict[str, Any]) -> dict[str, A
 def _networks(
     arrays: dict[str, np.ndarray], told: list[dict[str, Any]], width: int
 ) -> tuple[RestNetwork, ...]:
-    """The networks of a model of n = `width` joints; files of before have none."""
+    """The networks of a model with n = `width` joints; older files have none."""
     found = []
     for k, info in enumerate(told):
         begin = f"{NETWORK}{k}."
@@ -125,12 +125,12 @@ def _networks(
 
 
 def _bodies(robot: Robot, effects: Iterable[Installed]) -> np.ndarray:
-    """Inertial parameters of the bodies with the loads that effects hang on them or take off, (n, PER_LINK)."""
+    """Inertial parameters of the bodies with the payloads of effects, (n, PER_LINK)."""
     return plant_of(robot, [effect for effect in effects if effect.effect.on_body]).robot.inertials
 
 
 def _recorded(arrays: dict[str, np.ndarray], begins: list[float], width: int) -> tuple[Recorded, ...]:
-    """The recordings that a model of n = `width` joints was diagnosed from; files of before have none."""
+    """The recordings that a model with n = `width` joints was diagnosed from; older files have none."""
     found = []
     for k, begin in enumerate(begins):
         stamps, position = arrays[f"{RECORDED}{k}.stamps"], arrays[f"{RECORDED}{k}.position"]

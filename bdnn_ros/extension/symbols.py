@@ -1,8 +1,7 @@
-"""NumPy expressions as ONNX graphs: arrays that remember how they were made.
+"""NumPy expressions as ONNX graphs, by arrays that record the operations on them.
 
-A `Symbol` stands for an array whose first axis is a batch of any size. What is computed from it with NumPy is
-computed on an example and written down as nodes of a graph, so formulas are written once. Only what the
-models need is known.
+A `Symbol` stands for an array whose first axis is a batch of any size. NumPy operations on it are evaluated on an example and
+recorded as nodes of a graph, so that formulas are written only once. Only the operations that the models need are supported.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ class Graph:
         return self.constants[key]
 
     def node(self, kind: str, inputs: Sequence[str], example: np.ndarray, **attributes: Any) -> Symbol:
-        """What a node makes of its inputs."""
+        """Append a node; returns its output."""
         name = f"v{len(self.nodes)}"
         self.nodes.append(helper.make_node(kind, list(inputs), [name], **attributes))
         return Symbol(self, name, example)
@@ -138,7 +137,7 @@ class Symbol(NDArrayOperatorsMixin):
         return value.name if isinstance(value, Symbol) else self.graph.constant(np.asarray(value, float))
 
     def __getitem__(self, key: Any) -> Symbol:
-        """Basic indexing, and one list of indices; the batch may only be taken whole."""
+        """Basic indexing, and one list of indices; the batch axis only as a whole."""
         key = key if isinstance(key, tuple) else (key,)
         missing = self.ndim - sum(k is not None and k is not Ellipsis for k in key)
         if Ellipsis in [k for k in key if not isinstance(k, np.ndarray)]:
@@ -161,7 +160,7 @@ class Symbol(NDArrayOperatorsMixin):
         return result
 
     def __setitem__(self, key: Any, value: Any) -> None:
-        """Put values in the place of a slice of the second axis."""
+        """Replace a slice of the second axis."""
         if not (isinstance(key, tuple) and len(key) == 2 and key[0] == slice(None) and key[1].step is None):
             raise TypeError("only a slice of the second axis can be replaced")
         start, stop, _ = key[1].indices(self.shape[1])
@@ -170,14 +169,14 @@ class Symbol(NDArrayOperatorsMixin):
         self.name, self.example = new.name, new.example
 
     def taken(self, index: np.ndarray, axis: int) -> Symbol:
-        """Entries along an axis; a single one without its axis."""
+        """Entries along an axis; a single index removes the axis."""
         if axis == 0:
             raise TypeError("the batch is taken whole")
         example = np.take(self.example, index, axis)
         return self.graph.node("Gather", [self.name, self.graph.constant(index)], example, axis=axis)
 
     def expanded(self, axis: int) -> Symbol:
-        """With a new axis of length one."""
+        """The array with a new axis of length one."""
         example = np.expand_dims(self.example, axis)
         return self.graph.node("Unsqueeze", [self.name, self.graph.constant(np.array([axis]))], example)
 
@@ -191,7 +190,7 @@ class Symbol(NDArrayOperatorsMixin):
         return self.graph.node("Reshape", [self.name, target], example)
 
     def sum(self, axis: int) -> Symbol:
-        """Sum along an axis, which goes."""
+        """Sum along an axis, which is removed."""
         axis = axis % self.ndim
         names = [self.name, self.graph.constant(np.array([axis]))]
         return self.graph.node("ReduceSum", names, self.example.sum(axis), keepdims=0)

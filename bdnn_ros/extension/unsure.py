@@ -1,4 +1,4 @@
-"""What a diagnosis leaves open of what acts at the joints of the extended model, and what a later one learns of that."""
+"""Uncertainty that a diagnosis leaves in the joint effects of the extended model, and corrections to these by a later one."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ SURE = 2.0
 
 
 def unsure_of(examination: Examination) -> Unsure:
-    """How well a diagnosis knows what acts at joints.
+    """The uncertainty of the joint effects after a diagnosis.
 
-    What of the commonest effects was not worth a name is there all the same: it is as open as it is large, with what else
-    is other with it. Beside an earlier model that is open by what was not known of that one.
+    Common effects that were too small to be named still exist: their uncertainty is as large as their estimate, together with
+    the changes of the other terms that go with them. If an earlier model was compared, its uncertainty takes their place.
     """
     pool, fit, equations = examination.pool, examination.fit, examination.equations
     told = [pool.terms[chosen] for chosen in fit.terms]
@@ -61,12 +61,12 @@ def unsure_of(examination: Examination) -> Unsure:
 
 
 def _plain(term: Term) -> Term:
-    """A term as one of its own, not as a change."""
+    """The term as an effect of its own, not as a change."""
     return Term(get(term.effect.name, term.effect.variant), term.target, shape=term.shape)
 
 
 def _missing(told: Sequence[Term], width: int) -> Iterator[Term]:
-    """Of the commonest effects at n = `width` joints those that are not told; dry friction by whatever name."""
+    """The common effects at n = `width` joints that were not found; dry friction counts in any variant."""
     for name in COMMON:
         same = SLIDING if name in SLIDING else (name,)
         there = {term.target for term in told if term.effect.name in same}
@@ -74,7 +74,7 @@ def _missing(told: Sequence[Term], width: int) -> Iterator[Term]:
 
 
 def _known(examination: Examination, told: Sequence[Term]) -> list[Term]:
-    """What acts at joints, found and left out, by now and before, each once."""
+    """Joint effects that were found, left out, or known before, each once."""
     equations = examination.equations
     before = [] if equations.unsure is None else [*equations.unsure.terms]
     if equations.jointwise is not None:
@@ -84,7 +84,7 @@ def _known(examination: Examination, told: Sequence[Term]) -> list[Term]:
 
 
 def _by(pool: Pool, fit: Fit, terms: Sequence[Term]) -> np.ndarray:
-    """From a fit's coefficients (P,) to the coefficients of what acts at joints, (K, P)."""
+    """Map from a fit's coefficients (P,) to those of the joint effects, (K, P)."""
     equations, where = pool.equations, dict(zip(terms, slots_of(terms), strict=True))
     size = max((slot.stop for slot in where.values()), default=0)
     result, links = np.zeros((size, len(fit.coefficients))), equations.rigid.shape[2]
@@ -107,7 +107,7 @@ def _by(pool: Pool, fit: Fit, terms: Sequence[Term]) -> np.ndarray:
 def joints_moved(
     robot: Robot, before: Sequence[Known], unsure: Unsure, errors: np.ndarray, covariance: np.ndarray
 ) -> tuple[Robot, list[Known]]:
-    """A robot and effects as the errors of what was not known of them move them, none below what can be.
+    """A robot and effects corrected by the errors of the uncertain quantities; none becomes impossible.
 
     Args:
         before: the effects of the earlier model.

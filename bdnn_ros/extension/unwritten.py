@@ -1,4 +1,4 @@
-"""What a model knows that no file of links and effects can say, in words."""
+"""The parts of a model that files of links and effects cannot express, in words."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ NETWORKS = "what the networks learned"
 
 
 def of_joints(model: PhysicalModel) -> list[str]:
-    """What an identified model's joints add to its robot."""
+    """The learned joint terms of an identified model."""
     parts = ["motors that turn with two joints"] if model.motors.couplings else []
     return parts + (["what the joints' networks learned"] if model.learned and model.learned.active else [])
 
 
 def unwritten(model: ExtendedModel) -> list[str]:
-    """All of it, with the properties of a recording that only `predict` counts."""
+    """All of these, with the properties of a recording that only `predict` includes."""
     beyond = model.beyond
     parts = [] if beyond is None else of_joints(beyond)
     if beyond is not None and beyond.robot.coulomb.any():

@@ -1,4 +1,4 @@
-"""extended.urdf: what an extended model changes about its URDF; the rest of the text stays."""
+"""extended.urdf: the changes of an extended model written into its URDF, whose other text stays unchanged."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SAME = 1e-12
 
 @dataclass(frozen=True)
 class Joints:
-    """What a model says of its joints in numbers, (n,) each; units as in `Robot`."""
+    """Joint parameters of a model, (n,) each; units as in `Robot`."""
 
     armature: np.ndarray
     viscous: np.ndarray
@@ -37,7 +37,7 @@ class Joints:
 
 
 def joints_of(model: ExtendedModel) -> Joints:
-    """Armature, viscous and Coulomb friction with all effects of these names."""
+    """Armature, viscous and Coulomb friction including the effects of these names."""
     robot = model.robot
     coulomb = robot.coulomb.copy()
     for effect in named(model, "coulomb_friction"):
@@ -46,7 +46,7 @@ def joints_of(model: ExtendedModel) -> Joints:
 
 
 def named(model: ExtendedModel, name: str) -> list[Installed]:
-    """A model's effects of one name."""
+    """The model's effects of one name."""
     return [effect for effect in model.effects if effect.effect.name == name]
 
 
@@ -57,7 +57,7 @@ def upright(robot: Robot) -> np.ndarray:
 
 
 def beside_urdf(model: ExtendedModel) -> list[Installed]:
-    """The effects that an extended URDF leaves out; armature of the robot itself becomes one of them."""
+    """The effects that an extended URDF cannot express; the robot's own armature becomes one of them."""
     armature = joints_of(model).armature
     rotors = [
         Installed(get("armature"), joint, None, {"armature": float(value)})
@@ -69,7 +69,7 @@ def beside_urdf(model: ExtendedModel) -> list[Installed]:
 
 
 def _from_level(effect: Installed, robot: Robot) -> Installed:
-    """An effect for a robot that is described from a level base: pushes on links are along that one's axes."""
+    """An effect for a robot described from a level base: pushes on links are along that base's axes."""
     if COMPONENTS[0] not in effect.values:
         return effect
     wrench = np.reshape([effect.values[c] for c in COMPONENTS], (2, 3)) @ upright(robot).T
@@ -111,8 +111,8 @@ def _write_body(
 ) -> None:
     """Inertials of the links of one body, so that they add up to the wanted parameters (PER_LINK,).
 
-    Scaled links are scaled, the rest of the change goes to the moving link itself. Where that would ask an
-    impossible inertia of it, it takes the whole body's and the links fixed to it give theirs up.
+    Scaled links are scaled, and the moving link takes the rest of the change. If its inertia would become impossible, it
+    takes the whole body's, and the links fixed to it lose theirs.
     """
     scales = {str(e.link): e.values["scale"] for e in named(model, "link_inertia") if e.link in links}
     others = {link: scales.get(link, 1.0) * values for link, values in links.items() if link != own}
@@ -130,7 +130,7 @@ def _write_body(
 
 
 def _write_inertial(document: UrdfText, link: str, inertia: pin.Inertia) -> None:
-    """The link's <inertial>; none where nothing is left of it."""
+    """Write the link's <inertial>, or remove it if nothing is left."""
     text = _inertial(inertia) if inertia.mass > 0.0 else ""
     document.put(document.named("link", link), "inertial", text)
 
@@ -146,12 +146,12 @@ def _inertial(inertia: pin.Inertia) -> str:
 
 
 def _carried(model: ExtendedModel) -> list[Installed]:
-    """Payloads; what is carried less than an earlier model did is taken from the links themselves."""
+    """The payloads; mass that an earlier model had and that is gone is taken from the links themselves."""
     return [effect for effect in named(model, "payload") if effect.values["mass"] > 0.0]
 
 
 def links_of(model: ExtendedModel) -> np.ndarray:
-    """Inertial parameters of the moving links as the URDF has them, payloads being links of their own, (n, PER_LINK)."""
+    """Inertial parameters of the moving links in the URDF, where payloads are links of their own, (n, PER_LINK)."""
     links = model.robot.inertials.copy()
     for effect in _carried(model):
         coefficients, shape = effect.effect.coefficients(effect.values)
@@ -161,7 +161,7 @@ def links_of(model: ExtendedModel) -> np.ndarray:
 
 
 def _write_payload(document: UrdfText, effect: Installed) -> None:
-    """A point mass as a link of its own, fixed at the centre of mass."""
+    """Add a point mass as a link of its own, fixed at its centre of mass."""
     mass, centre = effect.values["mass"], [effect.values[f"com_{axis}"] for axis in "xyz"]
     link = document.free_name("link", f"{effect.link}_payload")
     point = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
@@ -200,7 +200,7 @@ def _write_friction(document: UrdfText, model: ExtendedModel) -> None:
 
 
 def _write_origins(document: UrdfText, robot: Robot) -> None:
-    """Origins of joints whose zeros are off, for positions as they are reported, and of what stands on a tilted world."""
+    """Move the origins of joints with corrected zeros, and of bodies that stand on a tilted world."""
     zeros = dict(
         zip(robot.joints, zip(robot.zeros.tolist(), robot.slides.tolist(), strict=True), strict=True)
     )
@@ -238,7 +238,7 @@ def _parent(joint: Element) -> str | None:
 
 
 def _write_tilt(document: UrdfText, gravity_vector: np.ndarray) -> None:
-    """A level link under the base, which stands on it turned by Ry(pitch)·Rx(roll); a world stays level itself."""
+    """Add a level link under the base, which is turned by Ry(pitch)·Rx(roll); a link `world` itself stays level."""
     roll, pitch = tilt_of(gravity_vector)
     root = document.root_link()
     if root == WORLD or (roll == 0.0 and pitch == 0.0):

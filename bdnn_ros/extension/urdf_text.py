@@ -1,4 +1,4 @@
-"""Edits in a URDF's text that leave every other character as it is."""
+"""Edits of a URDF's text that preserve every other character."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bdnn_ros.written import numbers
 
 @dataclass
 class Element:
-    """An element and where it stands in the text, in bytes; `inner_end` is where its closing tag begins."""
+    """An element with its place in the text, in bytes; `inner_end` is where its closing tag begins."""
 
     tag: str
     attributes: Mapping[str, str]
@@ -34,9 +34,9 @@ class Element:
 
 
 class UrdfText:
-    """A URDF's text, in which elements can be replaced and added.
+    """The text of a URDF, in which elements can be replaced and added.
 
-    Another encoding than UTF-8 that it declares, as one from a bag may, becomes UTF-8: it is written in that.
+    A declared encoding other than UTF-8 (possible in a bag) is changed to UTF-8, in which the text is written.
 
     Args:
         text: the URDF, well-formed.
@@ -56,7 +56,7 @@ class UrdfText:
         return [child for child in self.robot.children if child.tag == tag]
 
     def named(self, tag: str, name: str) -> Element:
-        """The link or joint of a name.
+        """The link or joint with a name.
 
         Raises:
             KeyError: there is none.
@@ -67,13 +67,13 @@ class UrdfText:
         raise KeyError(name)
 
     def root_link(self) -> str:
-        """The link that no joint carries."""
+        """The link that is no joint's child."""
         children = [joint.child("child") for joint in self.elements("joint")]
         carried = {child.attributes.get("link") for child in children if child is not None}
         return next(link.name for link in self.elements("link") if link.name not in carried)
 
     def free_name(self, tag: str, wish: str) -> str:
-        """A name that no such element has yet, from now on taken."""
+        """A name that no such element has, reserved from now on."""
         taken = self._given | {(element.tag, element.name) for element in self.robot.children}
         names = [wish, *(f"{wish}_{k}" for k in range(2, len(taken) + 3))]
         name = next(name for name in names if (tag, name) not in taken)
@@ -81,7 +81,7 @@ class UrdfText:
         return name
 
     def put(self, parent: Element, tag: str, text: str) -> None:
-        """Replace the parent's child of a tag, or add it as the last one; an empty text takes it away."""
+        """Replace the parent's child with a tag, or append it; an empty text removes it."""
         old = parent.child(tag)
         if old is not None:
             before = self.data[: old.start].rpartition(b"\n")[2]
@@ -111,7 +111,7 @@ class UrdfText:
 
 
 def tag(name: str, /, *inside: str, **attributes: object) -> str:
-    """An element around others; numbers in full precision, lists with spaces between."""
+    """An XML element; numbers in full precision, lists separated by blanks."""
     words = " ".join([name, *(f"{key}={quoteattr(_written(value))}" for key, value in attributes.items())])
     if not inside:
         return f"<{words}/>"
@@ -167,7 +167,7 @@ def _parsed(data: bytes) -> Element:
 
 
 def _tag_end(data: bytes, start: int) -> int:
-    """Where the tag that begins at `start` is over; a `>` inside quotes does not end it."""
+    """End of the tag that begins at `start`; a `>` inside quotes does not end it."""
     at, quote = start, b""
     while True:
         byte = data[at : at + 1]

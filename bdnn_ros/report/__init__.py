@@ -1,1 +1,1 @@
-"""Reports: a diagnosis as one self-contained HTML page, and figures as PNG."""
+"""Reports: a diagnosis as a self-contained HTML page, and figures as PNG."""

@@ -1,7 +1,7 @@
-"""Small charts for the HTML report: an SVG that stretches to any width, with its axes as HTML text beside it.
+"""Small charts for the HTML report: an SVG that stretches to any width, with its axis labels as HTML text beside it.
 
-Text set by the page stays readable on a narrow screen and follows its light or dark scheme, which the text of
-a scaled picture does not; a cloud as one path of dots takes a tenth of the bytes of one element a point.
+Text laid out by the page stays readable on a narrow screen and follows its light or dark scheme, unlike text in a scaled
+picture. A cloud drawn as one path of dots takes a tenth of the bytes of one element per point.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Panel:
 
 @dataclass
 class Axes:
-    """Ranges of a chart, and the layers drawn on it so far."""
+    """The ranges of a chart, and the layers drawn so far."""
 
     x: Range
     y: Range
@@ -80,7 +80,7 @@ class Axes:
         self.layers.append(Layer(f"line {kind}", "".join(pieces)))
 
     def cloud(self, kind: str, x: np.ndarray, y: np.ndarray, most: int = MOST_POINTS) -> None:
-        """Dots at x, y (N,), `most` of them; those outside of the axes are left out."""
+        """Dots at x, y (N,), at most `most` of them; dots outside the axes are left out."""
         inside = (x >= self.x[0]) & (x <= self.x[1]) & (y >= self.y[0]) & (y <= self.y[1])
         picked = np.flatnonzero(inside)
         if len(picked) > most:
@@ -91,7 +91,7 @@ class Axes:
         self.layers.append(Layer(f"cloud {kind}", dots))
 
     def band(self, kind: str, spans: Iterable[Range]) -> None:
-        """Upright stripes from start to end of each span on the x axis."""
+        """Vertical stripes over spans of the x axis."""
         pieces = []
         for start, end in spans:
             a, b = (round(self._share(side, self.x) * SIZE) for side in (start, end))
@@ -101,7 +101,7 @@ class Axes:
         self.layers.append(Layer(f"band {kind}", "".join(pieces)))
 
     def panel(self, x_label: str, y: tuple[str, str], alt: str, title: str = "", x_most: int = 3) -> Panel:
-        """The finished chart; `y` is what goes upwards and its unit."""
+        """The finished chart; `y` is the label of the vertical axis and its unit."""
         name, unit = y
         small = max(abs(side) for side in self.y) < SMALL
         low, high = (side * (1e3 if small else 1.0) for side in self.y)

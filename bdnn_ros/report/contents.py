@@ -1,4 +1,4 @@
-"""What stands in a report, as values the template only has to lay out."""
+"""The content of a report as plain values for the template."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ CLOSE_RIVAL = 0.03
 
 @dataclass(frozen=True)
 class Root:
-    """One line of the list of root causes; `ties` are rivals too probable to leave out.
+    """A line in the list of root causes; `ties` are rivals too probable to leave out.
 
-    `of_that` is how sure its place is, or that it is all, where others would do the same, else empty.
+    `of_that` is the probability of its place, or that there is no more to it, if that is in doubt; otherwise empty.
     """
 
     title: str
@@ -41,7 +41,7 @@ class Root:
 
 @dataclass(frozen=True)
 class Bar:
-    """One candidate of a finding with its probability."""
+    """A candidate for a finding with its probability."""
 
     name: str
     probability: float
@@ -50,7 +50,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class Contest:
-    """A finding beside its rivals, most probable first; `rest` is left for all others and for no effect."""
+    """A finding and its rivals, most probable first; `rest` is the probability of all others and of no effect."""
 
     name: str
     bars: tuple[Bar, ...]
@@ -59,9 +59,9 @@ class Contest:
 
 @dataclass(frozen=True)
 class JointError:
-    """Held-out errors of a joint, in its unit; `*_width` are bar lengths in per cent, all joints on one scale.
+    """Held-out errors of a joint, in its unit; `*_width` are bar lengths in per cent, on one scale for all joints.
 
-    Of a joint whose effort was not measured all are NaN, and its bars have no length.
+    If the joint's effort was not measured, all are NaN and the bars have no length.
     """
 
     joint: str
@@ -78,7 +78,7 @@ class JointError:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A line of the parameter table; `first` counts the finding's lines in its first one, else 0."""
+    """A line of the parameter table; `first` is the number of lines of its finding in the first one, else 0."""
 
     title: str
     where: str
@@ -91,7 +91,7 @@ class ParameterRow:
 
 @dataclass(frozen=True)
 class LinkRow:
-    """A line of the table of links' corrections; `clear` where the mass moved beyond its interval."""
+    """A line of the table of link corrections; `clear` if the correction of the mass exceeds its interval."""
 
     link: str
     joint: str
@@ -108,7 +108,7 @@ def roots(diagnosis: Diagnosis) -> list[Root]:
 
 
 def contests(diagnosis: Diagnosis) -> list[Contest]:
-    """The findings that have rivals worth a bar."""
+    """The findings with rivals worth showing."""
     result = []
     for finding in diagnosis.findings:
         if not any(rival.probability >= CLOSE_RIVAL for rival in finding.rivals):
@@ -148,13 +148,13 @@ def joint_errors(shown: View) -> list[JointError]:
 
 
 def overall(shown: View) -> dict[str, float]:
-    """Held-out RMS error over all rows that count, as the gain is of, in the units of their efforts."""
+    """Held-out RMS error over all rows that count, on which the gain is based, in the units of the efforts."""
     errors, rows = shown.examination.diagnosis.effort_rmse, shown.usable & shown.held[:, None]
     return {key: math.sqrt(squares(v**2, rows) / rows.sum()) for key, v in errors.items()}
 
 
 def _measured(shown: View) -> np.ndarray:
-    """Which joints have an effort where the errors are of, (n,) bool."""
+    """Joints whose effort was measured in the held-out rows, (n,) bool."""
     return np.asarray((shown.usable & shown.held[:, None]).any(axis=0))
 
 
@@ -202,7 +202,7 @@ def link_rows(changes: list[LinkChange]) -> list[LinkRow]:
 
 
 def recorded(examination: Examination) -> str:
-    """When the first recording began, where its clock says so."""
+    """When the first recording began, if its clock tells."""
     epoch = min(recording.epoch for recording in examination.recordings)
     if epoch < 10**18:
         return ""  # a clock that starts with the machine or the simulation
@@ -211,7 +211,7 @@ def recorded(examination: Examination) -> str:
 
 
 def method(shown: View) -> list[tuple[str, str]]:
-    """How it was computed: a term and its explanation each."""
+    """How the result was computed: terms, each with an explanation."""
     examination = shown.examination
     equations, pool = examination.equations, examination.pool
     signals, compared = equations.motion.signals, reference(shown.since)

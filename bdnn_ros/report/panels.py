@@ -1,4 +1,4 @@
-"""The charts of a report: effort against time, residuals against their inputs, causes through clouds."""
+"""The charts of a report: effort against time, residuals against inputs, evidence for the causes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ UNITS = {"velocity": "{p}/s", "position": "{p}", "load": "{e}", "acceleration": 
 
 @dataclass(frozen=True)
 class Evidence:
-    """A cause before and after it is taken out, against the input that shows it.
+    """The residual before and after a cause is removed, against the input that shows it best.
 
     Attributes:
         against: that input in words.
@@ -65,7 +65,7 @@ def effort_panel(shown: View, joint: int) -> Panel:
 
 
 def residual_panel(shown: View, joint: int) -> Panel:
-    """What the simulation and the extended model leave, against time."""
+    """Residuals of the simulation and of the extended model against time."""
     rows, runs = shown.excerpt, shown.runs
     time = shown.time[rows]
     before, after = shown.before[rows, joint], shown.after[rows, joint]
@@ -85,9 +85,9 @@ def residual_panel(shown: View, joint: int) -> Panel:
 
 
 def dependence_panels(shown: View, joint: int) -> list[Panel]:
-    """Residual before and after against velocity, position, load and time, the named causes drawn through.
+    """Residual before and after against velocity, position, load and time, with the named causes drawn as lines.
 
-    Where a cause is named, "before" is without the links' corrections: what the causes have to explain.
+    If a cause is named, "before" already includes the link corrections: it is what the causes have to explain.
     """
     rows = shown.usable[:, joint]
     after, named = shown.residual[rows, joint], shown.named[rows, joint]
@@ -110,7 +110,7 @@ def dependence_panels(shown: View, joint: int) -> list[Panel]:
 
 
 def evidence(shown: View, cause: Cause) -> Evidence | None:
-    """The cloud that shows a cause, the residual with all others taken out, and its curve through it."""
+    """The residual with all other causes removed, and the curve of this cause through it."""
     if cause.part is None:
         return _velocity_evidence(shown, cause)
     j = cause.joint
@@ -139,7 +139,7 @@ def evidence(shown: View, cause: Cause) -> Evidence | None:
 
 
 def rest_panels(shown: View) -> list[Panel]:
-    """What the named causes leave against the inputs it depends on, with what those inputs predict of it, where they do most."""
+    """The residual after the named causes against the inputs it depends on, with what these inputs predict of it."""
     remainder, diagnosis = shown.examination.remainder, shown.examination.diagnosis
     panels = []
     for key, at in [*remainder.depends_on(diagnosis.above or diagnosis.slight).items()][:3]:
@@ -162,7 +162,7 @@ def rest_panels(shown: View) -> list[Panel]:
 
 
 def best_input(shown: View, cause: Cause) -> str | None:
-    """The input of which a cause's contribution is most nearly a function, for each direction of motion."""
+    """The input of which a cause's contribution is most nearly a function, per direction of motion."""
     assert cause.part is not None
     rows = shown.usable[:, cause.joint]
     part, direction = cause.part[rows, cause.joint], shown.direction[rows, cause.joint]
@@ -174,7 +174,7 @@ def best_input(shown: View, cause: Cause) -> str | None:
 
 
 def explained(x: np.ndarray, y: np.ndarray, direction: np.ndarray) -> float:
-    """Share of the variance of y (N,) that its mean in each bin of x and direction explains."""
+    """Share of the variance of y (N,) explained by its mean in each bin of x and direction."""
     spread = float(np.var(y))
     if spread < 1e-6 * float(np.mean(y**2)) or spread == 0.0:
         return 1.0
@@ -189,7 +189,7 @@ def explained(x: np.ndarray, y: np.ndarray, direction: np.ndarray) -> float:
 
 
 def draw_effect(axes: Axes, x: np.ndarray, y: np.ndarray, direction: np.ndarray) -> None:
-    """A contribution y (N,) along x: one curve, or one a direction of motion, or dots where it is none."""
+    """A contribution y (N,) against x: one curve, or one per direction of motion, or dots if it is no function of x."""
     if explained(x, y, direction) < SMOOTH:
         axes.cloud("effect", x, y, EFFECT_POINTS)
         return
@@ -233,7 +233,7 @@ def _same(a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray], he
 
 
 def _velocity_evidence(shown: View, cause: Cause) -> Evidence | None:
-    """A low-passed velocity lags: its error is minus the lag times the acceleration."""
+    """Evidence for a low-passed velocity: its error is minus the lag times the acceleration."""
     signals, quantity = shown.examination.equations.motion.signals, cause.finding.parameters.get("cutoff")
     if signals.reported_velocity is None or quantity is None:
         return None

@@ -1,4 +1,4 @@
-"""Figures as PNG files: measured effort beside what models say, joint by joint."""
+"""PNG figures of measured and modelled effort, joint by joint."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _write(
     title: str,
     runs: Iterable[slice],
 ) -> None:
-    """One row a joint, the same time below all; no line is drawn from one run to the next."""
+    """One row per joint with a common time axis; lines are interrupted between runs."""
     height, pieces = HEAD + ROW * len(joints), list(runs)
 
     def broken(values: np.ndarray) -> np.ndarray:
@@ -132,7 +132,7 @@ def _write(
 
 
 def _dress(axes: Axes, title: str) -> None:
-    """Only the lines that are needed to read values."""
+    """Plain axes: only the lines needed to read values."""
     axes.set_title(title, loc="left", fontsize=8.5, color=SOFT, pad=2.5)
     axes.grid(axis="y", color=RULE, linewidth=0.7)
     axes.set_axisbelow(True)

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: one HTML file that opens anywhere, offline."""
+"""The HTML report of a diagnosis: one file that works offline."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An examination as plain arrays, row by row: what was measured, what models say, what each cause adds."""
+"""An examination as plain arrays: measured effort, model efforts, and the contribution of each cause."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LONGEST = 40.0
 
 @dataclass(frozen=True)
 class Cause:
-    """A finding with what it adds to the effort.
+    """A finding and its contribution to the effort.
 
     Attributes:
         part: rows (R, n) [N·m], or None where the finding does not show in the effort.
@@ -39,7 +39,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class View:
-    """Rows of an examination.
+    """The rows of an examination.
 
     Attributes:
         time: [s], (R,).
@@ -73,7 +73,7 @@ class View:
 
     @property
     def since(self) -> bool:
-        """Whether an earlier model takes the simulation's place: the findings are what changed since."""
+        """Whether an earlier model is compared instead of the simulation: the findings are what changed since."""
         return self.examination.model is not None
 
     @property
@@ -88,7 +88,7 @@ class View:
 
     @cached_property
     def named(self) -> np.ndarray:
-        """What all findings together add to the effort, (R, n) [N·m]."""
+        """Total contribution of all findings to the effort, (R, n) [N·m]."""
         parts = [cause.part for cause in self.causes if cause.part is not None]
         return np.sum(parts, axis=0) if parts else np.zeros_like(self.measured)
 
@@ -100,7 +100,7 @@ class View:
 
     @cached_property
     def excerpt(self) -> slice:
-        """Rows to draw against time: all, or the stretch in which the simulation errs most."""
+        """Rows to draw against time: all, or the stretch with the largest error of the simulation."""
         duration = self.time[-1] - self.time[0]
         if duration <= LONGEST:
             return slice(0, len(self.time))
@@ -119,7 +119,7 @@ class View:
         return [slice(a - first, b - first) for a, b in pieces if b > a]
 
     def held_spans(self) -> list[tuple[float, float]]:
-        """Stretches of time that were kept out of the fit; none reaches over a pause."""
+        """Held-out stretches of time, split at pauses."""
         spans = []
         for run in self.examination.equations.runs:
             time = self.time[run]
@@ -182,13 +182,13 @@ def _causes(examination: Examination) -> Iterable[Cause]:
 
 
 def _values(quantities: Mapping[str, Quantity]) -> dict[str, float]:
-    """Values without units, which are a sliding joint's own only in a finding."""
+    """Parameter values without units (a finding on a sliding joint has units of its own)."""
     return {name: quantity.value for name, quantity in quantities.items()}
 
 
 @dataclass(frozen=True)
 class LinkChange:
-    """How far a link's inertial parameters were moved, beside the named causes.
+    """Correction of a link's inertial parameters beside the named causes.
 
     Attributes:
         nominal, corrected, spread: mass, and the standard deviation of its correction and of the scale that it has [kg].
@@ -204,7 +204,7 @@ class LinkChange:
 
 
 def link_changes(examination: Examination, links: np.ndarray) -> list[LinkChange]:
-    """What the extended model has otherwise of every moving link.
+    """The corrections of all moving links in the extended model.
 
     Args:
         links: inertial parameters of the links, as it has them, (n, PER_LINK).
@@ -227,7 +227,7 @@ def link_changes(examination: Examination, links: np.ndarray) -> list[LinkChange
 
 @dataclass(frozen=True)
 class Coverage:
-    """What a recording shows of one joint; shares of limits are NaN where the URDF has none."""
+    """What a recording shows of a joint; shares of limits are NaN if the URDF has none."""
 
     joint: str
     low: float
@@ -241,7 +241,7 @@ class Coverage:
 
 
 def coverage(shown: View) -> list[Coverage]:
-    """How much of each joint's range, speed and effort the recordings cover."""
+    """The share of each joint's range, speed and effort that the recordings cover."""
     examination = shown.examination
     limits, signals = examination.robot.limits, examination.equations.motion.signals
     position = np.concatenate([r.position for r in examination.recordings])

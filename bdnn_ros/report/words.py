@@ -1,4 +1,4 @@
-"""Numbers, units and names as an engineer writes them."""
+"""Wording: effects, verdicts, numbers and units as an engineer writes them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CORRECTED = (
 
 
 def title(effect: str, variant: str = "") -> str:
-    """What a list calls an effect: its title without article, first letter large; of a drift, what drifts."""
+    """The title of an effect in a list: without article, capitalised; for a drift with what drifts."""
     own = get(effect, variant) if variant else None
     if isinstance(own, Drift):
         return f"Drifting {own.title}"
@@ -65,7 +65,7 @@ def title(effect: str, variant: str = "") -> str:
 
 
 def at(joint: str | None, link: str | None, effect: str) -> str:
-    """Where it is, to follow its title: "at panda_joint4"; nothing for the base, which the title names."""
+    """The place after a title: "at panda_joint4"; empty for the base, which the title names."""
     where = place(joint, link, effect)
     return "" if where == "base" else f"at {where}"
 
@@ -76,12 +76,12 @@ def named(one: Finding | Rival) -> str:
 
 
 def _causes(diagnosis: Diagnosis) -> list[Finding]:
-    """The findings that are of the efforts."""
+    """The findings that concern the efforts."""
     return [finding for finding in diagnosis.findings if not finding.of_velocity]
 
 
 def headline(diagnosis: Diagnosis, since: bool = False) -> str:
-    """The verdict in one line; `since` where an earlier model takes the simulation's place."""
+    """The verdict in one line; `since` if an earlier model is compared instead of the simulation."""
     # of a reported velocity is what explains no effort: it counts where nothing else is found
     findings = _causes(diagnosis) or diagnosis.findings
     if diagnosis.verdict == "nothing_wrong":
@@ -99,7 +99,7 @@ def headline(diagnosis: Diagnosis, since: bool = False) -> str:
 
 
 def claim(diagnosis: Diagnosis, since: bool = False) -> str:
-    """What the verdict means for the model, one sentence; `since` as for `headline`."""
+    """The meaning of the verdict for the model, one sentence; `since` as for `headline`."""
     count, one = len(_causes(diagnosis)), "change" if since else "cause"
     of_effort = "nothing_wrong" if needless(diagnosis) else diagnosis.verdict
     these, explain = (f"this {one}", "explains") if count == 1 else (f"these {count} {one}s", "explain")
@@ -125,22 +125,22 @@ def claim(diagnosis: Diagnosis, since: bool = False) -> str:
 
 
 def needless(diagnosis: Diagnosis) -> bool:
-    """Whether no cause is needed for the efforts, whatever is found of a reported velocity: what is gained has no name."""
+    """Whether the efforts need no cause, whatever is found about reported velocities; any gain is without a name then."""
     return diagnosis.verdict in ("nothing_wrong", "explained") and not _causes(diagnosis)
 
 
 def unshown(diagnosis: Diagnosis, since: bool) -> bool:
-    """Whether nothing has a name, and an earlier model may be as good as what was found."""
+    """Whether there is no named finding, and the earlier model may be as good as the new one."""
     return since and diagnosis.verdict == "cannot_tell" and diagnosis.gain_interval[0] <= 0.0
 
 
 def corrected(diagnosis: Diagnosis) -> bool:
-    """Whether the extended model surely mends more of the simulation than a right one leaves: a held effort leads a little."""
+    """Whether the extended model certainly improves on more than a correct simulation would leave."""
     return diagnosis.gain_interval[0] >= SLIGHT
 
 
 def kinds(findings: Sequence[Finding]) -> str:
-    """The kinds of many findings in one line: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
+    """Many findings in one line by kind: "Coulomb friction at 7 places, rotor inertia at 3 places"."""
     counts = Counter(map(cause, findings))
     parts = [f"{decapitalised(name)} at {n} place{'s' if n > 1 else ''}" for name, n in counts.most_common()]
     text = ", ".join(parts)
@@ -148,7 +148,7 @@ def kinds(findings: Sequence[Finding]) -> str:
 
 
 def cause(*findings: Finding) -> str:
-    """What a list calls findings of one kind: their effect's title, after "Less" where there is less of it than the model has."""
+    """The title of findings of one kind in a list, after "Less" if there is less of it than in the model."""
     plain, changes = title(findings[0].effect, findings[0].variant), set(map(change, findings))
     if changes == {"more"}:
         return plain
@@ -156,18 +156,18 @@ def cause(*findings: Finding) -> str:
 
 
 def change(finding: Finding) -> Change:
-    """Whether there is more or less of a cause than the model has."""
+    """Whether there is more or less of a cause than in the model."""
     values = {name: quantity.value for name, quantity in finding.parameters.items()}
     return get(finding.effect, finding.variant).change(values)
 
 
 def decapitalised(text: str) -> str:
-    """A title inside a sentence; names such as Coulomb and Stribeck keep their capital."""
+    """A title within a sentence; names such as Coulomb and Stribeck keep their capital."""
     return text if text.startswith(("Coulomb", "Stribeck")) else text[:1].lower() + text[1:]
 
 
 def amounts(finding: Finding) -> list[str]:
-    """The parameters with their 95 % uncertainty, one text each; of many the most telling."""
+    """The parameters with their 95 % uncertainty, one text each; of many only the most informative."""
     shown = {name: q for name, q in finding.parameters.items() if estimated(name, q)} or finding.parameters
     if len(shown) > MOST_IN_LINE:
         shown = {name: q for name, q in shown.items() if name in TELLING}
@@ -176,13 +176,13 @@ def amounts(finding: Finding) -> list[str]:
 
 
 def estimated(name: str, quantity: Quantity) -> bool:
-    """Whether a parameter comes from the data, not from the description, the recording's length, or where a point was put."""
+    """Whether a parameter is estimated from the data, not given by description, recording length or a reference point."""
     placed = quantity.value == 0.0 and quantity.std <= PLACED
     return quantity.std > 0.0 and not placed and not name.startswith("nominal_")
 
 
 def label(name: str) -> str:
-    """A parameter's name in a text."""
+    """The name of a parameter in text."""
     return name.removesuffix("_deg").replace("_", " ")
 
 
@@ -197,7 +197,7 @@ def with_spread(quantity: Quantity) -> str:
 
 
 def estimate(name: str, quantity: Quantity, parameter: Parameter | None) -> tuple[str, str]:
-    """The value with as many decimals as are known, and its 95 % interval within what is possible or why there is none."""
+    """The value with significant decimals, and its 95 % interval within the possible range, or why there is none."""
     if not estimated(name, quantity):
         return number(quantity.value), "–"
     if parameter is not None and not parameter.seen(quantity.value, quantity.std):
@@ -213,7 +213,7 @@ def estimate(name: str, quantity: Quantity, parameter: Parameter | None) -> tupl
 
 
 def decimals_of(spread: float) -> int:
-    """Decimals that show a spread with two digits where it starts with 1 or 2, else with one."""
+    """Decimals that show a spread with two digits if it starts with 1 or 2, else with one."""
     if not (spread > 0.0 and math.isfinite(spread)):
         return 3
     power = math.floor(math.log10(spread))
@@ -221,12 +221,12 @@ def decimals_of(spread: float) -> int:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number with so many decimals and a true minus."""
+    """A number with fixed decimals and a true minus sign."""
     return f"{value:.{decimals}f}".replace("-", "−")
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number with some significant digits and a true minus, without exponent where that is short."""
+    """A number with some significant digits and a true minus sign, without exponent if that is short."""
     if not math.isfinite(value):
         return "–"
     if value == 0.0:
@@ -249,10 +249,10 @@ def percent(share: float, digits: int = 0) -> str:
 
 
 def certainty(finding: Finding) -> tuple[float, str]:
-    """Probability that its effect is there at all, and what the finding's own is the probability of; nothing for the same.
+    """Probability that the effect is present at all, and what the finding's own probability refers to.
 
-    The effect may be there, but at another place, or another of its name (what drifts); or with more, as Coulomb friction is
-    in Stribeck friction.
+    The effect may be present but at another place or in another variant (what drifts), or as part of a larger one, as Coulomb
+    friction is of Stribeck friction. The text is empty if both probabilities are the same.
     """
     alike = [rival for rival in finding.rivals if rival.effect == finding.effect]
     others = {
@@ -268,7 +268,7 @@ def certainty(finding: Finding) -> tuple[float, str]:
 
 
 def _likely(rivals: Iterable[Rival]) -> float:
-    """How probable some rivals are together; nothing where that is hardly possible."""
+    """Total probability of some rivals; empty if negligible."""
     total = sum(rival.probability for rival in rivals)
     return total if total >= TIE else 0.0
 
@@ -282,7 +282,7 @@ def _same_place(rival: Rival, finding: Finding) -> bool:
 
 
 def probability(p: float) -> str:
-    """A probability in per cent, never a certainty."""
+    """A probability in per cent, never 0 or 100."""
     if p > 0.99:
         return ">\N{NO-BREAK SPACE}99\N{NO-BREAK SPACE}%"
     return percent(0.004 if p < 0.01 else p)
