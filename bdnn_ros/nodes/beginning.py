@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -10,14 +11,15 @@ from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 
-from bdnn_ros.errors import UsageError
+from bdnn_ros.errors import BdnnError, UsageError
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
-Self = TypeVar("Self", bound=Node)
+AnyNode = TypeVar("AnyNode", bound=Node)
 ERROR_PERIOD = 60.0
 """An error that comes again and again is logged once in so long [s]."""
 
@@ -58,6 +60,44 @@ def end() -> None:
         rclpy.try_shutdown()
 
 
+def run(
+    name: str,
+    arguments: list[str] | None,
+    make: Callable[[], AnyNode],
+    work: Callable[[AnyNode], int],
+    finish: Callable[[AnyNode], int] = lambda node: 0,
+    worded: Callable[[BdnnError], str] = str,
+) -> int:
+    """Start ROS, make a node, let it work and shut everything down; returns the exit status.
+
+    Args:
+        work, finish: return an exit status; `finish` is called also after an error or Ctrl-C.
+        worded: the message for an error of this package.
+    """
+    node = None
+    status = 0
+    try:
+        begin(arguments)
+        node = make()
+        status = work(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except BdnnError as error:
+        print(f"{name}: error: {worded(error)}", file=sys.stderr)
+        status = error.exit_status
+    except Exception:
+        if rclpy.ok():  # else a signal came while a call to ROS was under way: that is the end, too
+            raise
+    finally:
+        undisturbed()
+        if node is not None:
+            ended = finish(node)
+            status = status or ended
+            node.destroy_node()
+        end()
+    return status
+
+
 def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Decorate a lifecycle transition to print the traceback of an exception, which rclpy swallows."""
 
@@ -73,12 +113,12 @@ def told(transition: Callable[Arguments, Result]) -> Callable[Arguments, Result]
 
 
 def outlived(
-    method: Callable[Concatenate[Self, Arguments], None],
-) -> Callable[Concatenate[Self, Arguments], None]:
+    method: Callable[Concatenate[AnyNode, Arguments], None],
+) -> Callable[Concatenate[AnyNode, Arguments], None]:
     """Decorate a callback of a node so that an exception in it is logged and does not end the node, as long as ROS runs."""
 
     @wraps(method)
-    def outliving(node: Self, *arguments: Arguments.args, **named: Arguments.kwargs) -> None:
+    def outliving(node: AnyNode, *arguments: Arguments.args, **named: Arguments.kwargs) -> None:
         try:
             method(node, *arguments, **named)
         except Exception:

@@ -11,7 +11,7 @@ from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.logging import get_logger
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -19,7 +19,7 @@ from std_msgs.msg import String
 
 from bdnn_ros.errors import BdnnError, UsageError, listed
 from bdnn_ros.nodes import parameters
-from bdnn_ros.nodes.beginning import begin, end, outlived, told, undisturbed
+from bdnn_ros.nodes.beginning import outlived, run, told
 from bdnn_ros.nodes.choosing import leading, one_drive, with_joints
 from bdnn_ros.nodes.configuring import session_settings
 from bdnn_ros.nodes.keeping import Kept
@@ -275,31 +275,19 @@ class IdentificationNode(Lifecycle):
 def main(arguments: list[str] | None) -> int:
     """Run the node until it is shut down; returns the exit status."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    node = None
-    status = 0
-    try:
-        begin(arguments)
-        node = IdentificationNode()
-        if node.settings["autostart"] and not node.start():
-            return UsageError.exit_status
-        gc.disable()  # its pauses over a growing heap hold up the stream; `_keep_house` collects instead
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except BdnnError as error:
-        print(f"{NAME}: error: {error}", file=sys.stderr)
-        status = error.exit_status
-    except Exception:
-        if rclpy.ok():
-            raise
-        # a signal that comes while the executor is at work makes any call to ROS fail: that is the end, too
-    finally:
-        undisturbed()
-        if node is not None:
-            node.finish()
-            status = status or int(node.failed)
-            node.destroy_node()
-        end()
-    return status
+    return run(NAME, arguments, IdentificationNode, _spin, _finish)
+
+
+def _spin(node: IdentificationNode) -> int:
+    if node.settings["autostart"] and not node.start():
+        return UsageError.exit_status
+    gc.disable()  # its pauses over a growing heap hold up the stream; `_keep_house` collects instead
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    executor.spin()
+    return 0
+
+
+def _finish(node: IdentificationNode) -> int:
+    node.finish()
+    return int(node.failed)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
 from typing import Any
 
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Time
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -18,9 +16,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 from bdnn_ros import bags
-from bdnn_ros.errors import BdnnError, UsageError
+from bdnn_ros.errors import UsageError
 from bdnn_ros.nodes import parameters
-from bdnn_ros.nodes.beginning import begin, end, undisturbed
+from bdnn_ros.nodes.beginning import run
 from bdnn_ros.nodes.conversions import stamp
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -163,23 +161,9 @@ def _in_parameters(sentence: str) -> str:
 
 def main(arguments: list[str] | None) -> int:
     """Run the node until it is shut down; returns the exit status."""
-    node = None
-    status = 0
-    try:
-        begin(arguments)
-        node = ReplayNode()
-        node.play()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except BdnnError as error:
-        print(f"{NAME}: error: {_in_parameters(str(error))}", file=sys.stderr)
-        status = error.exit_status
-    except Exception:
-        if rclpy.ok():  # else a signal came while a call to ROS was under way: that is the end, too
-            raise
-    finally:
-        undisturbed()
-        if node is not None:
-            node.destroy_node()
-        end()
-    return status
+    return run(NAME, arguments, ReplayNode, _play, worded=lambda error: _in_parameters(str(error)))
+
+
+def _play(node: ReplayNode) -> int:
+    node.play()
+    return 0
