@@ -21,12 +21,13 @@ from report_page import Page
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.result import Rival
+from bdnn_ros.recording import Recording
 from bdnn_ros.report import contents
 from bdnn_ros.report.plots import effort_figure, identification_png
 from bdnn_ros.report.report import write_report
 from bdnn_ros.report.view import view
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import Signals
+from bdnn_ros.signals import Signals, prepare
 
 HOSTILE = "</pre><img src=x onerror=alert(1)>\"' {{7*7}} <script>alert(2)</script>"
 THREE = (
@@ -265,12 +266,10 @@ def test_a_report_is_written_whole_or_not_at_all(
 
 def test_figures_are_png_files(hostile: Examination, tmp_path: Path) -> None:
     effort_figure(hostile, tmp_path / "effort.png")
-    shown = view(hostile)
-    names = ["$\\frac{", HOSTILE]
-    for nominal in (None, shown.simulated):
-        identification_png(
-            tmp_path / "identified.png", names, shown.time, shown.measured, shown.extended, nominal
-        )
+    signals = replace(hostile.equations.motion.signals, joints=("$\\frac{", HOSTILE))
+    assert signals.effort is not None
+    for nominal in (None, 0.5 * signals.effort):
+        identification_png(tmp_path / "identified.png", signals, signals.effort, nominal)
     for name in ("effort.png", "identified.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG\r\n")
     assert sorted(os.listdir(tmp_path)) == ["effort.png", "identified.png"]
@@ -279,10 +278,9 @@ def test_figures_are_png_files(hostile: Examination, tmp_path: Path) -> None:
 def test_the_effort_of_a_slide_is_drawn_in_newtons(monkeypatch, tmp_path: Path) -> None:
     drawn: list[Any] = []
     monkeypatch.setattr("bdnn_ros.report.plots._write", lambda *given: drawn.append(given))
-    values = np.zeros((3, 2))
-    identification_png(
-        tmp_path / "a.png", ["a", "b"], np.arange(3.0), values, values, slides=np.array([1, 0]) > 0
-    )
+    time, values = np.arange(400) / 200.0, np.zeros((400, 2))
+    signals = prepare(Recording(time, ("a", "b"), values, values, values))
+    identification_png(tmp_path / "a.png", signals, signals.velocity, slides=np.array([1, 0]) > 0)
     assert list(drawn[0][2]) == ["N", "N·m"]
 
 

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from bdnn_ros.bdnn.modelfile import model_place
 from bdnn_ros.cli import fitness, learning, loading, options, outputs
 from bdnn_ros.cli.tables import cell, headed, labels, mean_of
@@ -114,22 +112,9 @@ def _picture(path: Path, model: Model, robot: Robot | None, signals: Signals) ->
     """Draw measured, simulated and identified effort of the held-out part."""
     from bdnn_ros.report.plots import identification_png
 
-    assert signals.effort is not None
-    inside = signals.interior
-    before = np.concatenate([[0], np.cumsum(inside)])  # so many rows are drawn of those before each
-    nominal = None
-    if robot is not None:
-        nominal = signals.smooth(described_effort(robot, signals))[inside]
-    identification_png(
-        path,
-        model.joints,
-        signals.time[inside],
-        signals.smooth(signals.effort)[inside],
-        signals.smooth(model.predict(signals))[inside],
-        nominal,
-        None if robot is None else robot.slides,
-        [slice(before[rows.start], before[rows.stop]) for rows in signals.segments],
-    )
+    nominal = None if robot is None else described_effort(robot, signals)
+    slides = None if robot is None else robot.slides
+    identification_png(path, signals, model.predict(signals), nominal, slides)
 
 
 def _parameters(

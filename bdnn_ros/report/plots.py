@@ -17,6 +17,7 @@ from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.report.view import view
 from bdnn_ros.report.words import headline
 from bdnn_ros.robot.units import along, printed
+from bdnn_ros.signals import Signals
 from bdnn_ros.written import whole
 
 INK, SOFT, RULE = "#1a1f26", "#57616d", "#dde1e6"
@@ -63,31 +64,33 @@ def effort_figure(examination: Examination, path: Path) -> None:
 
 def identification_png(
     path: Path,
-    joints: Sequence[str],
-    time: np.ndarray,
-    measured: np.ndarray,
+    signals: Signals,
     identified: np.ndarray,
     nominal: np.ndarray | None = None,
     slides: np.ndarray | None = None,
-    runs: Iterable[slice] = (slice(None),),
 ) -> None:
-    """Write a PNG of measured, nominal and identified effort of every joint.
+    """Write a PNG of measured, nominal and identified effort of every joint along a motion.
 
     Args:
         path: the file; written whole or not at all.
-        time: [s], (N,).
-        measured, identified, nominal: effort, low-passed alike, (N, n) [N·m]; None where there is no URDF.
+        signals: the motion, with effort.
+        identified, nominal: predicted effort, (N, n) [N·m]; None where there is no URDF.
         slides: whether a joint is prismatic, (n,) bool; None for none.
-        runs: rows of each gap-free piece.
     """
-    sliding = np.zeros(len(joints), bool) if slides is None else slides
+    assert signals.effort is not None
+    sliding = np.zeros(signals.width, bool) if slides is None else slides
     units = [printed(along("N*m", slide)) for slide in sliding.tolist()]
-    rows = time <= time[0] + LONGEST
-    series = [Series("measured", "measured", measured[rows])]
-    if nominal is not None:
-        series.append(Series("nominal", "nominal", nominal[rows]))
-    series.append(Series("identified", "model", identified[rows]))
-    _write(path, joints, units, time[rows], series, "", runs)
+    inside = signals.interior & (signals.time <= signals.time[signals.interior][0] + LONGEST)
+    before = np.concatenate([[0], np.cumsum(inside)])  # rows drawn of those before each sample
+    runs = [slice(before[rows.start], before[rows.stop]) for rows in signals.segments]
+    efforts = [("measured", "measured", signals.effort), ("nominal", "nominal", nominal)]
+    efforts.append(("identified", "model", identified))
+    series = [
+        Series(label, style, signals.smooth(effort)[inside])
+        for label, style, effort in efforts
+        if effort is not None
+    ]
+    _write(path, signals.joints, units, signals.time[inside], series, "", runs)
 
 
 def _write(
