@@ -87,37 +87,19 @@ def unusable(recordings: Sequence[Recording]) -> str | None:
     return None
 
 
-class Unheld(list[str]):
-    """Joints of a description that are missing in a recording.
-
-    Attributes:
-        strangers: joints of the bag that the description does not have.
-    """
-
-    strangers: Sequence[str] = ()
-
-
-def unheld(robot: Robot | None, recording: Recording) -> Unheld:
-    """Movable joints of the description that the recording lacks and whose position nothing tells."""
-    found = Unheld()
+def unheld(robot: Robot | None, recording: Recording) -> tuple[list[str], list[str]]:
+    """Movable joints of the description that the recording lacks and whose position nothing tells, and a note on them."""
     if robot is None:
-        return found
-    known = {*recording.joints, *dict(robot.held)}
+        return [], []
     complete = Robot.from_urdf(robot.urdf)
-    found.extend(joint for joint in complete.joints if joint not in known)
-    found.strangers = _strangers(complete, [recording])
-    return found
-
-
-def of_the_unheld(joints: Sequence[str]) -> list[str]:
-    """The note on joints that no message in use contains."""
+    known = {*recording.joints, *dict(robot.held)}
+    joints = [joint for joint in complete.joints if joint not in known]
     if not joints:
-        return []
+        return [], []
     are, their, it = ("is", "its", "it stands") if len(joints) == 1 else ("are", "their", "they stand")
-    strangers = joints.strangers if isinstance(joints, Unheld) else ()
-    return [
+    return joints, [
         f"{listed(joints)} of the URDF {are} in no message that is used: the other joints feel {their} motion, "
-        f"which cannot be known, and {it} at zero for the model.{_misnamed(joints, strangers)}"
+        f"which cannot be known, and {it} at zero for the model.{_misnamed(joints, _strangers(complete, [recording]))}"
     ]
 
 

@@ -11,7 +11,7 @@ from bdnn_ros.aside import in_two
 from bdnn_ros.checks.data import check_data
 from bdnn_ros.checks.handling import unloaded
 from bdnn_ros.cli import loading, options, outputs
-from bdnn_ros.cli.describing import of_the_unheld, unheld
+from bdnn_ros.cli.describing import unheld
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.judging.identifiability import TIE
 from bdnn_ros.diagnosis.recorded.compared import Compared
@@ -110,10 +110,10 @@ def run(args: argparse.Namespace) -> int:
     with options.stages("diagnosing") as say:
         recordings = unloaded(recordings, robot, args.cutoff)
         examination = examine(recordings, robot, cutoff=args.cutoff, progress=say, model=earlier)
-        absent = [] if args.joints or earlier is not None else unheld(robot, recordings[0])
+        _, notes = ([], []) if args.joints or earlier is not None else unheld(robot, recordings[0])
         told = {one.joint for one in examination.diagnosis.findings if one.of_velocity and one.joint}
         odd = check_data(known.acting(recordings), robot, args.cutoff, told)
-        remarks = [*of_the_unheld(absent), *map(spelled, odd)]
+        remarks = [*notes, *map(spelled, odd)]
         lines = verdict_lines(examination, said)
         examination = replace(examination, diagnosis=_completed(examination, args, remarks))
         say("writing")

@@ -17,7 +17,7 @@ from bdnn_ros.checks.efforts import unread
 from bdnn_ros.checks.handling import handled
 from bdnn_ros.checks.pushed import pushed
 from bdnn_ros.cli import fitness, loading, options
-from bdnn_ros.cli.describing import of_the_unheld, unheld, unusable
+from bdnn_ros.cli.describing import unheld, unusable
 from bdnn_ros.cli.identify import HOLDOUT
 from bdnn_ros.cli.options import counted
 from bdnn_ros.cli.tables import headed, labels, some_slide
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         (recording,), robot = loading.load(args, moves=False, needs_robot=args.urdf is not None)
         report |= timing(recording)
-        absent = [] if args.joints else unheld(robot, recording)
+        absent, notes = ([], []) if args.joints else unheld(robot, recording)
         report["missing"] += [f"joint {joint}" for joint in absent]
         fitness.require_samples(recording)
         signals = prepare(recording, args.cutoff)
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         fitness.require_length([recording])
         told = replace(signals, effort=None) if loading.disturbed(args, [recording], robot) else signals
         report["concerns"] = [
-            *of_the_unheld(absent),
+            *notes,
             *concerns(recording, joints),
             *_of_the_description(recording, told, robot),
             *_of_the_efforts(recording, told, robot),
