@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.recorded.lowpass import _steps, stepping
+from bdnn_ros.diagnosis.recorded.lowpass import CUTOFFS, SLOWER, _steps, slow_cutoff, stepping
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals.preparing import prepare
@@ -43,3 +43,33 @@ def test_no_motion_makes_more_of_steps_than_is_allowed_for(beat):
 def test_what_is_allowed_for_grows_with_the_steps():
     fine, coarse = (stepping([creeping(0.03, step)], ROBOT, CUTOFF) for step in (STEP, 8.0 * STEP))
     assert coarse == pytest.approx(8.0 * fine, rel=0.1)
+
+
+def swinging(frequency: float, noise: float = 1e-4, rate: float = 250.0) -> Recording:
+    """Both joints swing by .15 rad, the base's as fast as told; efforts are by the description, hardly noisy."""
+    time = np.arange(int(30.0 * rate)) / rate
+    turning = 2.0 * np.pi * np.array([frequency, 0.1])
+    angle = time[:, None] * turning
+    effort = ROBOT.inverse_dynamics(
+        0.15 * np.sin(angle), 0.15 * turning * np.cos(angle), -0.15 * turning**2 * np.sin(angle)
+    )
+    read = 0.15 * np.sin(angle) + noise * np.random.default_rng(1).standard_normal(angle.shape)
+    return Recording(time, ROBOT.joints, read, None, effort)
+
+
+def test_slow_motion_that_noise_drowns_is_looked_at_behind_a_lower_low_pass():
+    chosen = slow_cutoff([swinging(0.1)], ROBOT)
+    assert chosen in SLOWER
+    assert slow_cutoff([swinging(0.1, noise=1e-7)], ROBOT) is None
+
+
+@pytest.mark.parametrize("others", [[], [0.1]])
+def test_motion_of_one_joint_that_is_not_slow_keeps_the_usual_low_pass(others):
+    recordings = [swinging(frequency) for frequency in (1.0, *others)]
+    assert slow_cutoff(recordings, ROBOT) is None
+
+
+@pytest.mark.parametrize("rate", [3.0, 8.0, 20.0])
+def test_at_a_low_rate_none_is_asked_for_that_does_not_fit_it(rate):
+    chosen = slow_cutoff([swinging(0.1, rate=rate)], ROBOT)
+    assert chosen is None or chosen < min(CUTOFFS)

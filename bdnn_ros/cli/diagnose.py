@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         bags="many",
         cutoff="low-pass of the signals; motion and effort are compared behind 0.7 times as much (default: behind 3 "
-        "to 7, the less the noisier the positions are; lower at rates below 26)",
+        "to 7, the less the noisier the positions are; lower at rates below 26, and down to 1 where noise drowns slow motion)",
     )
     parser.add_argument(
         "--out",

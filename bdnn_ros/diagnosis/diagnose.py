@@ -19,7 +19,7 @@ from bdnn_ros.diagnosis.recorded.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.recorded.excerpts import ENOUGH, excerpts, refuse_short, too_short
 from bdnn_ros.diagnosis.recorded.joining import concatenated, prepared_alike
 from bdnn_ros.diagnosis.recorded.lateness import Lateness, in_time, lateness
-from bdnn_ros.diagnosis.recorded.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, stepping
+from bdnn_ros.diagnosis.recorded.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, slow_cutoff, stepping
 from bdnn_ros.diagnosis.recorded.softness import noted, softened, softness
 from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.equations import Equations
@@ -262,6 +262,8 @@ def _too_short(
 
 
 def _signals(recordings: Sequence[Recording], robot: Robot, cutoff: float | None) -> Signals:
+    if cutoff is None and (slow := slow_cutoff(recordings, robot)) is not None:
+        cutoff = slow / CUTOFF_OF_USUAL
     lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
     parts = prepared_alike(recordings, cutoff)
     return flattened(concatenated(parts, [recording.time for recording in recordings]), lower)

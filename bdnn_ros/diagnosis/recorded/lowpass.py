@@ -8,13 +8,18 @@ import numpy as np
 
 from bdnn_ros.recording import Recording, position_noise, white_noise
 from bdnn_ros.robot import Robot
-from bdnn_ros.signals import usual_cutoff
+from bdnn_ros.signals import prepare, usual_cutoff
 from bdnn_ros.signals.kernels import gaussian_std, passed_noise
 
 CUTOFFS = (7.0, 6.0, 5.0, 4.2, 3.5, 3.0)
 """Low-passes tried [Hz], widest first."""
 CUTOFF_OF_USUAL = 0.7
 """Motion and effort are compared behind a low-pass at most this share of the usual one."""
+SLOWER = (2.1, 1.5, 1.0)
+"""Low-passes tried below these where motion is slow [Hz], widest first."""
+KEPT, MINOR = 0.9, 0.01
+"""Motion is slow where the lowest leaves so much of the velocity's power, of each joint that has more than the second share of
+the largest."""
 QUIET = 1.0
 """Noise from the position may be so large beside the effort's."""
 ROUNDED = 1e-9
@@ -34,9 +39,36 @@ def quiet_cutoff(recordings: Sequence[Recording], robot: Robot) -> float:
     highest = CUTOFF_OF_USUAL * min(usual_cutoff(recording.rate) for recording in recordings)
     tried = [cutoff for cutoff in CUTOFFS if cutoff <= highest] or [highest]
     for cutoff in tried:
-        if max(_noise_ratio(recording, robot, cutoff) for recording in recordings) <= QUIET:
+        if _quiet(recordings, robot, cutoff):
             return cutoff
     return tried[-1]
+
+
+def slow_cutoff(recordings: Sequence[Recording], robot: Robot) -> float | None:
+    """A low-pass [Hz] below the usual ones that suits slow motion under noise; None where the usual ones do.
+
+    A controller that follows its encoder's noise gives efforts for accelerations that only this noise makes: it seems to
+    drive a rotor, or through a soft gear. Slow motion loses nothing behind a low-pass that leaves less of that.
+    """
+    lowest = quiet_cutoff(recordings, robot)
+    slower = [cutoff for cutoff in SLOWER if cutoff < lowest <= CUTOFFS[-1]]
+    if not slower or _quiet(recordings, robot, lowest):
+        return None
+    if not all(_keeps(recording, slower[-1], lowest) for recording in recordings):
+        return None
+    return next((cutoff for cutoff in slower if _quiet(recordings, robot, cutoff)), slower[-1])
+
+
+def _keeps(recording: Recording, low: float, high: float) -> bool:
+    """Whether one low-pass leaves the motion that a higher one does [Hz]; what noise of the positions makes does not count."""
+    parts = prepare(recording, low), prepare(recording, high)
+    left, whole = (np.mean(part.velocity**2, axis=0) - part.velocity_noise**2 for part in parts)
+    return bool((left > KEPT * whole)[whole > MINOR * whole.max()].all())
+
+
+def _quiet(recordings: Sequence[Recording], robot: Robot, cutoff: float) -> bool:
+    """Whether noise of the positions is no larger than that of the efforts behind a low-pass."""
+    return max(_noise_ratio(recording, robot, cutoff) for recording in recordings) <= QUIET
 
 
 def _noise_ratio(recording: Recording, robot: Robot, cutoff: float) -> float:
