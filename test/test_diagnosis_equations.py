@@ -34,6 +34,7 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import flattened, prepare, usual_cutoff
+from bdnn_ros.signals.lowpasses import Lowpass
 from bdnn_ros.simulation.perturbation import wrong_robot
 from bdnn_ros.simulation.simulate import simulate
 
@@ -287,7 +288,8 @@ def test_of_joints_that_move_now_and_then_nothing_is_told_that_changes_with_time
 
 def test_nor_where_the_low_pass_leaves_few_values_of_a_motion(plain):
     signals, robot = plain.motion.signals, plain.motion.robot
-    slow = replace(signals, cutoff=0.9 * LEAST_VALUES / (2.0 * plain.moving.max()))
+    low = 0.9 * LEAST_VALUES / (2.0 * plain.moving.max())
+    slow = replace(signals, cutoff=low, own=Lowpass(low, 0))
     assert plain.moving.max() > LEAST_MOTION and plain.moving.max() < least_motion(slow)
     assert not in_time(build(slow, robot))[0]
 

@@ -160,7 +160,9 @@ def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
     if others or signals.effort is None:
         return
     borne = Borne.of(signals, robot)
-    found = list(_turned(borne, signals.joints)) or list(misread(signals, robot))
+    turned, plainly = _turned(borne, signals.joints)
+    # what hangs otherwise than described may turn a joint's small efforts round, but never all of its large ones
+    found = turned if plainly else list(misread(signals, robot)) or turned
     found = (
         found
         or list(_overdriven(signals, robot))
@@ -257,10 +259,12 @@ def _gravity_left_out(borne: Borne) -> bool:
     return bool(np.average(lost, weights=heavy) <= GONE or there <= THERE)
 
 
-def _turned(borne: Borne, joints: tuple[str, ...]) -> Iterator[Remark]:
-    """Joints whose effort falls where it should grow, and whose friction or own inertia would be negative."""
+def _turned(borne: Borne, joints: tuple[str, ...]) -> tuple[list[Remark], bool]:
+    """Joints whose effort falls where it should grow, and whose friction or own inertia would be negative; and whether each
+    falls by a good part of what it should grow by."""
     efforts, apart = borne.efforts, borne.apart
-    sure, sure_of_friction = efforts.fit(borne.total, efforts.sign).certainty
+    whole = efforts.fit(borne.total, efforts.sign)
+    sure, sure_of_friction = whole.certainty
     sure_of_own = apart.certainty[0] * (efforts.share(borne.own) > OWN)
     right = (sure_of_friction > CERTAIN) | (sure_of_own > CERTAIN)
     negative = (sure_of_friction < -CERTAIN) | (sure_of_own < -CERTAIN)
@@ -268,14 +272,15 @@ def _turned(borne: Borne, joints: tuple[str, ...]) -> Iterator[Remark]:
     told = (apart.explained > TOLD) & (described > MUTE * np.median(described))
     wrong = (sure < -CERTAIN) & negative & ~right & told
     if not wrong.any():
-        return
+        return [], False
     named = [joint for joint, one in zip(joints, wrong | ~right.any(), strict=True) if one]
     rules = "-1" if len(named) == len(joints) else f"{named[0]}=-1"
-    yield Remark(
+    remark = Remark(
         listed(named),
         f"The efforts of {listed(named)} have the wrong sign: they would make inertia and friction negative.",
         f"Pass --effort-factor {rules} (node: effort_factors), or mend the driver.",
     )
+    return [remark], bool((whole.coefficients[0, wrong] < -HARDLY).all())
 
 
 def _fit(effort: np.ndarray, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, float]:

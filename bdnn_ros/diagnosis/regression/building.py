@@ -31,6 +31,8 @@ SHORTEST_BLOCK, LEAST_MOTION = 0.5, 8.0
 """And shorter, down to the first [s], where a joint moves for less than the second [s]: it has to move in some of all sets."""
 LEAST_VALUES = 100.0
 """With fewer independent low-passed values of a joint's motion, a push or a drift can fit anything: neither is named."""
+SLOWEST = 2.0
+"""What is looked at behind a lower low-pass [Hz] was not passed by it before, and tells no less of time for being slow."""
 IDENTIFIED = 0.01
 """One standard deviation of what was identified, where errors of a description's links are relative."""
 TURNING_WIDTHS = 2.0
@@ -184,7 +186,8 @@ def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 def least_motion(signals: Signals) -> float:
     """How long a joint has to move for what changes with time to be told from what differs from place to place [s]."""
-    return max(LEAST_MOTION, LEAST_VALUES / (2.0 * signals.cutoff))
+    cutoff = signals.cutoff if signals.own is not None else max(signals.cutoff, SLOWEST)
+    return max(LEAST_MOTION, LEAST_VALUES / (2.0 * cutoff))
 
 
 def identified(covariance: np.ndarray) -> np.ndarray:
