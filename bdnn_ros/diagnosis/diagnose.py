@@ -1,4 +1,4 @@
-"""From recordings and a simulation to findings: what it gets wrong, the cause, the gain, and what cannot be told."""
+"""Diagnosis of recordings against a simulation: what it gets wrong, the causes, the gain, and what cannot be told apart."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ from bdnn_ros.scores import Predictor
 from bdnn_ros.signals import Signals, flattened, usual_cutoff, without_copies
 
 FEWEST_VALUES = 12.0
-"""A low-pass has to leave so many independent values of the joint that moves longest: fewer suit any cause."""
+"""Fewest independent low-passed values of the joint that moves longest: any cause would fit fewer."""
 
 
 @dataclass(frozen=True)
 class Examination:
-    """A diagnosis with what it was made from, for the extended model and the report.
+    """A diagnosis with the data and models it was made from, for the extended model and the report.
 
     Attributes:
-        pool, fit: all data, the chosen terms.
+        pool, fit: the chosen terms, fitted to all data.
         estimates: the findings' terms with their parameters, in the order of `fit.terms`.
-        test: rows kept out of the search or, see `completed`, of the fit that predicts them, (R,) bool.
+        test: rows held out of the search or (see `completed`) only of the fit that predicts them, (R,) bool.
         extended: held-out prediction error of the extended model, rows (R, n) [N·m].
-        by_links: part of the simulation's squared error in the test rows that the links' corrections without them remove.
-        recordings: what was looked at, efforts when and in the units in which they act.
-        robot: what was believed of it, at the positions that the joints report.
-        model: what took the simulation's place, if anything did.
-        late: what was taken back of how late the efforts came.
-        networks: what learned the rest.
+        by_links: share of the simulation's squared error in the test rows that the link corrections remove, fitted without them.
+        recordings: what was examined; efforts at the times and in the units in which they act.
+        robot: the robot before the diagnosis, with joint zeros as the sensors report them.
+        model: the earlier model that took the simulation's place, if any.
+        late: delay or lag of the measured efforts that was undone.
+        networks: those that learned the unexplained rest.
     """
 
     diagnosis: Diagnosis
@@ -82,7 +82,7 @@ def diagnose(
     cutoff: float | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Findings of `examine`."""
+    """Diagnose recordings of a robot against its simulation; see `examine`."""
     return examine(recordings, robot, cutoff=cutoff, progress=progress).diagnosis
 
 
@@ -98,16 +98,16 @@ def examine(
 
     Args:
         recordings: with effort; joints in the robot's order.
-        robot: what the simulation believes.
-        cutoff: low-pass [Hz], None chooses.
-        progress: called with a few words on what is being done.
-        model: what takes the simulation's place: findings are then what changed since it was identified. Where it says of
-            sensors what they do, that is taken out of the recordings first, and the robot is its own; see `Compared`.
+        robot: as the simulation has it.
+        cutoff: low-pass [Hz]; None chooses.
+        progress: called with a few words on the current step.
+        model: an earlier model in the simulation's place: findings are then what changed since it was identified. Sensor
+            errors that it knows are removed from the recordings first, and the robot is the model's own; see `Compared`.
 
     Raises:
         RecordingError: no effort, too short, or no motion.
         RobotError: the robot weighs nothing.
-        ConventionError: it is not in radians and N·m that drive the joints, or not of the robot as it is described.
+        ConventionError: units or signs are wrong, or the description is not of this robot.
     """
     say = progress or (lambda text: None)
     for recording in recordings:
@@ -150,12 +150,12 @@ def examine(
 
 @dataclass(frozen=True)
 class _Measured:
-    """What was measured, with what it had passed taken back.
+    """Recordings and their motion, with delays and low-passes of the measurement undone.
 
     Attributes:
         signals: its motion.
-        predicted: what a model identified earlier predicts along it, (N, n) [N·m], if one takes the simulation's place.
-        late: what of it was lateness.
+        predicted: effort that an earlier model predicts along it, (N, n) [N·m]; None against the simulation.
+        late: delay or lag of the efforts that was undone.
     """
 
     recordings: Sequence[Recording]
@@ -165,12 +165,13 @@ class _Measured:
 
 
 def _measured(recordings: Sequence[Recording], known: Compared, cutoff: float | None) -> _Measured:
-    """Recordings and their motion with what they had passed taken back.
+    """Recordings and their motion, with delays and low-passes of the measurement undone.
 
-    What changed since a model was identified is as late as it was, and its friction comes on as it did.
+    Against an earlier model neither the lateness of efforts nor the onset of friction is estimated again: the model holds
+    them.
 
     Raises:
-        ConventionError: they are not in the units or of the robot that they should be.
+        ConventionError: units or signs are wrong, or the description is not of this robot.
     """
     robot, model = known.robot, known.model
     signals = _signals(recordings, robot, cutoff)
@@ -185,7 +186,7 @@ def _measured(recordings: Sequence[Recording], known: Compared, cutoff: float | 
     if notes:
         recordings = [replace(recordings[0], notes=(*recordings[0].notes, *notes)), *recordings[1:]]
     own = softness(signals, robot)
-    if own is not None:  # how sharp friction is cannot be told any more
+    if own is not None:  # behind a low-pass of its own, effort no longer shows how friction comes on
         signals = softened(signals, own)
         predicted = None if model is None else model.predict(signals)
         return _Measured(noted(recordings, own), signals, predicted, late)
@@ -195,7 +196,7 @@ def _measured(recordings: Sequence[Recording], known: Compared, cutoff: float | 
 
 
 def _settled_looks(measured: _Measured, known: Compared, say: Progress, cutoff: float | None) -> Looks:
-    """First looks with dry friction as it comes on beside pushes, on the base that seems tilted."""
+    """First looks, repeated with the onset of dry friction found beside pushes and with a tilted base, where they show either."""
     signals, robot = measured.signals, known.robot
     looks = _looks(measured, known, say, cutoff)
     creep_is_told = signals.own is not None or known.creep is not None
@@ -218,10 +219,11 @@ def _looks(
     cutoff: float | None = None,
     tilt: tuple[float, float] | None = None,
 ) -> Looks:
-    """First looks at the regression of a motion, on a base tilted so [rad].
+    """Build the regression of a motion and prepare first looks at it.
 
     Args:
-        cutoff: low-pass that was asked for [Hz], None for the usual one.
+        cutoff: requested low-pass [Hz]; None for the usual one.
+        tilt: roll and pitch of the base beyond the description [rad]; None for none.
 
     Raises:
         RecordingError: too short.
@@ -241,11 +243,11 @@ def _looks(
 def _too_short(
     recordings: Sequence[Recording], asked: float | None, passed: float | None = None
 ) -> RecordingError:
-    """What to say where too little is left behind a low-pass.
+    """The error to raise where too little motion is left behind a low-pass.
 
     Args:
-        asked: its cut-off where one was asked for [Hz].
-        passed: what the motion has passed, lower than usual where it is quiet [Hz]; None where it is not known yet.
+        asked: requested cut-off [Hz], if any.
+        passed: cut-off actually used [Hz], lower than usual where noise of the position asks for it; None if not known yet.
     """
     name, together = recordings[0].name, sum(recording.recorded for recording in recordings)
     if together < ENOUGH:

@@ -1,4 +1,4 @@
-"""What a diagnosis says: findings, their rivals, the gain, and what it cannot tell."""
+"""Result of a diagnosis: findings, their rivals, the gain, and what cannot be told apart."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another cause that would explain the same, with its probability."""
+    """Another cause that could stand in a finding's place, with its probability."""
 
     effect: str
     joint: str | None
@@ -41,19 +41,19 @@ class Rival:
 
     @property
     def where(self) -> str:
-        """As a finding's."""
+        """Joint or link it acts on, "base", or "all joints"."""
         return place(self.joint, self.link, self.effect)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One cause, as the contract has it.
+    """One named cause, with the fields of the contract.
 
     Attributes:
-        share: part of the simulation's held-out squared error that the finding removes; of one that is in a reported velocity
-            only, part of that one's squared error, which diagnosis.json leaves out.
-        probability: against its rivals and against nothing.
-        variant: which of the effects of this name, where there are several: what drifts, what is pushed.
+        share: share of the simulation's held-out squared error that the finding removes; for a fault of the reported velocity,
+            share of the velocity's squared error, which diagnosis.json leaves out.
+        probability: against its rivals and against no cause at all.
+        variant: which effect of this name, where there are several: what drifts, what is pushed.
     """
 
     effect: str
@@ -73,7 +73,7 @@ class Finding:
 
     @property
     def of_velocity(self) -> bool:
-        """Whether it is in the reported velocity: then its share is of that one's error, not of the effort's."""
+        """Whether the cause is in the reported velocity: `share` is then of that velocity's error, not of the effort's."""
         known = EFFECTS.get(self.effect)
         return known is not None and known.kinematic
 
@@ -83,24 +83,24 @@ class Diagnosis:
     """Everything a diagnosis found; `as_json` is the contract's diagnosis.json.
 
     Attributes:
-        source: bags, duration without pauses [s], samples and rate [Hz] of what was looked at of them, urdf, joints.
+        source: bags, duration without pauses [s], samples and rate [Hz] of what was examined, urdf, joints.
         effort_rmse: root mean square error on held-out blocks per joint [N·m] of the simulation, the extended model, and
-            the noise floor; zero where nothing was measured while the joint moved, of which a note tells.
+            the noise floor; zero where nothing was measured while the joint moved (a note says so).
         verdict: whether the findings explain what the simulation gets wrong.
         findings: those with the largest shares first, those of a reported velocity last.
         gain: 1 - RMSE(extended) / RMSE(simulation) on held-out blocks.
         gain_interval: its bounds at 95 %.
-        unexplained_share: part of the simulation's squared error that is left above the noise.
-        unexplained_depends_on: what that depends on, as `joint.quantity`.
-        unexplained_sentence: what is said of it.
-        learned: what networks take off the extended model's held-out error at joints where they learned the rest, with its
-            bounds at 95 %; None where they learned nothing.
+        unexplained_share: share of the simulation's squared error that remains above the noise.
+        unexplained_depends_on: inputs that predict it, as `joint.quantity`.
+        unexplained_sentence: the sentence that reports it.
+        learned: relative reduction of the extended model's held-out error by networks, at the joints where they learned the
+            rest, with its bounds at 95 %; None where they learned nothing.
         advice: what to do next.
-        notes: what else there is to say of the recordings and of what was found.
-        above: joints where the extended model errs by more than the noise, those with most left first; not in diagnosis.json.
-        slight: those where it errs by more than twice the noise, though by too little to matter; nor is this.
-        also: "links", "stamps": what without being a finding makes up most of what the extended model mends; nor is this.
-        endless: whether a push is named that is not seen to begin or to end, and may be another cause; nor is this.
+        notes: remarks on the recordings and the findings.
+        above: joints whose extended-model error exceeds the noise, largest first; not in diagnosis.json, nor are the next three.
+        slight: joints whose error exceeds twice the noise, though by too little to matter.
+        also: "links", "stamps": corrections that are no findings but make up most of what the extended model improves.
+        endless: whether a push is named whose begin or end is not seen, so that it may be another cause.
     """
 
     source: Mapping[str, Any]
@@ -122,7 +122,8 @@ class Diagnosis:
 
     @property
     def stays(self) -> bool:
-        """Whether the extended model has nothing but what it is compared with: errors are the same then."""
+        """Whether the extended model is the reference (simulation or earlier model) unchanged, so that both have the same
+        error."""
         return not self.findings and self.gain == 0.0 and self.gain_interval == (0.0, 0.0)
 
     def as_json(self) -> dict[str, Any]:
@@ -152,7 +153,7 @@ class Diagnosis:
         return {"learned": {"value": value, "interval": [low, high]}}
 
     def save(self, path: Path) -> None:
-        """Write diagnosis.json, whole or not at all."""
+        """Write diagnosis.json atomically."""
         with whole(path) as beside:
             beside.write_text(json.dumps(self.as_json(), indent=1) + "\n", encoding="utf-8")
 
@@ -164,7 +165,7 @@ def _finding_json(finding: Finding) -> dict[str, Any]:
             name: {"value": _value(name, q.value), "std": _rounded(q.std), "unit": q.unit}
             for name, q in finding.parameters.items()
         },
-        # a share of the velocity's error would come before what removes a part of the effort's
+        # a share of the velocity's error would be ranked above shares of the effort's
         "share": _rounded(0.0 if finding.of_velocity else finding.share),
         "probability": _rounded(finding.probability),
         "rivals": [{**_place_json(r), "probability": _rounded(r.probability)} for r in finding.rivals],
@@ -173,7 +174,7 @@ def _finding_json(finding: Finding) -> dict[str, Any]:
 
 
 def _place_json(one: Finding | Rival) -> dict[str, Any]:
-    """What it is and where, as in truth.yaml: a variant only where the effect has some."""
+    """Effect and place, as in truth.yaml; a variant only where the effect has any."""
     named: dict[str, Any] = {"effect": one.effect}
     if one.variant:
         named["variant"] = one.variant
@@ -181,12 +182,12 @@ def _place_json(one: Finding | Rival) -> dict[str, Any]:
 
 
 def _value(name: str, value: float) -> float:
-    """A parameter's value; a moment to the millisecond, however long the recording had gone on by then."""
+    """A parameter's value as written: times rounded to the millisecond, however late in a recording, others to six digits."""
     return round(float(value), 3) if name in EDGES else _rounded(value)
 
 
 def _rounded(value: float) -> float:
-    """Six significant digits: what the data could ever support."""
+    """A value to six significant digits, more than data ever support."""
     return float(f"{float(value):.6g}")
 
 
@@ -199,7 +200,7 @@ def place(joint: str | None, link: str | None, effect: str) -> str:
 
 
 def reference(since: bool) -> str:
-    """What a recording is compared with; `since` where an earlier model takes the simulation's place."""
+    """What a recording is compared with: the earlier model if `since`, else the simulation."""
     return "earlier model" if since else "simulation"
 
 

@@ -1,1 +1,1 @@
-"""The regression of a recorded motion against a simulation, its noise, and the evidence for sets of effects."""
+"""The regression of a recorded motion against a simulation, its noise model, and the evidence of sets of effects."""

@@ -1,4 +1,4 @@
-"""Least squares and evidence where coefficients have bounds."""
+"""Least squares and evidence with bounded coefficients."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import lsq_linear
 
 EXACT = 1e-12
-"""Coefficients may leave their bounds by this much."""
+"""Tolerance of the bounds."""
 ROUNDING = 1e-12
-"""Share of a diagonal that rounding may have taken of it."""
+"""Relative rounding error assumed of a matrix diagonal."""
 MOST_SETS = 10
-"""So many sets of held coefficients are tried before the general solver is asked."""
+"""Most active sets that are tried before the general solver is used."""
 
 
 def outside(coefficients: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -23,16 +23,15 @@ def outside(coefficients: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.n
 
 
 def firm(a: np.ndarray) -> np.ndarray:
-    """Matrices (..., k, k) with diagonals raised by what rounding may have taken.
+    """Matrices (..., k, k) with diagonals raised by possible rounding errors.
 
-    Where the data say much of some combination of columns and nothing of others, what is believed of these is lost in the
-    rounding of that.
+    Where data determine some combination of columns far better than others, the prior of the others is lost in rounding.
     """
     return np.asarray(a * (1.0 + ROUNDING * np.eye(a.shape[-1])))
 
 
 def factored(a: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factors of matrices (..., k, k) that are positive-definite but for rounding."""
+    """Lower Cholesky factors of matrices (..., k, k) that are positive-definite up to rounding."""
     try:
         return np.asarray(np.linalg.cholesky(a))
     except LinAlgError:
@@ -40,10 +39,9 @@ def factored(a: np.ndarray) -> np.ndarray:
 
 
 def raised(a: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Information matrices (c, k, k) that rounding made less than the prior precisions in them, (c, k), raised to those.
+    """Information matrices (c, k, k) made no smaller than the prior precisions (c, k) they include, and log determinants (c,).
 
-    With the logarithms of their determinants, (c,). What columns tell beside others that tell the same is a small difference
-    of large numbers.
+    Rounding makes them smaller where columns are nearly collinear with others: a small difference of large numbers.
     """
     sign, size = np.linalg.slogdet(a)
     wrong = (sign <= 0.0) | (np.diagonal(a, axis1=1, axis2=2) < prior).any(axis=1)
@@ -60,7 +58,7 @@ def raised(a: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def solved(a: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Solutions (..., k) of systems (..., k, k) that are regular but for rounding, and the logarithms of their determinants."""
+    """Solutions (..., k) of systems (..., k, k) that are regular up to rounding, and log determinants."""
     try:
         found = _solutions(a, right)
     except LinAlgError:
@@ -72,7 +70,7 @@ def solved(a: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Minimum of ½ x'Ax - m'x inside bounds, with A's lower Cholesky factor.
 
-    What comes before the first bound is free, so that the factor's last rows hold the problem of the rest by itself.
+    Coefficients before the first bounded one are free, so that the factor's last rows hold the reduced problem of the rest.
     """
     target = solve_triangular(factor, moment, lower=True)
     first = int(np.argmax(np.isfinite(low) | np.isfinite(high)))
@@ -83,7 +81,7 @@ def held(factor: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarr
 
 
 def _inside(root: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minima of |root x - target|² of c systems inside bounds, (c, k), with columns brought to one size.
+    """Minima of |root x - target|² of c systems inside bounds, (c, k), with normalised columns.
 
     Args:
         root, target: (c, r, k), (c, r).
@@ -99,7 +97,7 @@ def _inside(root: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndar
 
 
 def _held_in_few(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The minima of `held` of c small systems (c, k, k) where rounding may have made A indefinite, (c, k)."""
+    """As `held` for c small systems (c, k, k) in which rounding may have made A indefinite, (c, k)."""
     size = np.sqrt(np.diagonal(a, axis1=1, axis2=2))
     squares, directions = np.linalg.eigh(a / (size[:, :, None] * size[:, None, :]))
     roots = np.sqrt(np.maximum(squares, ROUNDING * squares[:, -1:]))
@@ -111,10 +109,10 @@ def _held_in_few(a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.nd
 def _active_sets(
     a: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Minima of ½ x'Ax - m'x inside bounds (c, k), by changing at once all that is held wrongly, and where that ends, (c,) bool.
+    """Minima of ½ x'Ax - m'x inside bounds, (c, k), by primal-dual active sets, and where these converged, (c,) bool.
 
-    It ends where nothing leaves its bounds and all that is held there is pushed against them, which is the minimum
-    (primal-dual active set; Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
+    Converged when no free coefficient leaves its bounds and the gradient pushes each held one against its bound (Hintermüller,
+    Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
     """
     best = _solutions(a, moment)
     at_low, at_high = best < low, best > high
@@ -149,7 +147,7 @@ def _solutions(a: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def pieces(block: np.ndarray) -> list[slice]:
-    """Rows of each block, given that of each row, (R,) int, ascending from 0."""
+    """Rows of each block, given the block of each row, (R,) int, ascending from 0."""
     edges = np.searchsorted(block, np.arange(block[-1] + 2)).tolist()
     return [slice(a, b) for a, b in pairwise(edges)]
 
@@ -157,7 +155,7 @@ def pieces(block: np.ndarray) -> list[slice]:
 def by_block(
     white: np.ndarray, target: np.ndarray, block: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gram matrices (B, P, P), moments (B, P) and powers (B,) of each block of rows (R, n, P) and their target (R, n)."""
+    """Gram matrices (B, P, P), moments (B, P) and powers (B,) of each block, from rows (R, n, P) and target (R, n)."""
     grams, moments, powers = [], [], []
     for rows in pieces(block):
         tall, flat = white[rows].reshape(-1, white.shape[2]), target[rows].ravel()
@@ -175,7 +173,7 @@ def held_out_losses(
     low: np.ndarray,
     high: np.ndarray,
 ) -> np.ndarray:
-    """Half the squared error on each of B blocks, fitted to all others inside bounds, (B,).
+    """Half the squared error on each of B blocks, predicted by a bounded fit to all others, (B,).
 
     Args:
         grams, moments, powers: of each block's columns (B, P, P), with its target (B, P), and of the target (B,).
@@ -190,7 +188,7 @@ def held_out_losses(
 
 
 def _of_others(each: np.ndarray) -> np.ndarray:
-    """Sums of all matrices but each, (B, P, P): of what one block tells nearly alone a difference would keep nothing."""
+    """Sums of all matrices but each, (B, P, P), from running sums: subtracting each from the total would cancel digits."""
     before, after = np.cumsum(each, axis=0), np.cumsum(each[::-1], axis=0)[::-1]
     result = np.zeros_like(each)
     result[1:] += before[:-1]
@@ -199,7 +197,7 @@ def _of_others(each: np.ndarray) -> np.ndarray:
 
 
 def mean_evidence(each: np.ndarray) -> np.ndarray:
-    """Log evidence of what may be of any of m kinds, from that of each, (m, ...)."""
+    """Log of the mean evidence of m equally likely kinds, from the log evidence of each, (m, ...)."""
     return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(len(each)))
 
 
@@ -214,10 +212,10 @@ def gains_of(
     """Evidence gained by each of c blocks of k columns, (c,), and coefficients inside their bounds, (c, k).
 
     Args:
-        schur: what the columns add to the information matrix beside the rest, (c, k, k).
-        left: their moments with what the rest leaves, (c, k).
+        schur: information of the columns with the rest projected out, prior included, (c, k, k).
+        left: their moments with the residual of the rest, (c, k).
         prior: precisions of the coefficients, (c, k).
-        kinds: precisions that are as likely, in units of those, (m, k): the blocks' coefficients are by the likeliest.
+        kinds: equally likely prior precisions, relative to `prior`, (m, k); coefficients are those of the likeliest.
     """
     if kinds is not None and len(kinds) > 1:
         known = prior * kinds[:, None]

@@ -1,4 +1,4 @@
-"""The regression of a recorded motion against a robot's simulation, made."""
+"""Build the regression of a recorded motion against a robot's simulation."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from bdnn_ros.scores import described_effort
 from bdnn_ros.signals import Signals
 
 ROWS_PER_CUTOFF = 2.5
-"""Rows per second and Hz of cut-off: what the twice low-passed signals still carry."""
+"""Rows per second and Hz of cut-off: the rate that twice low-passed signals still carry."""
 BLOCK_SECONDS, MOST_BLOCKS = 2.0, 40
-"""Held-out blocks are about this long; longer in a recording that would have more of them."""
+"""Usual length of a held-out block [s], and most blocks: in a longer recording blocks are longer."""
 SHORTEST_BLOCK, LEAST_MOTION = 0.5, 8.0
-"""And shorter, down to the first [s], where a joint moves for less than the second [s]: it has to move in some of all sets."""
+"""Shortest block [s], used where a joint moves for less than `LEAST_MOTION` [s]: it must move in several folds."""
 LEAST_VALUES = 100.0
-"""With fewer independent low-passed values of a joint's motion, a push or a drift can fit anything: neither is named."""
+"""Fewest independent low-passed values of a joint's motion: with fewer, a push or drift can fit anything and is not named."""
 SLOWEST = 2.0
-"""What is looked at behind a lower low-pass [Hz] was not passed by it before, and tells no less of time for being slow."""
+"""Lowest cut-off counted when motion is measured in independent values [Hz]: a lower one is chosen for slow motion only."""
 IDENTIFIED = 0.01
-"""One standard deviation of what was identified, where errors of a description's links are relative."""
+"""Relative error that stands for one standard deviation of an identified parameter."""
 TURNING_WIDTHS = 2.0
-"""The low-pass reaches so many of its standard deviations."""
+"""Reach of the low-pass in standard deviations of its kernel."""
 DWELLING_WIDTHS, STICKING_WIDTHS = 0.5, 2.0
-"""A joint that creeps for so many standard deviations of the low-pass dwells; it sticks after so many."""
+"""Creeping for so many standard deviations of the low-pass kernel is dwelling; for `STICKING_WIDTHS`, sticking."""
 
 
 def build(
@@ -51,18 +51,18 @@ def build(
     unloaded: Robot | None = None,
     unsure: Unsure | None = None,
 ) -> Equations:
-    """The regression of a motion against a robot's simulation.
+    """Build the regression of a motion against a robot's simulation.
 
     Args:
         signals: motion with effort, joints in the robot's order.
-        robot: what the simulation believes.
+        robot: as the simulation has it.
         simulated: the effort the simulation predicts, (N, n) [N·m]; None for the robot's own.
-        left_open: what is not known of inertial parameters, `COMMON` and what joints may add, where they were identified.
-        tilt: roll and pitch [rad] at which the base seems to stand, beyond what the robot says: what its bodies' errors
-            weigh is counted as they hang then. None where nothing is known of one.
-        grows: friction that the simulation has and that grows with the load.
-        unloaded: whose links may be off, where the robot carries loads that were found on it; None for the robot.
-        unsure: what is not known of what an earlier diagnosis found at joints.
+        left_open: covariance of identified inertial parameters, `COMMON` and joint residuals; None for a description.
+        tilt: roll and pitch of the base beyond the description [rad], at which errors of the bodies are weighed; None for
+            none.
+        grows: load-dependent friction that the simulation has.
+        unloaded: the robot without loads found on it, to which relative link errors refer; None for the robot itself.
+        unsure: errors of joint effects that an earlier diagnosis found.
 
     Raises:
         RecordingError: no joint moves, or no effort.
@@ -104,7 +104,7 @@ def build(
 
 
 def _standing(motion: Motion, tilt: tuple[float, float] | None) -> Motion:
-    """A motion on a base that is tilted so further [rad]; None for nothing."""
+    """The motion on a base tilted further by roll and pitch [rad]; unchanged if None."""
     if tilt is None:
         return motion
     standing = motion.robot.tilted(*np.add(tilt_of(motion.robot.gravity_vector), tilt))
@@ -112,7 +112,7 @@ def _standing(motion: Motion, tilt: tuple[float, float] | None) -> Motion:
 
 
 def _usual(effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Spread of each joint's effort (R, n), never quite nothing, and its root mean square, (n,) each [N·m]."""
+    """Standard deviation, never quite zero, and root mean square of each joint's effort (R, n), (n,) each [N·m]."""
     spread = np.maximum(np.std(effort, axis=0), 1e-5 * max(float(np.std(effort)), 1e-9))
     return spread, np.hypot(effort.mean(axis=0), spread)
 
@@ -132,7 +132,7 @@ def _resting(signals: Signals) -> np.ndarray:
 
 
 def _rows(signals: Signals) -> tuple[np.ndarray, list[slice]]:
-    """Which samples are rows, (R,), and the rows of each gap-free piece."""
+    """Samples that are rows, (R,), and the rows of each gap-free piece."""
     step = max(round(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
     rows = np.concatenate([np.arange(s.start, s.stop, step) for s in signals.segments])
     rows = rows[signals.interior[rows]]
@@ -144,10 +144,10 @@ def _rows(signals: Signals) -> tuple[np.ndarray, list[slice]]:
 
 
 def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Rows that count, (R, n) bool.
+    """Usable rows, (R, n) bool.
 
     Raises:
-        RecordingError: none does.
+        RecordingError: there are none.
     """
     usable = (signals.seen & ~(resting | sticks(signals, STICKING_WIDTHS)))[rows]
     if not usable.any():
@@ -161,7 +161,8 @@ def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarr
 def _errors(
     robot: Robot, left_open: LeftOpen | None, load: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray | None, Learned | None]:
-    """What errors do to parameters of links and, where they were identified, of joints and what they add: see `Equations`."""
+    """Maps from independent errors to parameters of links and, where identified, of joints and their residuals; see
+    `Equations`."""
     if left_open is None:
         return relative_inertials(robot), None, None
     links = robot.width * PER_LINK
@@ -173,7 +174,7 @@ def _errors(
 
 
 def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Held-out block of each row, (R,) int, by the rows that count, (R, n) bool, and their time [s]."""
+    """Held-out block of each row, (R,) int, from the usable rows (R, n) bool and their times [s]."""
     steps = np.diff(time, prepend=time[0])
     since = np.cumsum(np.minimum(steps, BLOCK_SECONDS))  # a long pause must not make the blocks long
     moving = moved(usable, time)
@@ -185,25 +186,25 @@ def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def least_motion(signals: Signals) -> float:
-    """How long a joint has to move for what changes with time to be told from what differs from place to place [s]."""
+    """Least motion of a joint for effects that change with time or place to be told apart (drifts, pushes, cogging) [s]."""
     cutoff = signals.cutoff if signals.own is not None else max(signals.cutoff, SLOWEST)
     return max(LEAST_MOTION, LEAST_VALUES / (2.0 * cutoff))
 
 
 def identified(covariance: np.ndarray) -> np.ndarray:
-    """Map from independent errors to those of all parameters that were identified, (P, P).
+    """Map from independent errors to those of all identified parameters, (P, P).
 
-    One hundredth of a unit is one standard deviation of what was identified, so that a spread of 0.02 doubts it twofold.
+    A hundredth of a unit is one standard deviation of what was identified, so that a spread of 0.02 doubles the uncertainty.
     """
     variances, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
     return np.asarray(directions * np.sqrt(np.maximum(variances, 0.0)) / IDENTIFIED)
 
 
 def turns(signals: Signals) -> np.ndarray:
-    """How much of the low-pass at each sample a joint turns round or creeps in, (N, n).
+    """Doubt: share of the low-pass window at each sample in which a joint reverses or creeps, (N, n).
 
-    A joint that sticks has any effort between both directions' friction; no motion tells which. When it turned is known to
-    about what motion was softened by.
+    A joint that sticks bears any effort between the friction of either direction; its motion does not tell which. The moment
+    of reversal is known to about the width of the motion's own low-pass.
     """
     turning = signals.hardly_moves | (
         np.abs(signals.velocity) < np.abs(signals.acceleration) * signals.motion_std
@@ -215,7 +216,7 @@ def turns(signals: Signals) -> np.ndarray:
 
 
 def sticks(signals: Signals, widths: float) -> np.ndarray:
-    """Samples near which a joint creeps for so many standard deviations of the low-pass, (N, n) bool."""
+    """Samples within reach of where a joint creeps for so many standard deviations of the low-pass, (N, n) bool."""
     width = signals.kernel_std * signals.rate
     reach = 2 * int(np.ceil(TURNING_WIDTHS * width)) + 1
     result = signals.hardly_moves.copy()

@@ -1,4 +1,4 @@
-"""Which noise a regression's residual is: its colour, its size, and how much of it is a joint that sticks."""
+"""Noise model of a residual: its colour, its size, and the extra noise of joints that may stick."""
 
 from __future__ import annotations
 
@@ -8,19 +8,22 @@ from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, rms, slipping, stable
 
 STEADY = 1e-3
-"""With less doubt of its direction a joint moves on."""
+"""Doubt below which a joint surely moves on."""
 LEAST_ROWS = 10 * ORDER
-"""So many rows tell how noise goes on."""
+"""Fewest rows for an autoregressive fit."""
 
 
 def white_noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray) -> Noise:
-    """Noise of a residual (R, n) as if its rows were independent."""
+    """White noise model of a residual (R, n), each row independent."""
     std = np.array([rms(residual[equations.usable[:, j], j]) for j in range(equations.width)])
     return Noise(np.zeros((equations.width, ORDER)), np.maximum(std, floor))
 
 
 def noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray, steady: bool = False) -> Noise:
-    """Noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only)."""
+    """Autoregressive noise model of a residual (R, n), by least squares on its own past (Yule-Walker with usable rows only).
+
+    With `steady`, the trend of every block is removed first.
+    """
     if steady:
         residual = without_trends(equations, residual)
     coefficients, full, doubt = np.zeros((equations.width, ORDER)), equations.full(), equations.doubtful()
@@ -42,7 +45,7 @@ def noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray, stea
 
 
 def without_trends(equations: Equations, values: np.ndarray) -> np.ndarray:
-    """Rows (R, n) less a straight line in every block."""
+    """Values (R, n) without the straight line through each block."""
     result = values.astype(float).copy()
     for b in range(equations.blocks):
         rows = np.flatnonzero(equations.block == b)
@@ -54,6 +57,6 @@ def without_trends(equations: Equations, values: np.ndarray) -> np.ndarray:
 
 
 def _steady(doubt: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The rows (R,) bool in which a joint moves on, or the steadiest where too few do."""
+    """Rows (R,) bool in which a joint surely moves on, or the steadiest ones if there are too few."""
     known = np.sort(doubt[rows])
     return rows & (doubt <= max(STEADY, known[min(LEAST_ROWS, len(known)) - 1] if len(known) else 0.0))

@@ -1,4 +1,4 @@
-"""Noise of the effort in columns that are made from the effort itself."""
+"""Correction for columns that are made from the measured effort: they contain its noise."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from bdnn_ros.diagnosis.regression.noise import ORDER
 from bdnn_ros.effects.motion import Motion
 
 LEAST = 1e-3
-"""Noise changes by too little to be told where less of its curvature is taken away, per its size."""
+"""Smallest removed curvature that is evaluated, in units of (2 π cut-off)⁻²: less changes noise by too little."""
 
 
 class Echo:
-    """How noise of the effort is heard in the second derivative of its slow part.
+    """Evidence that noise of the effort seems to gain from columns with the curvature (second derivative) of its slow part.
 
-    The noise wanders for about as long as the signals' low-pass lasts, as that of currents does: of white noise less is heard,
-    of what is slower no more.
+    The noise is simulated with a correlation time of the signals' low-pass, as of motor currents: white noise gains less,
+    slower noise no more.
 
     Args:
         rows: samples of the motion that a regression keeps, (R,) int.
@@ -36,14 +36,14 @@ class Echo:
         self._heard: dict[tuple[float, float], float] = {}
 
     def heard(self, cutoff: float, taken: float) -> float:
-        """Nats a row, per second squared, that the noise itself seems to gain where some of its bend is taken from it.
+        """Apparent gain in nats per row and s² when an amount of the noise's curvature is removed from it.
 
-        What is left of noise that was filtered is foretold better from what was before: by the mean logarithm of the filter's
-        gain (Kolmogorov and Szegő), which is the determinant of the change of variables from the one to the other.
+        Filtered noise is predicted better from its past by the mean logarithm of the filter's gain (Kolmogorov and Szegő),
+        which is the determinant of the change of variables between the two.
 
         Args:
-            cutoff: of the low-pass that leaves the slow part [Hz].
-            taken: how much of its second derivative is [s²].
+            cutoff: low-pass of the slow part [Hz].
+            taken: amount of its second derivative that is removed [s²].
         """
         taken = max(taken, LEAST / (2.0 * np.pi * cutoff) ** 2)
         key = (cutoff, taken)
@@ -59,7 +59,7 @@ class Echo:
         return self._bent[cutoff]
 
     def _innovation(self, values: np.ndarray) -> float:
-        """What those rows before them do not tell of values (N, 1)."""
+        """Standard deviation of values (N, 1) that the preceding rows do not predict."""
         each = [values[self._rows[run], 0] for run in self._runs]
         past = np.concatenate([_past(one) for one in each])
         now = np.concatenate([one[ORDER:] for one in each])
@@ -67,6 +67,6 @@ class Echo:
 
 
 def _past(values: np.ndarray) -> np.ndarray:
-    """The values just before each of some that have as many, (R - ORDER, ORDER) of (R,)."""
+    """The `ORDER` values before each value that has so many, (R - ORDER, ORDER) of (R,)."""
     count = max(len(values) - ORDER, 0)
     return np.stack([values[ORDER - lag :][:count] for lag in range(1, ORDER + 1)], axis=1)

@@ -1,8 +1,8 @@
-"""The joints' equations of motion as one linear regression, with noise that is coloured.
+"""The joints' equations of motion as one linear regression with coloured noise.
 
 Row k of joint j says: measured effort - effort of the URDF = Y_j(k) · (error of the links) + columns of effects · coefficients
-+ noise. Both sides are low-passed alike and thinned to the rate the low-pass leaves, then each joint's rows are whitened by an
-autoregressive model of its own residual, so that sums of squares are log likelihoods.
++ noise. Both sides are low-passed alike and decimated to the rate the low-pass leaves, then each joint's rows are whitened by
+an autoregressive model of its own residual, so that sums of squares are log likelihoods.
 """
 
 from __future__ import annotations
@@ -26,41 +26,41 @@ from bdnn_ros.effects.rigid import slots
 from bdnn_ros.robot import Robot
 
 STEADY = 0.9
-"""What hardly changes, its mean being so much of its mean square, as friction one way, may be as large as an offset."""
+"""A column whose squared mean exceeds this share of its mean square hardly changes, and is scaled as an offset is."""
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
 USUAL_MASS_ERROR = 0.05
-"""What a description says of a link's mass is hardly ever better than this."""
+"""Smallest relative error of a described link mass that is believed, as far as twice `link_error` allows."""
 STICKING_LEAD = 0.003
-"""How far dry friction may turn round ahead of a joint that sticks, where it is all of the effort [s]."""
+"""How far dry friction may lead the direction of a joint that sticks, where friction is all of the effort [s]."""
 HARDLY_SEEN = 1e-4
-"""A coefficient that the motion hardly shows counts as shown by this share of the best: its prior spread stays finite."""
+"""Least strength of a column, relative to the strongest: keeps prior spreads of hardly excited coefficients finite."""
 HARDLY_USABLE = 0.05
-"""A joint hardly moves where a smaller share of its rows counts."""
+"""A joint hardly moves if less than this share of its rows is usable."""
 ALL = slice(None)
 BLURS = slice(1, 3)
-"""Which nuisances blur; before them comes a lead, after them each joint's sticking and what creeps."""
+"""Nuisance columns that blur the effort; before them comes the lead, after them sticking and creeping of the joints."""
 
 
 @dataclass
 class Equations:
-    """Rows of the regression, before whitening.
+    """The regression before whitening.
 
     Attributes:
         motion: the motion at the working rate, with the robot of the URDF and the load estimate.
-        simulated, drive: the simulation's effort, and what drives take of it before the gear, both (N, n) [N·m].
+        simulated, drive: the simulation's effort, and the part of it that drives take before the gear, both (N, n) [N·m].
         rows, target: which working samples are rows, (R,); measured effort minus the simulation's there, (R, n) [N·m].
-        usable: rows that count, (R, n) bool: not a segment's end, not a joint at rest or sticking.
-        doubt: share of each row's low-pass in which the joint turns round or creeps, so that it may stick, (R, n).
-        dwelling: rows in which it creeps for so long that its dry friction passes for less than it is, (R, n) bool.
+        usable: rows that count in fits, (R, n) bool: without segments' ends and joints that rest or stick.
+        doubt: share of each row's low-pass window in which the joint reverses or creeps, so that it may stick, (R, n).
+        dwelling: rows in which it creeps for so long that its dry friction appears smaller than it is, (R, n) bool.
         block, runs: held-out block of each row, (R,) int, ascending from 0; rows of each gap-free piece.
-        relative, masses: from U relative errors of links to inertial parameters, (n * PER_LINK, U); those of masses, (U,) bool.
-        effort_scale, effort_size: spread of each joint's effort, and its root mean square, (n,) [N·m].
+        relative, masses: map from U relative link errors to inertial parameters, (n * PER_LINK, U); which are masses, (U,) bool.
+        effort_scale, effort_size: standard deviation and root mean square of each joint's effort, (n,) [N·m].
         lead: how far the recorded effort is known to be ahead of the motion [s].
-        jointwise, learned: where an identified model takes the simulation's place, from the same errors to those of `COMMON`
-            at every joint, kind by kind, (len(COMMON) * n, U), and what they do by all else that joints may add; else None.
-        passing: how much more effort it takes where an earlier model has friction in proportion to the load, (N, n); else None.
-        unsure: what is not known of what an earlier diagnosis found at joints: the last K of the U errors; else None.
+        jointwise, learned: against an identified model, map from the same errors to `COMMON` at every joint, kind by kind,
+            (len(COMMON) * n, U), and their effect through learned joint residuals; else None.
+        passing: factor on efforts by an earlier model's load-dependent friction, (N, n); None without.
+        unsure: errors of joint effects that an earlier diagnosis found, the last K of the U errors; else None.
     """
 
     motion: Motion
@@ -88,7 +88,7 @@ class Equations:
     _whitening: tuple[Noise, tuple[np.ndarray, np.ndarray]] | None = field(default=None, init=False)
     _pushing: dict[tuple[int, str | None], Pushing] = field(default_factory=dict, init=False)
     ever_usable: np.ndarray = field(init=False)
-    """Rows that count unless they are held out, (R, n) bool: what acts only in held-out rows is still believed to be small."""
+    """`usable` before rows are held out, (R, n) bool: priors are scaled by these also for what acts in held-out rows only."""
 
     def __post_init__(self) -> None:
         self.ever_usable = self.usable
@@ -100,12 +100,12 @@ class Equations:
 
     @property
     def exact(self) -> np.ndarray:
-        """Rows that count and in which no dry friction passes for less than it is, (R, n) bool."""
+        """Usable rows without dwelling, where dry friction appears smaller than it is, (R, n) bool."""
         return self.usable & ~self.dwelling
 
     @property
     def alone(self) -> int | None:
-        """The only joint whose rows count; None where others' do, too."""
+        """The only joint that moves, by its usable rows; None where there are several or none."""
         count = np.flatnonzero(self.usable.mean(axis=0) > HARDLY_USABLE)
         return int(count[0]) if len(count) == 1 else None
 
@@ -120,7 +120,7 @@ class Equations:
         return int(self.block.max()) + 1
 
     def reduced(self, values: np.ndarray, borne: bool = True) -> np.ndarray:
-        """Values at the working rate (N, ...) as rows: low-passed and thinned, (R, ...); of what joints bear, or `borne` not."""
+        """Values at the working rate (N, ...) low-passed and decimated to rows (R, ...); `borne` ones through `passed`."""
         flat = (self.passed(values) if borne else values).reshape(len(values), -1)
         acting, result = np.ones(len(flat)) @ np.abs(flat) != 0.0, np.zeros((len(self.rows), flat.shape[1]))
         acting = slice(None) if acting.all() else acting  # without a copy
@@ -132,7 +132,7 @@ class Equations:
         return result.reshape(len(self.rows), *values.shape[1:])
 
     def passed(self, values: np.ndarray) -> np.ndarray:
-        """Efforts that joints bear at the working rate (N, n, ...) with the friction that an earlier model has of them."""
+        """Efforts at the working rate (N, n, ...) multiplied by the load-dependent friction that an earlier model has."""
         return values if self.passing is None else np.einsum("ij,ij...->ij...", self.passing, values)
 
     @cached_property
@@ -147,7 +147,7 @@ class Equations:
         return self._columns[term]
 
     def made(self, term: Term, motion: Motion | None = None) -> np.ndarray:
-        """Columns as those of `columns`, computed anew and not kept; of a motion with another estimate of the load, if given."""
+        """Columns of a term, computed anew and not cached; of a motion with another load estimate, if given. See `columns`."""
         effect, shape = term.effect, dict(term.shape)
         added = effect.inertials(self.motion.robot, shape, term.link) if term.link else None
         if added is not None:
@@ -158,7 +158,7 @@ class Equations:
         return self.reduced(columns, borne=not effect.at_sensor)
 
     def pushed(self, term: Term, weight: np.ndarray, mixing: np.ndarray) -> np.ndarray:
-        """Columns of a push's place with a weight in time (N,) and mixed as in `Push.mixing`, (K, k), as rows (R, n, k)."""
+        """Columns of a push with a time window (N,) and mixed as in `Push.mixing`, (K, k), as rows (R, n, k)."""
         effect, place = term.effect, (term.target, term.link)
         assert isinstance(effect, Push)
         if self.lead:
@@ -169,12 +169,12 @@ class Equations:
         return self._pushing[place].at(weight, mixing)
 
     def of_body(self, body: int, added: np.ndarray) -> np.ndarray:
-        """Columns of what adds to a body's inertial parameters (PER_LINK, k) as rows, (R, n, k) [N·m per unit]."""
+        """Columns of additions to a body's inertial parameters (PER_LINK, k) as rows, (R, n, k) [N·m per unit]."""
         return np.asarray(self._regressor[:, :, slots(body)] @ added)
 
     @cached_property
     def rigid(self) -> np.ndarray:
-        """Columns of the links' relative errors, and of those of an identified model's joints, (R, n, U).
+        """Columns of the links' relative errors, and of the joint parameters of an identified model, (R, n, U).
 
         One unit is an error of 100 %, or a hundred standard deviations of what was identified.
         """
@@ -192,16 +192,16 @@ class Equations:
 
     @property
     def hold(self) -> float:
-        """How far an effort leads that is held for a sample [s]; a mean over a sample lags by as much."""
+        """Lead of an effort command that is held for a sample [s], half a period; an average over a sample lags by as much."""
         return 0.5 / self.motion.signals.raw_rate
 
     @property
     def nuisances(self) -> np.ndarray:
-        """What is never a finding: columns of a lead, two blurs, each joint's sticking and k that creep, (R, n, 3 + n + k).
+        """Columns that are never findings: a lead, two blurs, sticking of each joint, creep of k joints, (R, n, 3 + n + k).
 
-        The first is the load's rate: an effort held for a sample leads by half of one. The second is its curvature: slow sensors.
-        The third is that of what is faster than the motion: it weighs down the position's noise. Then the rates of directions: a
-        joint that sticks leaves slowly, its friction before its low-passed velocity. The last: what creeps may come later.
+        Lead: the load's rate, as a held effort leads. Blurs: the load's curvature, as of slow sensors, and that of the bodies'
+        effort beyond the motion's frequencies, against noise of the position. Sticking: rates of the directions, as friction
+        of a joint that sticks turns before its low-passed velocity. Creep: see `later`.
         """
         if self._nuisances is None:
             rate = self.motion.load_rate
@@ -212,36 +212,36 @@ class Equations:
 
     @property
     def sticking(self) -> slice:
-        """Which nuisances are the joints' sticking."""
+        """The nuisance columns of the joints' sticking."""
         return slice(BLURS.stop, BLURS.stop + self.width)
 
     @cached_property
     def _jitter(self) -> np.ndarray:
-        """Curvature of the bodies' effort as far as it is faster than the motion, (R, n, 1) [N·m/s²]."""
+        """Curvature of the part of the bodies' effort that is faster than the motion, (R, n, 1) [N·m/s²]."""
         motion = self.motion
         fast = motion.link_load - motion.calmed(motion.link_load)
         return self.reduced(motion.derivative(motion.derivative(fast)))[..., None]
 
     @cached_property
     def _sticking(self) -> np.ndarray:
-        """Rates of the joints' directions, (R, n, n) [1/s]."""
+        """Rates of the joints' directions of motion, (R, n, n) [1/s]."""
         rate = self.reduced(self.motion.derivative(self.motion.signals.sign))
         return np.asarray(rate[:, :, None] * np.eye(self.width))
 
     @property
     def nuisance_spread(self) -> np.ndarray:
-        """Prior standard deviations of lead [s], blurs [s²], friction's leads [N·m·s] and coming on [N·m], (3 + n + k,)."""
+        """Prior standard deviations of lead [s], blurs [s²], sticking [N·m·s] and creep [N·m], (3 + n + k,)."""
         blur, effort = self.motion.signals.kernel_std**2, self.effort_scale
         more = later_spread(self.motion.signals, self.motion.robot, effort)
         return np.array([0.5 * self.hold, blur, blur, *(STICKING_LEAD * effort), *more])
 
     def relieve(self, *acting: np.ndarray, bodies: tuple[Robot, np.ndarray] | None = None) -> None:
-        """Take better estimates of the load and what belongs to it, as `Motion.with_load`, and of bodies, as `with_robot`."""
+        """Replace the estimates of the load, arguments as of `Motion.with_load`, and of the bodies, as of `Motion.with_robot`."""
         motion = self.motion if bodies is None else self.motion.with_robot(*bodies)
         self.take(motion.with_load(*acting))
 
     def take(self, motion: Motion) -> None:
-        """Take another estimate of what acts along the same motion; columns made from the old one are forgotten."""
+        """Use another estimate of load and bodies along the same motion; cached columns that depend on them are dropped."""
         bodies = motion.robot is not self.motion.robot
         self.motion = motion
         self._columns = {
@@ -252,13 +252,13 @@ class Equations:
         self._nuisances = None
 
     def count(self, rows: np.ndarray) -> None:
-        """Let these rows count from now on, (R, n) bool."""
+        """Replace the usable rows, (R, n) bool."""
         self.usable, self._pasts, self._whitening = rows, {}, None
 
     def link_spread(self, link_error: float) -> np.ndarray:
         """Prior standard deviations of the links' relative errors, (U,).
 
-        Of a description that seems a little wrong, masses are believed half as well as shapes: those are drawn to scale.
+        At a small link error masses are believed half as well: shapes are drawn to scale, masses are guessed.
         """
         spread = np.where(self.masses, max(link_error, min(2.0 * link_error, USUAL_MASS_ERROR)), link_error)
         if self.unsure is not None:
@@ -277,10 +277,10 @@ class Equations:
         return np.maximum(term.effect.spread(typical, self.motion, term.target), term.gone)
 
     def echo(self, term: Term, width: int) -> np.ndarray:
-        """What noise of the effort alone seems to gain by a term's columns, by block, (B, k) [nats per coefficient].
+        """Evidence that noise alone appears to gain through a term's columns, by block, (B, k) [nats per coefficient].
 
-        Such columns are made from the measured effort. With the noise's own likelihood (a change of variables from noise to
-        equation error) they gain nothing from it; without this they would.
+        Columns made from the measured effort contain its noise. The change of variables from noise to equation error removes
+        this gain; the regression leaves it out, so it is subtracted.
         """
         result = np.zeros((self.blocks, width))
         heard = term.effect.echo(self.motion, term.target, dict(term.shape))
@@ -297,21 +297,21 @@ class Equations:
     def whiten(
         self, values: np.ndarray, noise: Noise, joints: np.ndarray | slice = ALL, rows: slice = ALL
     ) -> np.ndarray:
-        """Rows (R, n, ...) of some joints, after rows of zeros, in units of their noise; unusable ones are zero."""
+        """Values (R, n, ...) of some joints in units of their noise; zero in unusable rows, and before the first row given."""
         if self._whitening is None or self._whitening[0] is not noise:
             self._whitening = noise, noise.whitening(*self._past(noise.order))
         return whitened(values, *(each[rows][:, joints] for each in self._whitening[1]))
 
     def history(self, order: int = ORDER) -> np.ndarray:
-        """How many usable rows come just before each, at most the order, (R, n); -1 for what is not usable itself."""
+        """Number of usable rows directly before each, at most the order, (R, n); -1 for an unusable row."""
         return self._past(order)[0]
 
     def doubtful(self, order: int = ORDER) -> np.ndarray:
-        """The largest doubt in each row and its noise history, (R, n)."""
+        """Largest doubt within each row and its noise history, (R, n)."""
         return self._past(order)[1]
 
     def full(self) -> np.ndarray:
-        """Rows whose whole noise history is usable, (R, n) bool."""
+        """Rows whose noise history is usable throughout, (R, n) bool."""
         return self.history() == ORDER
 
     def _past(self, order: int) -> tuple[np.ndarray, np.ndarray]:

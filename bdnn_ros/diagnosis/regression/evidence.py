@@ -1,7 +1,7 @@
-"""What the data supports: Bayesian evidence of sets of effects, with the links' errors marginalised.
+"""Bayesian evidence of sets of effects, with the links' errors marginalised.
 
-Every set of effects is compared with the URDF's inertial errors free under a Gaussian prior, so that a slightly wrong
-description is not named friction, payload or armature.
+Inertial errors of the URDF are part of every fit under a Gaussian prior, so that a slightly wrong description is not named
+friction, payload or armature.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Pool:
         self._scale = float(np.sum((history >= 0) * np.log(stds)))
 
     def believing(self, link_error: float) -> Pool:
-        """The same pool with another prior spread of the links' errors."""
+        """The pool with another prior standard deviation of the links' errors."""
         other = copy(self)
         other._fits, other._held_out = {}, {}
         other.link_error = link_error
@@ -84,7 +84,7 @@ class Pool:
         return other
 
     def replacing(self, found: Mapping[int, Term], columns: np.ndarray | None = None) -> Pool:
-        """The same pool with other shapes of some terms, or of one with columns that were made otherwise, rows (R, n, k)."""
+        """The pool with new shapes of some terms; for a single term, optionally with given columns, rows (R, n, k)."""
         if not found:
             return self
         other = copy(self)
@@ -109,25 +109,25 @@ class Pool:
 
     @cached_property
     def total(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Gram matrix, moments and power over all blocks."""
+        """Gram matrix, moments and power summed over all blocks."""
         return self.gram.sum(0), self.moment.sum(0), float(self.power.sum())
 
     @property
     def sure(self) -> np.ndarray:
-        """Usable rows that no sticking makes doubtful, (R, n) bool."""
+        """Usable rows in which possible sticking adds less than the other noise, (R, n) bool."""
         return self.equations.usable & self.noise.sure(self.equations.doubt)
 
     @property
     def whole(self) -> Fit:
-        """Posterior of all its terms together."""
+        """Posterior of all terms of the pool together."""
         return self.fit(range(len(self.terms)))
 
     def left(self) -> np.ndarray:
-        """What all its terms leave, without the nuisances that only weigh down noise, rows (R, n) [N·m]."""
+        """Residual of all terms, rows (R, n) [N·m]; the blurs, which only weigh down noise, are not subtracted."""
         return self.residual(self.whole, blur=False)
 
     def fit(self, chosen: Sequence[int]) -> Fit:
-        """Posterior of a set of terms, with coefficients inside their bounds."""
+        """Posterior of a set of terms, with coefficients within their bounds."""
         key = tuple(chosen)
         if key not in self._fits:
             index = self.columns_of(key)
@@ -140,10 +140,10 @@ class Pool:
         return self._fits[key]
 
     def without(self, fit: Fit, left_out: Collection[int]) -> Fit:
-        """Posterior of a fit's terms but some, at no bounds but those that they are at with these.
+        """Posterior with some terms of a fit left out; only the bounds that are active in the fit stay enforced.
 
-        What a term takes the place of leaves its own bounds without it: friction a rotor's, say. A shape that is sought beside
-        others that are held there is another's.
+        Otherwise a remaining term that takes over for a missing one would stop at its bound (friction for a rotor, say), and a
+        shape sought beside it would be wrong.
         """
         kept = tuple(c for c in fit.terms if c not in left_out)
         index = self.columns_of(kept)
@@ -167,9 +167,9 @@ class Pool:
         return Fit(chosen, best, precision, factor, float(volume - loss - self._scale), float(loss))
 
     def most(self, candidates: Sequence[int]) -> float:
-        """What the evidence of any set of some terms, with these shapes, cannot exceed: all of them at once and for nothing.
+        """Upper bound of the evidence of any subset of some terms, with these shapes: all at once, at no prior cost.
 
-        Infinite where they are too much alike for that to be computed.
+        Infinite where they are too collinear for that to be computed.
         """
         gram, moment, power = self.total
         index = self.columns_of(candidates)
@@ -181,11 +181,11 @@ class Pool:
         return float(0.5 * (moment[index] @ cho_solve(factor, moment[index]) - power) - self._scale)
 
     def columns_of(self, chosen: Sequence[int]) -> np.ndarray:
-        """Column indices of the links, the nuisances and these terms."""
+        """Column indices of links, nuisances and some terms."""
         return np.concatenate([np.arange(self.base), *(self.slots[c] for c in chosen)]).astype(int)
 
     def gains(self, fit: Fit, candidates: Sequence[int]) -> np.ndarray:
-        """Log evidence each candidate would add to a fit, one at a time, (len(candidates),)."""
+        """Log evidence that each candidate would add to a fit by itself, (len(candidates),)."""
         gram, moment, _ = self.total
         index = self.columns_of(fit.terms)
         left = moment - gram[:, index] @ fit.coefficients
@@ -209,7 +209,7 @@ class Pool:
         """Log evidence that a term outside the pool would add to a fit, and its coefficients (k,).
 
         Args:
-            columns: rows (R, n, k) in place of the term's own, without bounds; else its own are made and not kept.
+            columns: rows (R, n, k) in place of the term's own, unbounded if k differs; None makes its own, not cached.
         """
         columns = self.equations.made(term) if columns is None else columns
         gains, best = self._each(fit, [term], columns[:, :, None])
@@ -220,7 +220,7 @@ class Pool:
         return self._each(fit, tried, np.stack([self.equations.columns(one) for one in tried], axis=2))[0]
 
     def _each(self, fit: Fit, terms: Sequence[Term], columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same of terms of one effect, (c,), and their coefficients (c, k), with these rows (R, n, c, k)."""
+        """As `gain_of` for c terms of one effect with columns (R, n, c, k): log evidence (c,) and coefficients (c, k)."""
         bounds, kinds, size = np.array(terms[0].effect.coefficient_bounds), terms[0].kinds, columns.shape[3]
         if size != len(bounds):
             bounds, kinds = np.tile([-np.inf, np.inf], (size, 1)), kinds[:0]
@@ -232,7 +232,7 @@ class Pool:
         return gains_of(schur, left, prior, bounds[None, :, 0], bounds[None, :, 1], kinds)
 
     def beside(self, fit: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What rows (R, n, c, k) tell of coefficients beside a fit: information (c, k, k), moments with what is left (c, k)."""
+        """Information (c, k, k) and moments (c, k) of columns (R, n, c, k) once a fit's terms are projected out."""
         acting = np.any(columns, axis=(2, 3))
         joints, when = np.flatnonzero(acting.any(axis=0)), np.flatnonzero(acting.any(axis=1))
         rows = slice(when[0], when[-1] + 1 + self.noise.order) if len(when) else slice(0)
@@ -247,7 +247,7 @@ class Pool:
         return own @ own.transpose(0, 2, 1) - told @ told.transpose(0, 2, 1), left.reshape(each)
 
     def known(self, fit: Fit, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whitened columns of a fit on some joints, (R, joints, P), and what it leaves; kept for the next term beside it."""
+        """Whitened columns of a fit for some joints, (R, joints, P), and its residual; cached for the next call."""
         key = (fit.terms, fit.coefficients.tobytes(), tuple(joints.tolist()))
         if self._tall is None or self._tall[0] != key:
             white = self.white[:, joints[:, None], self.columns_of(fit.terms)]
@@ -256,7 +256,7 @@ class Pool:
         return self._tall[1]
 
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:
-        """Half squared whitened error on each block, fitted without it, (B,)."""
+        """Half the squared whitened error on each block, predicted by a fit to all other blocks, (B,)."""
         key = tuple(chosen)
         if key not in self._held_out:
             index = self.columns_of(chosen)
@@ -266,16 +266,16 @@ class Pool:
         return self._held_out[key]
 
     def disbelief(self, chosen: Sequence[int]) -> float:
-        """Half the squared distance of a fit's links and nuisances from what was believed of them."""
+        """Half the squared distance of a fit's link errors and nuisances from their prior, in standard deviations."""
         known = self.fit(chosen).coefficients[: self.base]
         return float(0.5 * self.precision[: self.base] @ known**2)
 
     def residual(self, fit: Fit, blur: bool = True) -> np.ndarray:
-        """What the fit leaves of the target, unwhitened rows (R, n) [N·m]; see `contribution`."""
+        """Residual of a fit, not whitened, rows (R, n) [N·m]; `blur` as of `contribution`."""
         return self.equations.target - self.contribution(fit, blur)
 
     def white_residual(self, fit: Fit) -> np.ndarray:
-        """What the fit leaves, in units of its noise, rows (R, n)."""
+        """Whitened residual of a fit, rows (R, n)."""
         return np.asarray(self.white_target - self.white[:, :, self.columns_of(fit.terms)] @ fit.coefficients)
 
     def nuisances(self, fit: Fit) -> np.ndarray:
@@ -283,10 +283,10 @@ class Pool:
         return np.asarray(fit.coefficients[self.equations.rigid.shape[2] : self.base])
 
     def contribution(self, fit: Fit, blur: bool = True) -> np.ndarray:
-        """What the links' errors, the nuisances and the terms of a fit add to the effort, rows (R, n) [N·m].
+        """Effort that link errors, nuisances and terms of a fit add, rows (R, n) [N·m].
 
         Args:
-            blur: count the nuisances that only weigh down noise, which no model could predict.
+            blur: include the blurs, which only weigh down noise that no model could predict.
         """
         equations = self.equations
         nuisances = self.nuisances(fit).copy()
@@ -313,7 +313,7 @@ class Pool:
         return [fit.coefficients[a:b] for a, b in pairwise(ends)]
 
     def rows(self, fit: Fit, chosen: int) -> slice:
-        """Which of a fit's coefficients are one term's, of those in it; KeyError of another."""
+        """Indices of one term's coefficients within a fit; KeyError if it is not in it."""
         if chosen not in fit.terms:
             raise KeyError(chosen)
         at = self.base + sum(len(self.slots[other]) for other in fit.terms[: fit.terms.index(chosen)])

@@ -1,4 +1,4 @@
-"""One set of effects with what the data say of it."""
+"""Posterior of one set of effects."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class Fit:
     Attributes:
         terms: indices into the pool.
         coefficients: links' relative errors, nuisances, then the terms' coefficients, (P,).
-        precision: prior precisions of these, (P,): those of the likeliest kind of each effect.
+        precision: their prior precisions, (P,), for the likeliest kind of each effect.
         factor: lower Cholesky factor of their posterior precision, (P, P).
-        evidence: log evidence up to a constant of the data and noise model.
+        evidence: log evidence up to a constant that depends on the data only.
         loss: half the sum of squared whitened residuals plus the prior's share.
     """
 

@@ -1,4 +1,4 @@
-"""What of dry friction that comes on little by little is there if all of it is a little later than it seems."""
+"""Nuisance of creeping dry friction: the velocity at which all of it is there may be a little off."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
 DOUBT = 0.01
-"""To this share it is known at what velocity all of it is there."""
+"""Relative standard deviation of that velocity."""
 
 
 def later(signals: Signals, reduced: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Efforts of k joints per N·m of friction and per relative change of that velocity, (R, n, k).
+    """Effort per N·m of friction and relative change of that velocity, of the k joints whose friction creeps, (R, n, k).
 
     Args:
-        reduced: what is made of efforts (N, n), (R, n).
+        reduced: makes rows (R, n) of efforts (N, n).
     """
     change = np.zeros_like(signals.velocity)
     if signals.creep is not None:
@@ -28,14 +28,14 @@ def later(signals: Signals, reduced: Callable[[np.ndarray], np.ndarray]) -> np.n
 
 
 def later_spread(signals: Signals, robot: Robot, effort: np.ndarray) -> np.ndarray:
-    """Prior standard deviation of what these are multiplied with, (k,) [N·m], given the spread of each joint's effort, (n,).
+    """Prior standard deviations of these columns' coefficients, (k,) [N·m], given the spread of each joint's effort, (n,).
 
-    Friction that a robot is described with may be many times what its motion takes.
+    Described friction counts if larger: it may be many times what the motion takes.
     """
     return np.asarray(DOUBT * np.maximum(robot.coulomb, effort) @ _each(signals))
 
 
 def _each(signals: Signals) -> np.ndarray:
-    """Which joint each of k is whose friction comes on little by little, (n, k) of 0 and 1."""
+    """Selection of the k joints whose friction creeps, (n, k) of 0 and 1."""
     every = np.eye(signals.width)
     return every[:, :0] if signals.creep is None else every[:, signals.creep[:, :2].any(axis=1)]

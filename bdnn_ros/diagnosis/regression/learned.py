@@ -1,4 +1,4 @@
-"""What is not known of what an identified model's joints may add to the effort of its rigid bodies: learned, or left out."""
+"""Uncertainty of the residuals that an identified model's joints add to its rigid bodies, learned or left out."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from bdnn_ros.diagnosis.regression.equations import Equations
 
 STRAIGHT = COMMON[1:]
-"""What the straight part of what joints add is described by: viscous and Coulomb friction and offset, as the contract counts."""
+"""Straight part of joint residuals: viscous and Coulomb friction and offset, signed as in the contract."""
 CONTRACT = np.array([1.0, 1.0, -1.0])
-"""What `LocalResiduals.straight` has is counted so: its offsets add to the measured effort, the contract's to what acts."""
+"""Signs from `LocalResiduals.straight` to the contract: its offsets add to the measured effort, the contract's to what acts."""
 SHOWN = 1e-2
-"""Of these a motion shows what it shows by this share of the best: at one speed Coulomb friction is not told from viscous."""
+"""Relative singular value below which the motion does not show a direction of these: Coulomb versus viscous at one speed."""
 
 
 @dataclass(frozen=True)
 class Learned:
-    """Errors of the weights of what joints may add.
+    """Errors of the weights of joint residuals.
 
     Attributes:
-        left_open: the weights.
-        weights: from U relative errors, as of links and joints, to theirs, (W, U) [N·m].
-        load: what bodies ask of joints, (N, n) [N·m], where they may ask more than those of the model, else None.
+        left_open: the weights' basis.
+        weights: map from U independent errors, shared with links and joints, to the weights', (W, U) [N·m].
+        load: effort that bodies take, (N, n) [N·m], if that may differ from the model's; else None.
     """
 
     left_open: LeftOpen
@@ -39,7 +39,7 @@ class Learned:
     load: np.ndarray | None = None
 
     def columns(self, equations: Equations, jointwise: np.ndarray) -> np.ndarray:
-        """What one unit of each error does by them, and by the parameters of joints, rows (R, n, U) [N·m].
+        """Effort per unit of each error, through the weights and the parameters of joints, rows (R, n, U) [N·m].
 
         Args:
             jointwise: see `Equations`.
@@ -51,7 +51,7 @@ class Learned:
         return np.asarray(of_joints + np.stack([rows[:, one] @ self.weights[one] for one in own], axis=1))
 
     def _rows(self, equations: Equations) -> np.ndarray:
-        """What one unit of each weight does at its joint, rows (R, W) [N·m]."""
+        """Effort per unit of each weight at its joint, rows (R, W) [N·m]."""
         motion, passing = equations.motion, equations.passing
         added = self.left_open.columns(motion.robot, motion.signals, self.load)
         if passing is not None:
@@ -59,10 +59,10 @@ class Learned:
         return equations.reduced(added, borne=False)
 
     def straight(self, equations: Equations) -> tuple[np.ndarray, np.ndarray]:
-        """Each weight's best straight description along a motion, (W, 3), and which of these the motion shows, (n, 3, 3).
+        """Best straight description of each weight along a motion, (W, 3), and projections onto what the motion shows, (n, 3,
+        3).
 
-        As identification does it, where joints are fast: where one turns round, dry friction is anything. The second are
-        projections: what a motion does not tell apart is described by nothing.
+        As in identification, only fast rows count, since dry friction is undetermined where a joint reverses.
         """
         rows, joints, width = self._rows(equations), self.left_open.joints, equations.width
         speed = np.abs(equations.motion.velocity)[equations.rows]
@@ -81,12 +81,12 @@ class Learned:
         return weights, shown
 
     def handed_back(self, equations: Equations, learned: LocalResiduals) -> np.ndarray:
-        """What of `STRAIGHT` is in what joints add beyond what was taken from it, and a motion shows, (3, n)."""
+        """`STRAIGHT` part of learned residuals beyond what was taken out before, as far as the motion shows it, (3, n)."""
         result, (straight, shown) = np.zeros((len(STRAIGHT), equations.width)), self.straight(equations)
         places = self.left_open.joints, self.left_open.places
         np.add.at(result.T, places[0], straight * learned.weights[places][:, None])
         return result - np.einsum("jkl,jl->kj", shown, learned.straight * CONTRACT)
 
     def moved(self, before: LocalResiduals | None, errors: np.ndarray) -> LocalResiduals | None:
-        """What joints add that was learned before, with its weights moved by their errors (U,)."""
+        """Learned residuals with their weights moved by errors (U,)."""
         return self.left_open.moved(before, self.weights @ errors)

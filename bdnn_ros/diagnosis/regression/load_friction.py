@@ -1,4 +1,4 @@
-"""Friction of an earlier model that grows with the load: what of an effort passes through it."""
+"""Load-dependent friction of an earlier model: how it amplifies efforts that are added to that model's."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from bdnn_ros.signals import Signals
 
 @dataclass(frozen=True)
 class LoadFriction:
-    """What an earlier model has of friction that grows with the load.
+    """Load-dependent friction of an earlier model.
 
     Attributes:
-        ratios: friction in proportion to the effort that acts at each joint, (n,).
-        learned: what its joints add that was learned, some of it with the size of the bodies' load; None for nothing.
+        ratios: friction per effort that acts at each joint, (n,).
+        learned: learned joint residuals, part of which may grow with the bodies' load; None for none.
     """
 
     ratios: np.ndarray | float = 0.0
@@ -26,9 +26,9 @@ class LoadFriction:
     def through(
         self, signals: Signals, robot: Robot, simulated: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """The simulation's effort, and how much more effort takes what is added to it, (N, n) each; None for no more.
+        """The simulation's effort with this friction, and its factor on effort that is added, (N, n) each; None for 1.
 
-        Which way the load goes the measured effort tells: a simulation that is off may have it go the other way.
+        The sign of the load is taken from the measured effort, since a simulation that is off may have it the other way.
         """
         passing = None
         if self.learned is not None and self.learned.by_load:
@@ -47,7 +47,7 @@ class LoadFriction:
     def _learned(
         signals: Signals, robot: Robot, learned: LocalResiduals, simulated: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As `through`, by what was learned alone: that grows with the bodies' load, not with friction."""
+        """As `through`, for the learned part alone, which grows with the load of the bodies without friction."""
         load = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
         growth = learned.growth(signals.velocity, signals.direction)
         way = np.sign(_measured(signals) - (simulated - load))
@@ -56,7 +56,7 @@ class LoadFriction:
 
 
 def carried(signals: Signals, robot: Robot, simulated: np.ndarray, passing: np.ndarray) -> np.ndarray:
-    """What bodies ask of joints by the measured effort, whatever was added to a robot's, (N, n) [N·m].
+    """Effort that bodies take, any additions to the robot's included, by the measured effort, (N, n) [N·m].
 
     Args:
         simulated, passing: see `LoadFriction.through`.
@@ -66,6 +66,6 @@ def carried(signals: Signals, robot: Robot, simulated: np.ndarray, passing: np.n
 
 
 def _measured(signals: Signals) -> np.ndarray:
-    """The measured effort, low-passed, (N, n) [N·m]."""
+    """Low-passed measured effort, (N, n) [N·m]."""
     assert signals.effort is not None
     return signals.smooth(signals.effort)

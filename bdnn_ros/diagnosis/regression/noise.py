@@ -1,4 +1,4 @@
-"""Coloured noise of joints: autoregressive, of what a model leaves of their effort."""
+"""Coloured noise of the joints' residuals: autoregressive, larger where a joint may stick."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 ORDER = 3
 """Order of the autoregressive noise model."""
 SLIPS = (0.5, 500.0, 31)
-"""Least and largest noise of a joint that may stick, per its other noise, and how many between are tried."""
+"""Smallest and largest noise of a joint that may stick, relative to its other noise, and the number of grid points."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,8 @@ class Noise:
 
     Attributes:
         coefficients: a, (n, order).
-        std: where the joint moves on, (n,) [N·m].
-        slip: what is added where it may stick, per doubt of its direction, (n,) [N·m]. None is nothing.
+        std: where the joint surely moves, (n,) [N·m].
+        slip: standard deviation per unit of doubt that is added where it may stick, (n,) [N·m]; None for none.
     """
 
     coefficients: np.ndarray
@@ -30,11 +30,11 @@ class Noise:
 
     @property
     def order(self) -> int:
-        """How many rows before each are in it."""
+        """Order of the autoregression."""
         return int(self.coefficients.shape[1])
 
     def of(self, doubt: np.ndarray, history: np.ndarray) -> np.ndarray:
-        """Standard deviation of rows, given as many rows before each as its history has, (R, n).
+        """Standard deviation of rows given their usable history, (R, n).
 
         Args:
             doubt: of the joint's direction, (R, n).
@@ -44,15 +44,15 @@ class Noise:
         return np.asarray(std * self._shorter[1][history, self._all])
 
     def sure(self, doubt: np.ndarray) -> np.ndarray:
-        """Rows in which what may stick is less than the other noise, (R, n) bool, given the doubt of the direction (R, n)."""
+        """Rows in which possible sticking adds less than the other noise, (R, n) bool, given the doubt (R, n)."""
         return np.ones(doubt.shape, bool) if self.slip is None else self.slip * doubt <= self.std
 
     def weights(self, history: np.ndarray) -> np.ndarray:
-        """Weights of the rows before each that predict it best, zero beyond its history, (R, n, order); see `of`."""
+        """Weights of the preceding rows in the best prediction, zero beyond the usable history, (R, n, order); see `of`."""
         return np.asarray(self._shorter[0][history, self._all])
 
     def whitening(self, history: np.ndarray, doubt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The weights, and units of the noise in each row's one, zero where it is unusable, (R, n); both for `whitened`.
+        """Prediction weights, and inverse standard deviations (R, n), zero in unusable rows; both for `whitened`.
 
         Args:
             history, doubt: as in `past`, (R, n).
@@ -66,9 +66,9 @@ class Noise:
 
     @cached_property
     def _shorter(self) -> tuple[np.ndarray, np.ndarray]:
-        """Predictors from 0, 1 ... order rows, (order + 1, n, order), and their errors per std, (order + 1, n).
+        """Best predictors from 0, 1 ... order rows, (order + 1, n, order), and their errors relative to `std`, (order + 1, n).
 
-        The Levinson recursion downwards: the noise is the same, less of its past is seen.
+        Levinson's recursion downwards: the same noise with less of its past usable.
         """
         joints, order = self.coefficients.shape
         weights, errors = np.zeros((order + 1, joints, order)), np.ones((order + 1, joints))
@@ -82,7 +82,7 @@ class Noise:
 
 
 def whitened(values: np.ndarray, weights: np.ndarray, keep: np.ndarray) -> np.ndarray:
-    """Rows (R, k, ...) in units of their noise, by the `Noise.whitening` of the same rows and joints."""
+    """Values (R, k, ...) in units of their noise, with `Noise.whitening` of the same rows and joints."""
     shape = values.shape[:2] + (1,) * (values.ndim - 2)
     white = values.astype(float)
     for lag in range(1, weights.shape[2] + 1):
@@ -94,10 +94,10 @@ def whitened(values: np.ndarray, weights: np.ndarray, keep: np.ndarray) -> np.nd
 def past(
     usable: np.ndarray, doubt: np.ndarray, runs: Sequence[slice], order: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How many usable rows come just before each, at most the order, -1 for what is not usable itself; and their largest doubt.
+    """Number of usable rows directly before each, up to the order, -1 for unusable rows; and the largest doubt among them.
 
     Args:
-        usable, doubt: of rows, (R, n); both results as well.
+        usable, doubt: of rows, (R, n), as both results are.
         runs: rows of each gap-free piece.
     """
     row = np.arange(len(usable))[:, None]
@@ -114,7 +114,7 @@ def past(
 
 
 def stable(a: np.ndarray) -> np.ndarray:
-    """Autoregressive coefficients with every pole drawn inside radius 0.98."""
+    """Autoregressive coefficients with every pole moved inside radius 0.98."""
     poles = np.roots(np.concatenate([[1.0], -a]))
     radius = np.abs(poles)
     if (radius <= 0.98).all():
@@ -124,7 +124,7 @@ def stable(a: np.ndarray) -> np.ndarray:
 
 
 def slipping(values: np.ndarray, doubt: np.ndarray, std: float) -> float:
-    """Likeliest noise per doubt of values (R,) whose other noise has a standard deviation, on a grid of ratios to it."""
+    """Likeliest noise per doubt of values (R,), given the standard deviation of their other noise; searched on a grid."""
     if not len(values):
         return 0.0
     tried = std * np.concatenate([[0.0], np.geomspace(*SLIPS)]) / max(float(doubt.max()), 1e-12)
@@ -137,5 +137,5 @@ def rms(values: np.ndarray) -> float:
 
 
 def moved(rows: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """How long each joint moves by the rows that count, (R, n) bool, at their times (R,) [s], (n,) [s]."""
+    """Duration of each joint's motion, (n,) [s], from its usable rows (R, n) bool and their times (R,) [s]."""
     return np.asarray(rows.sum(axis=0) * np.median(np.diff(time)))

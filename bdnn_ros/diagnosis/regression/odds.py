@@ -1,4 +1,4 @@
-"""What is believed of causes before any data: how rare each is, which go together."""
+"""Prior odds of causes: how rare each kind is, and which kinds go together."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.term import COMMON, Term
 
 COST = 8.0
-"""Log prior odds against one effect at one place: about 150 candidates, and a false name is worse than none."""
+"""Log prior odds against an effect at one place: there are about 150 candidates, and a false name is worse than none."""
 RARE = (
     "drift",
     "external_wrench",
@@ -22,41 +22,41 @@ RARE = (
     "quadratic_drag",
 )
 RARE_COST = 2.0
-"""Log prior odds against kinds that a simpler one may stand for."""
+"""Additional cost of the rare kinds, which a simpler kind may stand for."""
 TIMES_COST = 9.0
-"""What it costs more to act between two times that are sought: each is one of a hundred."""
+"""Additional cost of an effect with two free times, each one of about a hundred."""
 PERIODS_COST = 4.0
-"""What it costs more to wind with a period that is sought: a joint's range tells some fifty apart."""
+"""Additional cost of an effect with a free period in position: a joint's range tells some fifty apart."""
 LINK_COST = 3.5
-"""The same against a wrong link: every description has some, and what all links' errors may explain is weighed with it."""
+"""Cost of a wrong link: every description has some, and errors of all links compete with it."""
 PAYLOAD_COST = 4.8
-"""The same against a payload at the end of an arm, of either size: there tools are changed."""
+"""Cost of a payload at the end of an arm, of either size: tools are changed there."""
 INNER_COST, FIRST_COST = 2.5, 8.5
-"""What a payload costs more on an inner link, and on the first, where a rotor or a spring does nearly the same."""
+"""Additional cost of a payload on an inner link, and on the first, where a rotor or a spring does nearly the same."""
 COMMON_COST = 2.0
-"""What a kind of effect costs that every other joint has, too."""
+"""Cost of a common kind of effect that every other joint has, too."""
 LINK_ERROR_COST = 150.0
-"""Log prior against a spread s of all links' errors is this times s²: descriptions are off by up to 10 %, 5.8 % root mean square,
-and rarely by 20 % everywhere."""
+"""Log prior against a relative error s of all links is this times s²: descriptions are off by up to 10 %, 5.8 % root mean
+square, and rarely by 20 % everywhere."""
 ELSEWHERE = ("effort_scale", "position_offset")
-"""Kinds that another joint's may stand for: a joint that pulls less looks like all others that pull more."""
+"""Kinds whose rivals may be at other joints: a joint that pulls less looks like all others pulling more."""
 
 
 def near(term: Term) -> int:
-    """The joint at which rivals of a term act; -1 for any."""
+    """Joint at which rivals of a term act; -1 for any."""
     return -1 if term.effect.name in ELSEWHERE else term.target
 
 
 def log_odds(term: Term, having: dict[str, set[int]], carried: np.ndarray) -> float:
-    """Log prior odds against a term: a kind that most other joints have is expected on this one.
+    """Log prior odds against a term; lower for a common kind that most other joints have.
 
     Args:
         having: joints that have each kind already.
-        carried: how many other joints each joint carries, (n,).
+        carried: number of other joints that each joint carries, (n,).
     """
     width = len(carried)
     cost = {"link_inertia": LINK_COST, "payload": PAYLOAD_COST}.get(term.effect.name, COST)
-    alone = term.effect.on == "all" and term.target >= 0  # on one joint of what mostly all have
+    alone = term.effect.on == "all" and term.target >= 0  # on one joint, of a kind that mostly acts on all
     cost += RARE_COST if alone or term.effect.name in RARE else 0.0
     cost += TIMES_COST if term.effect.timed else 0.0
     cost += PERIODS_COST if term.effect.winding else 0.0
@@ -69,19 +69,19 @@ def log_odds(term: Term, having: dict[str, set[int]], carried: np.ndarray) -> fl
 
 
 def contains(larger: Term, smaller: Term) -> bool:
-    """Whether a term says all that another says: a richer law at its place, or the same on all joints."""
+    """Whether a term includes all that another can express: a richer law at its place, or the same effect on all joints."""
     if larger.effect is smaller.effect:
         return larger.target == -1 != smaller.target
     return smaller.effect.name in larger.effect.contains and smaller.target == larger.target
 
 
 def related(one: Term, other: Term) -> bool:
-    """Whether one says all that the other says, or both are pushes, which have moves of their own."""
+    """Whether either term contains the other, or both are pushes, which have moves of their own."""
     return contains(one, other) or contains(other, one) or (one.effect.timed and other.effect.timed)
 
 
 def having_each(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
-    """Which joints have each kind of effect, also as a part of another."""
+    """Joints that have each kind of effect, by itself or contained in another."""
     having: dict[str, set[int]] = {}
     for c in company:
         term = pool.terms[c]
@@ -91,12 +91,12 @@ def having_each(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
 
 
 def doubt(pool: Pool) -> float:
-    """Log prior odds against the spread of the links' errors that a pool believes in."""
+    """Log prior odds against the link error that a pool assumes."""
     return LINK_ERROR_COST * pool.link_error**2
 
 
 def unbelievable(pool: Pool, fit: Fit) -> int:
-    """How many terms have coefficients that no such effect can have together, nor any within their uncertainty."""
+    """Number of terms with physically impossible coefficients, even within their uncertainty."""
     count = 0
     for c, at in zip(fit.terms, pool.each(fit), strict=True):
         effect = pool.terms[c].effect

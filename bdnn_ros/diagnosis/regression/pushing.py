@@ -1,6 +1,6 @@
-"""What a push does as rows: low-passed once for where it acts all the while, anew only about its edges.
+"""Columns of pushes, made fast: low-passed once for a push that acts all the time, and anew only around its edges.
 
-Nothing else is tried at as many times and points.
+No other effect is tried at so many times and points.
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ import numpy as np
 from scipy.sparse import csr_array
 
 SETTLED = 1e-12
-"""A weight is nothing, or all there is, within this."""
+"""A window's weight is 0 or 1 within this tolerance."""
 
 
 @dataclass(frozen=True)
 class Pushing:
-    """What pushes at one place, wherever and whenever.
+    """Columns of a push at one place, for any time window.
 
     Attributes:
-        pulls: what the columns of a push are made of, of the joints that feel it, (N, J, K).
-        always: the same as rows, (R, J, K).
-        joints: which these joints are, of all n, (J,) int.
+        pulls: efforts that columns of a push are mixed from, at the joints that feel it, (N, J, K).
+        always: the same low-passed as rows, (R, J, K).
+        joints: indices of these joints, (J,) int.
         width: number of joints n.
         smoothing: the low-pass at the rows, (R, N).
-        rows: which samples they are, (R,) int.
+        rows: samples of the rows, (R,) int.
     """
 
     pulls: np.ndarray
@@ -36,14 +36,14 @@ class Pushing:
 
     @classmethod
     def of(cls, pulls: np.ndarray, smoothing: csr_array, rows: np.ndarray) -> Pushing:
-        """The same of all joints' (N, n, K)."""
+        """The same from the pulls on all joints, (N, n, K)."""
         width, joints = pulls.shape[1], np.flatnonzero(pulls.any(axis=(0, 2)))
         pulls = np.ascontiguousarray(pulls[:, joints])
         always = smoothing @ pulls.reshape(len(pulls), -1)
         return cls(pulls, always.reshape(len(rows), *pulls.shape[1:]), joints, width, smoothing, rows)
 
     def at(self, weight: np.ndarray, mixing: np.ndarray) -> np.ndarray:
-        """Low-passed columns of a weight in time (N,), mixed of what they are made of (K, k), as rows (R, n, k)."""
+        """Low-passed columns of a window (N,) and mixing (K, k), as rows (R, n, k)."""
         acting = np.zeros((len(self.rows), len(self.joints), mixing.shape[1]))
         changing = (np.abs(weight) > SETTLED) & (np.abs(weight - 1.0) > SETTLED)
         about = self.smoothing @ changing.astype(float) > 0.0

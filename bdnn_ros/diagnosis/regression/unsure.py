@@ -1,4 +1,4 @@
-"""What is not known of what acts at the joints of a model that an earlier diagnosis made."""
+"""Uncertainty of joint effects in a model that an earlier diagnosis made."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from bdnn_ros.diagnosis.regression.equations import Equations
 
 DOUBTED = 2.0
-"""What was found may be off by so many times as much as it seems."""
+"""Factor on the estimated standard deviations of what was found."""
 
 
 @dataclass(frozen=True)
 class Unsure:
-    """Errors of the coefficients of effects at joints.
+    """Errors of the coefficients of joint effects.
 
     Attributes:
-        terms: the effects with their places and shapes; found, or left out.
-        covariance: of all coefficients, one term's after another's, (K, K).
+        terms: the effects with their places and shapes, those found and common ones left out.
+        covariance: of all coefficients, one term after another, (K, K).
     """
 
     terms: tuple[Term, ...]
@@ -33,32 +33,32 @@ class Unsure:
 
     @property
     def slots(self) -> list[slice]:
-        """Where each term's coefficients are."""
+        """Slice of each term's coefficients."""
         return slots_of(self.terms)
 
     @property
     def last(self) -> slice:
-        """Where its errors are among those of all that is not known."""
+        """Slice of these errors among all independent errors of the regression."""
         return slice(-len(self.covariance), None)
 
     @cached_property
     def errors(self) -> np.ndarray:
-        """From K independent errors, of which one unit is what is believed of each, to those of the coefficients, (K, K)."""
+        """Map from K independent errors, in prior standard deviations, to those of the coefficients, (K, K)."""
         variances, directions = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
         return np.asarray(DOUBTED * directions * np.sqrt(np.maximum(variances, 0.0)))
 
     def columns(self, equations: Equations) -> np.ndarray:
-        """What one unit of each error does, rows (R, n, K) [N·m]."""
+        """Effort per unit of each error, rows (R, n, K) [N·m]."""
         each = [equations.columns(term) for term in self.terms]
         return np.asarray(np.concatenate(each, axis=2) @ self.errors)
 
     def moved(self, errors: np.ndarray) -> list[np.ndarray]:
-        """By how much each term's coefficients are others by the last of all errors (U,)."""
+        """Change of each term's coefficients by the last of all errors (U,)."""
         found = self.errors @ errors[self.last]
         return [found[slot] for slot in self.slots]
 
     def to_state(self, joints: Sequence[str]) -> list[dict[str, Any]]:
-        """The terms, JSON-able; beside them the covariance makes it again."""
+        """The terms as JSON-able data; together with the covariance it restores the object."""
         return [
             {
                 "effect": term.effect.name,
@@ -73,11 +73,11 @@ class Unsure:
     def from_state(
         cls, entries: Sequence[Mapping[str, Any]], covariance: np.ndarray, joints: Sequence[str]
     ) -> Unsure:
-        """That of `to_state`.
+        """Restore what `to_state` made.
 
         Raises:
             UsageError: an effect is not known.
-            ValueError: something does not fit.
+            ValueError: the covariance does not fit the terms.
         """
         terms = []
         for one in entries:
@@ -91,6 +91,6 @@ class Unsure:
 
 
 def slots_of(terms: Sequence[Term]) -> list[slice]:
-    """Where each term's coefficients are among those of all, one term's after another's."""
+    """Slice of each term's coefficients, one term after another."""
     ends = np.cumsum([0, *(len(term.effect.coefficient_bounds) for term in terms)]).tolist()
     return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
