@@ -1,1 +1,1 @@
-"""What was found is judged: parameters with uncertainty, rivals, and rows that were left out."""
+"""Judging what a search found: parameters with uncertainty, rivals, and held-out rows."""

@@ -1,4 +1,4 @@
-"""A search in all rows but some, which those are, and how well what it found predicts them."""
+"""A search without some held-out rows, the choice of these, and how well the result predicts them."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from bdnn_ros.diagnosis.search.settling import settled, windows_anew
 from bdnn_ros.effects.motion import Motion
 
 EVERY_TEST_BLOCK = 5
-"""One block in so many is kept out of the search and of the fit that the gain is measured with."""
+"""One block in so many is held out of the search and of the fit that the gain is measured with."""
 TEST_PHASES = (2, 4)
-"""Which of every five blocks is held out; the second is tried where the first holds something that is seen nowhere else."""
+"""Which of every five blocks is held out; the second choice is tried if the first holds something seen nowhere else."""
 SURPRISING = 2.0
-"""Another block is held out where the error of the first is so many times that of the other rows."""
+"""Ratio of the error in held-out rows to that in the others above which other blocks are held out."""
 AROUND = 0.3
-"""A push is in what was low-passed so long before it begins and after it ends [s]."""
+"""Time before and after a push that the low-pass affects [s]."""
 SWAPS = 5
-"""So many findings may give way to a rival that proves likelier."""
+"""Most findings that may give way to a likelier rival."""
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """What a search without the test rows found, and what all rows together make of it.
+    """Result of a search without the test rows, judged by all rows.
 
     Attributes:
-        test: the rows that the search did not see, in the end with those of `completed`, (R,) bool.
+        test: rows held out of the search, and finally those of `completed`, (R,) bool.
         judgements: of each term, by all rows.
         fitted: the terms, fitted to all rows but the test rows.
-        extended: what the terms leave that the search found by itself, fitted alike, rows (R, n) [N·m]: those that all
-            rows chose would be flattered by the test rows.
+        extended: residual of the search's own terms, fitted likewise, rows (R, n) [N·m]: terms that all rows chose would be
+            biased towards the test rows.
     """
 
     test: np.ndarray
@@ -51,11 +51,12 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Look:
-    """A first look at all rows but those of a test, (R,) bool.
+    """A first look without the test rows.
 
     Attributes:
-        found: what stands out.
-        motion: with the load that the look left.
+        test: the test rows, (R,) bool.
+        found: the terms that stand out.
+        motion: with the load estimate of this look.
         surprise: of the test rows, see `surprise`.
     """
 
@@ -67,7 +68,7 @@ class Look:
 
 
 class Looks:
-    """First looks at one regression, one for each test that was asked for."""
+    """First looks at one regression, one for each phase of held-out blocks."""
 
     def __init__(
         self, equations: Equations, candidates: Candidates, link_errors: Sequence[float], say: Progress
@@ -78,14 +79,14 @@ class Looks:
         self._seen: dict[int, Look] = {}
 
     def at(self, phase: int) -> Look:
-        """The look without the test rows of a phase."""
+        """The look without the test rows of a phase; cached."""
         if phase not in self._seen:
             self.say("first look")
             self._seen[phase] = self._looked(self.equations.block % EVERY_TEST_BLOCK == phase)
         return self._seen[phase]
 
     def pushed(self) -> np.ndarray:
-        """Samples at which something stands out that pushes, by the first of the looks, (N,) bool."""
+        """Samples at which the first look finds a push, (N,) bool."""
         time = self.equations.motion.time
         pushed = np.zeros(len(time), bool)
         for term in self.at(TEST_PHASES[0]).found.terms:
@@ -95,7 +96,7 @@ class Looks:
         return pushed
 
     def tilt(self) -> tuple[float, float] | None:
-        """Roll and pitch [rad] of a base that the first of the looks found tilted, with all that hangs from it; else None."""
+        """Roll and pitch [rad] of the base if the first look finds it tilted, refitted to all rows; else None."""
         found = self.at(TEST_PHASES[0]).found
         if not any(term.effect.on == "base" for term in found.terms):
             return None
@@ -117,9 +118,9 @@ class Looks:
 
 
 def best_attempt(looks: Looks) -> Attempt:
-    """The first attempt whose held-out rows are like the rest, or the one that they surprise least.
+    """The first attempt whose held-out rows are predicted about as well as the rest, or else the best predicted one.
 
-    First looks tell which blocks to begin with: for what acts in held-out rows alone a search looks long, and in vain.
+    First looks choose which blocks to begin with: a search for something that acts in held-out rows only is long and in vain.
     """
     equations, say = looks.equations, looks.say
     phases = list(TEST_PHASES)
@@ -143,12 +144,12 @@ def best_attempt(looks: Looks) -> Attempt:
 
 
 def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndarray) -> Attempt:
-    """What a search finds without the test rows (R,), and what all `whole` rows (R, n) make of it.
+    """Search without the test rows (R,), then reconsider the result with all `whole` rows (R, n).
 
-    In all of them the windows of wrenches are found anew, and terms give way to rivals or go; nothing is added.
+    With all rows the windows of pushes are refined and terms give way to rivals or are dropped; none is added.
 
     Args:
-        first: what the search began with.
+        first: result of the first look.
     """
     equations = search.equations
     equations.count(whole & ~test[:, None])
@@ -159,7 +160,10 @@ def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndar
     terms = windows_anew(search.candidates, equations, Pool(equations, noise, found.terms, link_error)).terms
     selection, judgements = _reconsidered(search, found, terms)
     if any(judgement.changing for judgement in judgements):
-        terms, noise = selection.terms, selection.pool.noise  # what stood for it leaves less than can be told
+        terms, noise = (
+            selection.terms,
+            selection.pool.noise,
+        )  # error is that of the one push reported, not of all that stood for it
     equations.count(whole & ~test[:, None])
     alone = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
     extended, fitted = alone.left(), alone
@@ -170,9 +174,9 @@ def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndar
 
 
 def completed(equations: Equations, attempt: Attempt) -> Attempt:
-    """The attempt with the middle of what came and went outside the test rows among them, predicted by all but these.
+    """The attempt with the middle part of effects that act outside the test rows only added to these, predicted without it.
 
-    Else its error would be that of a recording in which it never was. Of its rows as many are tested as of the others.
+    Otherwise the error would be that of a recording without such an effect. A fifth of its rows is tested, as of all others.
     """
     fitted, test, counted = attempt.fitted, attempt.test.copy(), equations.usable
     removals = removed(equations, fitted, attempt.extended, counted & test[:, None])
@@ -192,7 +196,7 @@ def completed(equations: Equations, attempt: Attempt) -> Attempt:
 
 
 def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[Selection, list[Judgement]]:
-    """The terms that were found, with the rows that count by now, and how sure each is."""
+    """The found terms reconsidered by the rows usable now, and their judgements."""
     places = {term.place for term in terms}
     others = [term for term in found.pool.terms if term.place not in places]
     pool = Pool(search.equations, found.pool.noise, [*terms, *others], found.pool.link_error)
@@ -202,17 +206,17 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
     seen = [selection.places]
     for _ in range(SWAPS):
         better = likelier(search, selection, judgements)
-        # of a toss either may seem the likelier from the other's side
+        # in a tie each may seem likelier from the other's side
         if better is None or better.places in seen:
             break
         seen.append(better.places)
         selection, judgements = better, judge(search, better)
-    if len(seen) > 1:  # what gave way one after the other may be one cause
+    if len(seen) > 1:  # terms replaced one after the other may be one cause
         joined = tuple(search.joined(selection.pool, list(selection.chosen)))
         if joined != selection.chosen:
             selection = Selection(selection.pool, joined, selection.pool.fit(joined))
             judgements = judge(search, selection)
-    # two that are constant may look otherwise until each is on its link
+    # only now: two constant pushes may seem to be a changing one until each is on its link
     selection, changing = steadied(search, selection)
     if changing:
         each = zip(selection.chosen, judge(search, selection), strict=True)
@@ -221,9 +225,9 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
 
 
 def surprise(left: np.ndarray, sure: np.ndarray, test: np.ndarray, scale: np.ndarray) -> float:
-    """The largest held-out error of a joint per error of the rest, of those large enough to matter.
+    """Largest ratio, over joints, of held-out error to that of the other rows, for errors large enough to matter.
 
-    Above `SURPRISING` the search cannot have seen its cause.
+    Above `SURPRISING` the search cannot have seen the cause.
 
     Args:
         left: error, rows (R, n) [N·m].

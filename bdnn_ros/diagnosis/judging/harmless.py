@@ -1,4 +1,4 @@
-"""What was found is given up where rows that were held out are surely predicted worse with it than without."""
+"""Findings are dropped where they surely predict held-out rows worse than the reference does."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from bdnn_ros.diagnosis.regression.gains import gain_of
 def harmless(
     equations: Equations, attempt: Attempt, pool: Pool, found: list[Estimate]
 ) -> tuple[Attempt, Pool, list[Estimate]]:
-    """An attempt, its terms in all rows and their estimates; none of them where they surely do harm.
+    """An attempt, its terms in all rows and their estimates; no terms where they surely increase the held-out error.
 
-    Of such terms none has a name. In the extended model they would make other motions worse than the simulation does: as
-    rotors that stand for how joints stick. Where what links and an identified model's joints are corrected by does harm
-    without them, too, that is given up as well: what is compared with stays as it is.
+    No such term has a name, but in the extended model they would worsen other motions, as rotors do that stand for sticking.
+    If link (or identified joint) corrections do harm even without terms, they are dropped as well: the reference stays
+    unchanged.
     """
     if not _worse(equations, attempt):
         return attempt, pool, found
@@ -40,7 +40,7 @@ def harmless(
 
 
 def still(pool: Pool) -> Pool:
-    """A pool in which nothing is found: as if all that was measured had been predicted before."""
+    """A pool whose fit is zero: as if the reference had predicted all that was measured."""
     other = copy(pool)
     other.moment = np.zeros_like(pool.moment)
     other._fits, other._held_out, other._tall = {}, {}, None

@@ -1,4 +1,4 @@
-"""What the data cannot tell apart: the rivals of each finding and their probabilities."""
+"""What the data cannot tell apart: rivals of each finding, with probabilities."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from bdnn_ros.robot.axes import spins
 
 Weighed = tuple[float, float, dict[int, float], dict[int, Shape]]
 TEMPERATURE = 2.0
-"""Evidence differences are divided by this: the noise model is never quite right."""
+"""Divisor of evidence differences: no noise model is quite right."""
 LISTED = 0.02
 """Rivals less probable than this are not listed."""
 MOST_LISTED = 6
 CLOSE = 12.0
 PLAINLY = 4.0
-"""What contains a simpler law must be so many times as probable, or the simpler one is named."""
+"""Odds by which a richer law must beat the simpler one that it contains."""
 TIE = 0.1
-"""A rival at least this probable makes the finding a tie, and earns advice."""
+"""A rival at least this probable makes a tie, which earns advice."""
 SLIGHT = 0.01
-"""What does less than this share of the effort beyond a part of it, where it does anything, is that part."""
+"""An excess over a part below this share of the effort, where there is any, is negligible."""
 ALIKE = 6.0
-"""Loads on two links that leave the same but for so much may be one load on either [nats]."""
+"""Loads on two links whose losses differ by less than this may be one load on either [nats]."""
 SAME_PHYSICS = {
     "payload": "link_inertia",
     "link_inertia": "payload",
     "asymmetric_friction": "effort_offset",
 }
-"""What is another kind in other words, and always listed beside it: uneven friction is Coulomb friction and an offset."""
+"""The same physics under another name, always listed as a rival: uneven friction is Coulomb friction and an offset."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Judgement:
     """How sure a chosen term is.
 
     Attributes:
-        probability: against its rivals and against nothing.
+        probability: against its rivals and against no cause at all.
         nothing: probability that neither it nor a rival is there.
         rivals: other terms for its place and their probabilities, most probable first.
-        steady: whether it helps throughout, on blocks that were not fitted to.
-        changing: whether it is a push that no constant one explains.
+        steady: whether it helps on held-out blocks.
+        changing: whether it is a push that changes over time.
     """
 
     probability: float
@@ -63,20 +63,20 @@ class Judgement:
     changing: bool = False
 
     def at_least(self, term: Term) -> float:
-        """How sure it is that the chosen term is there, be it with more: rivals that contain it do not speak against it."""
+        """Probability of the chosen term or of a rival that contains it, which does not speak against it."""
         return self.probability + sum(p for rival, p in self.rivals if contains(rival, term))
 
     def told_as(self, plain: Term) -> Judgement:
-        """The same of a law that stands for the term and may have been a rival of it."""
+        """The judgement of a simpler law that replaces the term and may have been its rival."""
         same = sum(probability for rival, probability in self.rivals if rival.place == plain.place)
         others = tuple(pair for pair in self.rivals if pair[0].place != plain.place)
         return replace(self, probability=self.probability + same, rivals=others)
 
 
 def judge(search: Search, selection: Selection) -> list[Judgement]:
-    """Rivals of every chosen term, in the order of `selection.chosen`."""
+    """Judge every chosen term against its rivals, in the order of `selection.chosen`."""
     pool, chosen = selection.pool, selection.chosen
-    pushes = [one for one in chosen if pool.terms[one].effect.timed]  # as much work as all the others
+    pushes = [one for one in chosen if pool.terms[one].effect.timed]  # one takes as long as all other terms
     odds = {one: _odds(search, selection, one) for one in pushes}
     others = [one for one in chosen if one not in odds]
     odds |= zip(others, in_two(lambda one: _odds(search, selection, one), others), strict=True)
@@ -90,11 +90,11 @@ def judge(search: Search, selection: Selection) -> list[Judgement]:
 
 
 def likelier(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> Selection | None:
-    """The selection with one finding given up for a rival; None where there is none to give up.
+    """The selection with one finding replaced by a rival; None if none should be.
 
-    One gives way to a likelier rival, to one that settles into it only where that is plainly likelier; and one that is hardly
-    more likely than a part of it to that part. What is part of a law that is plainly likelier gives way where blocks that had
-    no say of the fit bear that out. Of pushes that are a toss the one at the likeliest place was chosen already.
+    A finding gives way to a likelier rival (four times as likely for a push, and for one that settles into it), to a simpler
+    part of itself unless four times likelier than that, and to a richer law that is four times as likely if held-out blocks
+    confirm it. Among pushes that tie the best place was chosen already.
     """
     pool = selection.pool
     for one, judgement in zip(selection.chosen, judgements, strict=True):
@@ -117,28 +117,28 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
 
 
 def _with_parts(search: Search, selection: Selection, term: Term) -> Selection:
-    """The selection with the part of a term that was given up which the rest needs, where it needs one."""
+    """The selection, with a part of the dropped term added if the rest needs it."""
     pool = selection.pool
     best = max(_bases(pool, term, list(selection.chosen)), key=lambda chosen: search.score(pool, chosen))
     return Selection(pool, tuple(best), pool.fit(best))
 
 
 def _earned(search: Search, richer: Selection, plain: Selection, part: int) -> bool:
-    """Whether what a richer law says beyond a part of it is worth a name, and borne out by blocks held out."""
+    """Whether a richer law's excess over a part of it is large enough for a name and confirmed by held-out blocks."""
     if _slight(richer, part):
         return False
     return search.predicts_better(richer.pool, richer.chosen, plain.chosen)
 
 
 def _slight(richer: Selection, part: int) -> bool:
-    """Whether the last of some terms is no law of its own but, for what nobody would name, a part of it."""
+    """Whether the last chosen term exceeds a part of it only negligibly."""
     law = richer.chosen[-1]
     brief = richer.pool.terms[law].effect.brief
     return not brief and _beyond(richer.pool, richer.fit, law, part) < SLIGHT
 
 
 def weighed(search: Search, selection: Selection, judgements: Sequence[Judgement]) -> list[Judgement]:
-    """The judgements once nothing changes any more: each with whether its term helps throughout."""
+    """Final judgements, with whether each term helps on held-out blocks."""
     pool, chosen = selection.pool, selection.chosen
     return [
         replace(judgement, steady=search.predicts_better(pool, chosen, [c for c in chosen if c != one]))
@@ -147,7 +147,7 @@ def weighed(search: Search, selection: Selection, judgements: Sequence[Judgement
 
 
 def folded(selection: Selection, judgements: Sequence[Judgement]) -> list[Judgement]:
-    """The judgements with rivals that hardly say more than a finding counted for it."""
+    """Judgements with the probability of rivals that only negligibly exceed a finding added to that finding's."""
     result = []
     for one, judgement in zip(selection.chosen, judgements, strict=True):
         term, own = selection.pool.terms[one], judgement.probability
@@ -162,7 +162,7 @@ def folded(selection: Selection, judgements: Sequence[Judgement]) -> list[Judgem
 
 
 def _instead(selection: Selection, one: int, rival: Term) -> Selection:
-    """The selection with a rival in the place of one term and of all that it says as well."""
+    """The selection with a rival in place of one term and of all that it contains."""
     pool = selection.pool
     instead = [term.place for term in pool.terms].index(rival.place)
     if pool.terms[instead] != rival:
@@ -173,9 +173,9 @@ def _instead(selection: Selection, one: int, rival: Term) -> Selection:
 
 
 def plainer(selection: Selection) -> Selection:
-    """The selection with every law given up for a part of it that says all it does but for what nobody would name.
+    """The selection with every law replaced by a part of it that does the same but for a negligible excess.
 
-    Beside that part the law has to earn its own name. Not what acts for moments: those are what tells it.
+    Beside such a part a law has to earn its own name. Brief effects are exempt: the few moments that differ show them.
     """
     pool, chosen = selection.pool, list[int]()
     for one in selection.chosen:
@@ -194,10 +194,10 @@ def plainer(selection: Selection) -> Selection:
 
 
 def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
-    """What a term does that another on its joint cannot, root mean square where it does so, per spread of the effort.
+    """Excess of a term over a part at its joint: root mean square where there is any, per spread of the effort.
 
-    Where the joint dwells its dry friction passes for less than it is. What adds to the other may show there alone, but has
-    to be worth a name of its own.
+    Rows where the joint dwells, which make dry friction appear smaller, count only for a richer law with an excess large
+    enough for a name.
     """
     equations, law, plain = pool.equations, pool.terms[one], pool.terms[part]
     joint = law.target
@@ -213,9 +213,9 @@ def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
 
 
 def _odds(search: Search, selection: Selection, one: int) -> Weighed:
-    """Scores with a term, without it and with each rival in its place, and the shapes of rivals that are others there.
+    """Scores with a term, without it and with each rival in its place, and new shapes of rivals.
 
-    Weighed at two beliefs: what one link's error explains, all links' larger errors may explain as well.
+    Each is the best over two link errors: what one link's error explains, larger errors of all links may explain as well.
     """
     fair, term = selection.pool, selection.pool.terms[one]
     own, nothing, scores = -np.inf, -np.inf, dict[int, float]()
@@ -233,10 +233,10 @@ def _odds(search: Search, selection: Selection, one: int) -> Weighed:
 def judged(
     terms: Mapping[int, Term], term: Term, own: float, nothing: float, scores: dict[int, float], amiss: float
 ) -> Judgement:
-    """How sure a term is by its score, that of nothing in its place, and those of rivals among some terms.
+    """Judgement of a term from its score, that of nothing in its place, and those of its rivals.
 
     Args:
-        amiss: by so much any of them may be wrong [nats].
+        amiss: possible error of these scores [nats].
     """
     keys = list(scores)
     logs = np.array([own, nothing, *(scores[k] for k in keys)]) / (TEMPERATURE + amiss)
@@ -246,7 +246,7 @@ def judged(
 
 
 def _listed(term: Term, rivals: Sequence[tuple[Term, float]]) -> tuple[tuple[Term, float], ...]:
-    """Rivals that are probable enough to be listed, with what says the same in other words, most probable first."""
+    """Rivals probable enough to be listed, and the same physics under another name, most probable first."""
     listed = [(rival, p) for rival, p in rivals if p >= LISTED or same_physics(term, rival)]
     listed.sort(key=lambda pair: (not same_physics(term, pair[0]), -pair[1]))
     return tuple(sorted(listed[:MOST_LISTED], key=lambda pair: -pair[1]))
@@ -257,7 +257,7 @@ def _weighed(
 ) -> tuple[float, float, dict[int, float]]:
     """Scores with a term, without it, and with each rival in its place.
 
-    What a rival brings beside the term as well does not speak against it: that is no other explanation but one more cause.
+    What a rival would explain beside the term as one more cause is not credited to it.
     """
     term, rest = pool.terms[one], [c for c in chosen if c != one]
     both = [*rest, one]
@@ -278,7 +278,7 @@ def _weighed(
     for c, score in scaled(search, pool, rest, one).items():
         scores[c] = max(scores.get(c, -np.inf), score)
     for c in [c for c in scores if _hang(term, pool.terms[c])]:
-        # how well a motion shows that a load's centre is on an axis speaks against neither link that turns about it
+        # a load centred on the axis between two links fits on either: how exactly it lies there decides nothing
         behind = pool.fit([*rest, c]).loss - fit_both.loss
         if behind < ALIKE:
             cost, other = search.costs(pool, rest, [one, c])
@@ -290,19 +290,19 @@ def _weighed(
 
 
 def _hang(term: Term, rival: Term) -> bool:
-    """Whether both are payloads, on two links."""
+    """Whether both are payloads, on different links."""
     return term.effect.name == rival.effect.name == "payload"
 
 
 def _turn_alike(candidates: Candidates, term: Term, rival: Term) -> bool:
-    """Whether they are the inertia of a link that only spins and its rotor's, which an earlier model had to share out blindly."""
+    """Whether they are a rotor and the inertia of its link that only spins, which an earlier model had to split blindly."""
     one_inertia = {term.effect.name, rival.effect.name} == {"link_inertia", "armature"}
     turn = one_inertia and term.target == rival.target and candidates.since is not None
     return turn and spins(candidates.robot, term.target)
 
 
 def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
-    """What may stand beside a rival: the other terms, and with them what the term itself contains at its place."""
+    """Sets that a rival may join: the other terms, and these plus a part that the term contains at its place."""
     bases = [rest]
     for c, other in enumerate(pool.terms):
         if c not in rest and contains(term, other) and other.target == term.target:
@@ -311,10 +311,10 @@ def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:
 
 
 def _settles_into(term: Term, rival: Term) -> bool:
-    """Whether a term is a rival but for moments that the motion may not have."""
+    """Whether a term differs from a rival only in moments that the motion may lack."""
     return term.effect.settles_into == rival.effect.name and term.target == rival.target
 
 
 def same_physics(term: Placed, rival: Placed) -> bool:
-    """Whether a rival says in other words what a term does."""
+    """Whether a rival is the same physics as a term under another name."""
     return SAME_PHYSICS.get(term.effect.name) == rival.effect.name and term.target == rival.target

@@ -1,4 +1,4 @@
-"""Ties that no motion settles, and what to look at instead: advice and the next motion go by the same test."""
+"""Ties that no motion settles, and what to inspect instead; shared by the advice and the planning of the next motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Placed(Protocol):
 
     @property
     def target(self) -> int:
-        """Index of the joint, or of that which moves the link; -1 for the base or all joints."""
+        """Index of the joint, or of the one that moves the link; -1 for the base or all joints."""
 
     @property
     def link(self) -> str | None:
@@ -44,10 +44,10 @@ def looked_for(
     robot: Robot,
     places: Callable[[One], str],
 ) -> tuple[list[str], list[One]]:
-    """What to look at where no motion tells a cause from some rivals, a sentence each; and the rivals that one may tell.
+    """What to inspect where no motion tells a cause from some rivals, a sentence each; and the rivals that a motion may tell.
 
     Args:
-        values: of a payload its parameters; of other causes they are not looked at.
+        values: parameters of a payload; not used for other causes.
         causes: all that was found.
         places: the name of a joint or link.
     """
@@ -82,7 +82,7 @@ def looked_for(
 
 
 def in_words(names: Iterable[str]) -> str:
-    """Names as alternatives, each once."""
+    """Names as alternatives, without repetition."""
     return " or ".join(dict.fromkeys(names))
 
 
@@ -93,7 +93,7 @@ def _turned_alike(cause: Placed, rival: Placed, robot: Robot) -> bool:
 
 
 def _uneven_alike(cause: Placed, rival: Placed, causes: Sequence[Placed], robot: Robot) -> bool:
-    """Whether one is an offset beside dry friction and the other, at that joint, friction of another size either way."""
+    """Whether one is an offset beside dry friction and the other, at that joint, friction that differs by direction."""
     joint = cause.target
     dry = robot.coulomb[joint] > 0.0 or any(
         isinstance(one.effect, DryFriction) and one.target == joint for one in causes

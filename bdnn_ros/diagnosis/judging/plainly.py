@@ -1,4 +1,4 @@
-"""What an attempt found, in all rows and in the plainest terms that say as much."""
+"""The terms of an attempt fitted to all rows, with laws that are not significant replaced by simpler ones."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from bdnn_ros.effects.base import SHOWN
 def plainly(
     candidates: Candidates, equations: Equations, attempt: Attempt
 ) -> tuple[Attempt, Pool, list[Estimate]]:
-    """An attempt with laws that are not shown given up, its terms in all rows where no joint dwells, and their estimates."""
+    """An attempt with insignificant laws simplified, its terms fitted to all rows without dwelling, and their estimates."""
     anywhere = excesses(_in_rows_that_count(equations, attempt.fitted))
     pool = _exact(candidates, equations, attempt.fitted)
     return _plain(candidates, equations, attempt, pool, _surely(anywhere, excesses(pool)))
 
 
 def _surely(anywhere: Sequence[float], exact: Sequence[float]) -> list[bool]:
-    """Whether each law is surely more than what it settles into.
+    """Whether each law significantly exceeds the one that it settles into.
 
     Args:
-        anywhere: how many standard deviations it lies from that by all rows.
-        exact: the same where no joint dwells: what is seen only where one does may be how friction turns round.
+        anywhere: its excess in standard deviations, by all rows.
+        exact: the same by rows without dwelling: an excess seen only in dwelling may be how friction reverses.
     """
     return [one > CLEAR and other > SHOWN for one, other in zip(anywhere, exact, strict=True)]
 
 
 def _in_rows_that_count(equations: Equations, fitted: Pool) -> Pool:
-    """The terms of a pool that was fitted to some of the rows, in all that count now."""
+    """The terms of a pool in all rows that are usable now."""
     return Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
 
 
 def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
-    """The terms where no joint dwells: what it bears there tells causes, but passes for less than their size.
+    """The terms in rows without dwelling, where dry friction appears smaller than it is.
 
-    Shapes of the friction of joints that do are found anew in the rows that are left.
+    Shapes of friction at joints that dwell are refined again in the remaining rows.
     """
     dwelling = equations.usable & equations.dwelling
     equations.count(equations.exact)
@@ -57,12 +57,12 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
 def _plain(
     candidates: Candidates, equations: Equations, attempt: Attempt, pool: Pool, surely: Sequence[bool]
 ) -> tuple[Attempt, Pool, list[Estimate]]:
-    """The attempt, its pool and the pool's estimates, with laws that are not shown given up for what they settle into.
+    """The attempt, its pool and estimates, with insignificant laws replaced by what they settle into.
 
-    Where another law says that already they only go.
+    They are dropped where another term says that already.
 
     Args:
-        surely: whether each law is surely more than what it settles into.
+        surely: whether each law significantly exceeds what it settles into.
     """
     found = estimates(pool, pool.whole)
     plainly = (k for k, one in enumerate(found) if not (one.shown and surely[k]))

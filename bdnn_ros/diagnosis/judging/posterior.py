@@ -1,4 +1,4 @@
-"""Parameters of the chosen effects with their uncertainty, shapes included."""
+"""Parameters of the chosen effects with their uncertainty, that of shapes included."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from bdnn_ros.effects.environment import EDGES, POINT
 
 RELATIVE_STEP = 1e-3
 GIVEN = 1e-9
-"""Spread of a shape parameter that no search moves, such as a link's mass by the description."""
+"""Standard deviation of a shape parameter that is given, such as a link's mass by the description."""
 ABOUT = 0.1
-"""Spread of where on its link a push acts, along what the motion does not show [m]."""
+"""Prior spread of a push's point along what the motion does not show [m]."""
 CLEAR = 3.0
-"""A name takes so many standard deviations from nothing: true causes lie at more, what passes for one often at less."""
+"""Distance from zero that a name needs, in standard deviations: true causes lie beyond, mistaken ones often do not."""
 PAID = math.sqrt(2.0 * COST)
-"""The same of what is not common: half their square is at least what such a cause costs to be believed, also in those rows."""
+"""The same for rare kinds: half its square is the prior cost, so that the evidence of these rows pays it, too."""
 MORE = 0.01
-"""What a law says beyond the one it settles into is at least this share of the whole, or it is that one."""
+"""Least excess of a law over the one it settles into, relative to its coefficients; with less it is that one."""
 DOUBTED = 2.0
-"""The links' errors may be so many times as large as they seem: what a body is told to weigh bears it."""
+"""Factor on the links' prior spread under which a body's mass must still be significant."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class Estimate:
 
     Attributes:
         covariance: by the noise model.
-        robust: by how much blocks of time disagree (sandwich, clustered by block; White, Econometrica 48(4), 1980).
-        doubting: by the noise model, of a body with the links' errors believed twice as large as they seem: how large those
-            are the same motion told. Of other terms the same as `covariance`.
-        acting: what acts per coefficient; see `Pool.acting`.
-        mirrored: variance of each coefficient by what its other side does as well, (k,); None for none.
-        most: the largest effort that was measured at its joint [N·m].
+        robust: by the scatter of blocks of time (sandwich, clustered by block; White, Econometrica 48(4), 1980).
+        doubting: by the noise model, for a body with the links' prior spread doubled, since that was estimated from the same
+            motion. For other terms the same as `covariance`.
+        acting: effort that acts per coefficient; see `acting_per_measured`.
+        mirrored: variance of each coefficient by its mirror image, (k,), see `widening.mirrored`; None for none.
+        most: the largest effort measured at its joint [N·m].
     """
 
     term: Term
@@ -61,24 +61,24 @@ class Estimate:
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameters of the contract."""
+        """Parameters as in the contract."""
         return self.term.effect.values(self.acting * self.coefficients, dict(self.term.shape))
 
     @property
     def there(self) -> bool:
-        """Whether it is known to be there at all, pressed against no end."""
+        """Whether the effect surely exists: physically possible, significant, and more than what it settles into."""
         return self.possible and self.clear and self.more
 
     @property
     def shown(self) -> bool:
-        """Whether it is known well enough for a name: to be there, and by its parameters."""
+        """Whether it is known well enough for a name: that it exists, and its parameters."""
         stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
         known = {p.name: float(std) for p, std in stds}
         return self.there and self.term.effect.shown(self.values, known, self.acting * self.most)
 
     @property
     def more(self) -> bool:
-        """Whether it says more than the law that it settles into: more than nobody would name."""
+        """Whether its excess over the law that it settles into is more than negligible."""
         weights = self.term.effect.excess
         return weights is None or abs(float(weights @ self.coefficients)) > MORE * float(
             np.abs(self.coefficients).max()
@@ -86,14 +86,14 @@ class Estimate:
 
     @property
     def possible(self) -> bool:
-        """Whether such an effect can be, as well as its coefficients are known."""
+        """Whether such an effect is physically possible within the uncertainty of its coefficients."""
         return self.term.effect.believable(self.coefficients, np.sqrt(np.diag(self.covariance)))
 
     @property
     def clear(self) -> bool:
-        """Whether its coefficients, all together, lie far enough from nothing by every covariance.
+        """Whether its coefficients together differ significantly from zero by every covariance.
 
-        Where the links' errors are believed larger `SHOWN` will do: a link as far off as `CLEAR` of those has no name else.
+        With the links' errors doubled `SHOWN` is enough: a link off by `CLEAR` of those could never be named otherwise.
         """
         effect = self.term.effect
         known = min(self._distance(self.covariance), self._distance(self.robust))
@@ -101,14 +101,14 @@ class Estimate:
         return known > enough and self._distance(self.doubting) > SHOWN
 
     def _distance(self, covariance: np.ndarray) -> float:
-        """How many standard deviations the coefficients lie from nothing, all together."""
+        """Mahalanobis distance of the coefficients from zero."""
         rows = slice(len(self.coefficients))
         squared = self.coefficients @ np.linalg.pinv(covariance[rows, rows]) @ self.coefficients
         return math.sqrt(max(squared, 0.0))
 
     @cached_property
     def quantities(self) -> dict[str, Quantity]:
-        """Parameters with standard deviations, by linear propagation: the largest by all covariances."""
+        """Parameters with standard deviations by linear propagation, each the largest over all covariances."""
         known = (self.covariance, self.robust, self.doubting)
         if self.mirrored is not None:
             sides = np.diag(np.pad(self.mirrored, (0, len(self.covariance) - len(self.mirrored))))
@@ -121,7 +121,7 @@ class Estimate:
         }
 
     def _stds(self, *covariances: np.ndarray) -> np.ndarray:
-        """Standard deviations of the parameters, the largest by some covariances of coefficients and shape."""
+        """Standard deviations of the parameters, each the largest over some covariances of coefficients and shape."""
         names = [name for name, _ in self.term.shape]
         shape = np.array([value for _, value in self.term.shape])
         possible, _ = self.term.effect.coefficients(self.values)
@@ -155,8 +155,8 @@ class Estimate:
 def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     """Every chosen term with the joint uncertainty of coefficients and shapes.
 
-    The effort is linearised in the shape parameters at the fit: their columns join the regression, so that a coefficient's
-    spread includes what is not known of its shape.
+    The effort is linearised in the shape parameters at the fit and their columns join the regression, so that a coefficient's
+    spread includes the uncertainty of its shape.
     """
     white, precision, spans = _linearised(pool, fit)
     tall = white.reshape(-1, white.shape[2])
@@ -194,13 +194,13 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
 
 
 def _most(pool: Pool, term: Term) -> float:
-    """The largest effort that was measured at a term's joint [N·m]; infinite where it has none."""
+    """Largest effort measured at a term's joint [N·m]; infinite without one."""
     effort = pool.equations.motion.signals.effort
     return math.inf if effort is None or term.target < 0 else float(np.abs(effort[:, term.target]).max())
 
 
 def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """White columns of all unknowns (R, n, P), shapes last, the precision of their priors (P,), and each term's shape columns."""
+    """Whitened columns of all unknowns (R, n, P), shapes last; their prior precisions (P,); and each term's shape columns."""
     tangents, spans = list[np.ndarray](), []
     at = pool.base + sum(len(pool.slots[c]) for c in fit.terms)
     for chosen in fit.terms:
@@ -211,7 +211,7 @@ def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.n
         at += len(columns)
     index = pool.columns_of(fit.terms)
     white = pool.white[:, :, index]
-    # what is incidental may be there, though it is likelier not to
+    # an incidental coefficient keeps its usual prior here, even if the likeliest kind sets it to zero
     precision = np.minimum(fit.precision, pool.precision[index])
     if tangents:
         extra = np.stack(tangents, axis=2)
@@ -222,9 +222,9 @@ def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.n
 
 
 def excesses(pool: Pool) -> list[float]:
-    """How many standard deviations each law of a pool lies from the one it settles into; infinite where there is none.
+    """Standard deviations by which each law of a pool exceeds the one it settles into; infinite without such.
 
-    By the noise model or by the scatter of blocks, whichever is less, shapes taken as they are: they mean nothing there.
+    The smaller number by noise model and scatter of blocks. Shapes are held fixed: they mean nothing at zero excess.
     """
     fit = pool.whole
     if all(term.effect.excess is None for term in pool.terms):
@@ -248,9 +248,9 @@ def excesses(pool: Pool) -> list[float]:
 
 
 def _ranges(pool: Pool, term: Term) -> list[float]:
-    """Prior spread of each shape parameter; what is given is known.
+    """Prior spread of each shape parameter; given ones are known.
 
-    A push begins and ends where no row counts, or by its own length about where it is found.
+    Times of a push: as long as no row is usable there, or else about its own length.
     """
     free = term.effect.shape_bounds if term.effect.kept is None else {}
     usual = {name: abs(value) + 1e-6 for name, value in term.shape}
@@ -263,7 +263,7 @@ def _ranges(pool: Pool, term: Term) -> list[float]:
 
 
 def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Covariance of all unknowns (P, P) by the scatter of the blocks' pulls on them; white columns are (R, n, P)."""
+    """Covariance of all unknowns (P, P) by the scatter of the blocks' gradients; whitened columns are (R, n, P)."""
     pulls = np.einsum("rjp,rj->rp", white, pool.white_residual(fit))
     block, blocks = pool.equations.block, pool.equations.blocks
     by_block = np.zeros((blocks, pulls.shape[1]))
@@ -274,7 +274,7 @@ def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) 
 
 
 def _tangent(pool: Pool, term: Term, coefficients: np.ndarray, name: str) -> np.ndarray:
-    """Change of the effort per unit of one shape parameter, rows (R, n)."""
+    """Derivative of the effort with respect to one shape parameter, rows (R, n)."""
     shape = dict(term.shape)
     motion = pool.equations.motion
     timed = term.effect.timed and name in EDGES

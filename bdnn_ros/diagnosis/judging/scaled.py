@@ -1,4 +1,4 @@
-"""A wrong effort scale as a rival: what it does to a joint's effort may be told only with a part that has no name yet."""
+"""A wrong effort scale as a rival that may need a second, still unnamed cause at its joint."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from bdnn_ros.diagnosis.search.moves import UNSURE, Moves
 from bdnn_ros.effects.actuation import EffortScale
 
 OF_WEIGHT = ("effort_offset", "position_offset", "joint_spring")
-"""What a share of a weight looks like, of one that is constant or changes with the position."""
+"""Kinds that resemble a share of a weight, constant or changing with position."""
 
 
 def scaled(moves: Moves, pool: Pool, rest: Sequence[int], one: int) -> dict[int, float]:
-    """Score of a wrong scale of a joint's effort, and one more common cause there, in the place of one of its terms.
+    """Scores of a wrong effort scale plus one more common cause at a joint, in the place of one of its terms.
 
-    A scale holds for all that acts on a joint. Where its weight makes it look like an offset it would change what bodies do to
-    the joint as well, but for a rotor that nothing else has shown: every drive has one, so that it costs no more here than what
-    all joints have. As a rival a scale is never ahead by what only two can do, and what they bring beside the term does not
-    speak against that.
+    A scale acts on all of a joint's effort. Where the weight makes it look like an offset it would also change the inertial
+    effort, unless a rotor that nothing else has shown makes up for it; that costs as little as what all joints have. The rival
+    never scores above the term, and what the pair would explain beside the term does not count for it.
 
     Args:
         rest: the other terms.

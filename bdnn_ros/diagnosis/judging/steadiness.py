@@ -1,4 +1,4 @@
-"""Whether what pushes at one time is constant wrenches, or one that changes and is taken for them."""
+"""Whether simultaneous pushes are constant wrenches, or one changing push that they stand for."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from bdnn_ros.effects.environment import ExternalWrench, Push, window
 from bdnn_ros.effects.motion import Motion
 
 BETTER = 0.003
-"""A push that changes explains more than the constant one in its place by this share at least; less of it tells no place."""
+"""A changing push must explain this share more than the constant one in its place; smaller gains do not tell places apart."""
 AROUND = 0.25
-"""A push that swells and fades lasts longer than the constant one in its place by this share, before it and after it."""
+"""Time that a push may swell before and fade after the constant one in its place, relative to that one's duration."""
 KNOTS = 0.4
-"""How far the times are apart at which the size of a push is sought, about [s]."""
+"""Approximate spacing of the times between which the size of a push is linear [s]."""
 REVERSED = -0.25
-"""What pulls back at any time by more than this per most that it pushes with is no push."""
+"""Smallest size, relative to the largest: what pulls back further than this is no push."""
 ROUNDS = 3
-"""So often a push's size in time is sought for its wrench, and its wrench for that."""
+"""Alternations between a push's size over time and its wrench."""
 
 
 def steadied(search: Search, selection: Selection) -> tuple[Selection, dict[int, Judgement]]:
-    """The selection with one push for those at one time that are one which changes, and how sure each such is.
+    """The selection with one push in place of simultaneous ones that are a single changing push, and a judgement of each such.
 
-    It stays as it is where there is none. Else its noise is that of the times when nothing pushes: what constant pushes
-    leave of one that changes passes for slow noise.
+    Unchanged without any. Otherwise its noise is that of times without a push, since the residual of constant pushes in place
+    of a changing one passes for slow noise.
     """
     found, crowds = dict[int, Judgement](), _crowds(selection)
     now = _at_quiet_noise(search, selection) if crowds else None
@@ -49,7 +49,7 @@ def steadied(search: Search, selection: Selection) -> tuple[Selection, dict[int,
 
 
 def _crowds(selection: Selection) -> list[list[int]]:
-    """The chosen pushes, those together that last over one another or nearly touch."""
+    """The chosen pushes, grouped by overlapping or nearly touching in time."""
     pool, result, until = selection.pool, list[list[int]](), -np.inf
     pushes = [c for c in selection.chosen if pool.terms[c].effect.timed]
     for one in sorted(pushes, key=lambda c: edges(pool.terms[c])):
@@ -66,7 +66,7 @@ def _without(selection: Selection, crowd: Sequence[int]) -> list[int]:
 
 
 def _at_quiet_noise(search: Search, selection: Selection) -> Selection | None:
-    """The selection at the noise of the times when nothing pushes; None where these do not tell it of each joint."""
+    """The selection at the noise of times without a push; None where too few of them show it at each joint."""
     equations, pool = search.equations, selection.pool
     counted, time = equations.usable, equations.motion.time[equations.rows]
     equations.count(counted & ~pushing([_longer(term) for term in selection.terms], time)[:, None])
@@ -83,7 +83,7 @@ def _at_quiet_noise(search: Search, selection: Selection) -> Selection | None:
 
 
 def _single(search: Search, selection: Selection, crowd: Sequence[int]) -> tuple[int, Term, Judgement] | None:
-    """The place, as the constant push that comes nearest, of the one that changes which some at one time are; None of others.
+    """The constant push that comes nearest to one changing push in place of some simultaneous ones; None if they are not one.
 
     That it changes costs as much as another push.
     """
@@ -112,12 +112,12 @@ def _single(search: Search, selection: Selection, crowd: Sequence[int]) -> tuple
 
 
 def _swelling(pool: Pool, fit: Fit, term: Term, whole: Term) -> float:
-    """Log evidence that a push adds to a fit whose wrench changes its size, and of which the point may move on.
+    """Log evidence that a push adds to a fit if the size of its wrench varies and its point may move.
 
-    Of one that would pull back in turn it is that of the constant one.
+    If the size would reverse, the evidence of the constant push.
 
     Args:
-        whole: begins and ends with all that pushes then.
+        whole: a push over the time of all simultaneous ones.
     """
     equations, effect, motion, shape = pool.equations, term.effect, pool.equations.motion, dict(term.shape)
     assert isinstance(effect, Push)
@@ -141,20 +141,20 @@ def _swelling(pool: Pool, fit: Fit, term: Term, whole: Term) -> float:
 
 
 def _hats(motion: Motion, start: float, end: float) -> np.ndarray:
-    """What a size that is linear between some times is made of, nothing before the first [s] and after the last, (K, N)."""
+    """Hat functions: basis of a piecewise-linear size that is zero before the first and after the last time [s], (K, N)."""
     knots = np.linspace(start, end, max(round((end - start) / KNOTS), 2) + 1)
     hats = (np.interp(motion.time, knots, one) for one in np.eye(len(knots))[1:-1])
     return np.stack([motion.signals.soften(hat) for hat in hats])
 
 
 def _joined(terms: Sequence[Term]) -> Term:
-    """A push from the first's begin to the last's end."""
+    """The first push, from the earliest start to the latest end of all."""
     starts, ends = zip(*map(edges, terms), strict=True)
     return _lasting(terms[0], min(starts), max(ends))
 
 
 def _longer(term: Term) -> Term:
-    """A push with the time before and after it in which it may swell and fade; what is none as it is."""
+    """A push extended by the time in which it may swell and fade; other terms unchanged."""
     if not term.effect.timed:
         return term
     start, end = edges(term)

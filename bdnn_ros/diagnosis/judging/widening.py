@@ -1,4 +1,4 @@
-"""What is not known of a term's parameters beside what noise and the scatter of blocks leave open."""
+"""Parameter uncertainty beyond noise and the scatter of blocks."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bdnn_ros.effects.environment import EDGES
 
 TINY = 1e-300
 MOST_SEEN = 0.99
-"""Share of the rows that count in which less of a law is seen than is taken to be seen of it."""
+"""Quantile over usable rows that counts as the most of a law they show."""
 
 
 def widened(pool: Pool, chosen: int, coefficients: np.ndarray, shapes: int) -> np.ndarray:
-    """What a hold adds to a delay's covariance, unseen moments to a push's, and to a law's what of it is told by its tail.
+    """Covariance added to coefficients and shapes, (k, k): of a delay's hold, a push's unseen times, a law's extrapolation.
 
-    A moment is known no better than to a sample. Coefficients before shapes, (k, k).
+    No time is known better than to a sample.
     """
     term, count = pool.terms[chosen], len(pool.slots[chosen])
     beyond = np.zeros((count + shapes, count + shapes))
@@ -38,9 +38,9 @@ def widened(pool: Pool, chosen: int, coefficients: np.ndarray, shapes: int) -> n
 
 
 def _seen(pool: Pool, term: Term) -> np.ndarray:
-    """Share of the most that each coefficient of a law does along the motion which the rows that count show, (k,).
+    """Share of each coefficient's largest effort along the motion that usable rows show, (k,).
 
-    A static friction that is told from how friction begins to fall is an extrapolation, however exact that is seen.
+    A static friction read off the beginning of its decay is an extrapolation, however precisely that is seen.
     """
     equations = pool.equations
     does = np.abs(term.effect.columns(equations.motion, term.target, dict(term.shape), term.link))
@@ -51,9 +51,9 @@ def _seen(pool: Pool, term: Term) -> np.ndarray:
 
 
 def mirrored(pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray) -> np.ndarray | None:
-    """Variance of each angle of a base (k,) by how likely it is the same to the other side; None of other terms.
+    """Variance of each angle of a tilted base (k,) by how likely its mirror image is; None for other terms.
 
-    Across the plane in which an arm moves a tilt takes of its weight alone, to whichever side.
+    Tilting across the plane in which an arm moves only takes from its weight, to either side alike.
     """
     if term.effect.on != "base":
         return None
