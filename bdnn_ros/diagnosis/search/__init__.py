@@ -1,1 +1,1 @@
-"""The search for the set of effects that the data supports."""
+"""The search for the set of effects that the data support."""

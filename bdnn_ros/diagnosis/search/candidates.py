@@ -1,4 +1,4 @@
-"""Which effects are tried, where, and with which shapes."""
+"""Candidate terms: which effects are tried, where, and with which shapes."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from bdnn_ros.robot import Robot
 
 RELINEARISATIONS = 4
 CONSISTENT = 0.1
-"""Columns are exact enough where the shape they were made with is found again within this share."""
+"""Relative change of a shape below which columns linearised at it are exact enough."""
 CLOSELY, INDIFFERENT = 1e-3, 1e-2
-"""A shape fits best within this share of itself, and where no other adds more nats than this."""
+"""Tolerances of shape refinement: relative change of the shape, and gain [nats]."""
 ANGLES = {"base_tilt", "position_offset"}
-"""One angle, where a joint turns about the axis that the base tilts about."""
+"""Kinds that are the same angle where a joint turns about the axis about which the base tilts."""
 LIKE_WEIGHT = {*ANGLES, "effort_scale"}
-"""What does the same to a joint that moves alone as a body that it carries, without being one."""
+"""Kinds that act on a joint which moves alone as a carried body does, without being one."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,14 @@ class Candidates:
     terms: tuple[Term, ...]
     robot: Robot
     since: Sequence[Installed] | None = None
-    """What an earlier model has beside its robot, and loads on it, where one takes the simulation's place."""
+    """Effects of the earlier model beside its robot, and loads on it; None against a simulation."""
 
     @classmethod
     def of(cls, robot: Robot, bodies: bool = True) -> Candidates:
         """All effects of the registry that act on the effort, at all joints and moving links of a robot.
 
         Args:
-            bodies: with those that change what bodies seem to weigh or where gravity points.
+            bodies: include those that change the apparent weight of bodies or the direction of gravity.
         """
         terms: list[Term] = []
         for effect in ALL:
@@ -60,15 +60,15 @@ class Candidates:
 
     @classmethod
     def shown_by(cls, equations: Equations, since: Sequence[Installed] | None = None) -> Candidates:
-        """Those that a recording can tell from each other.
+        """Candidates that a recording can tell apart.
 
-        Of one joint that moves alone, nothing of bodies. Of joints that move now and then, or hardly longer than the low-pass,
-        nothing that changes with time or winds with the position: what differs between a few moves differs with where they
-        go, too. Nor what no shape would show along this motion.
+        Without those of bodies if only one joint moves. Without those that change with time or wind with position at joints
+        that move briefly: what differs between a few moves may differ by time or by place. Without those that no shape shows
+        along this motion.
 
         Args:
-            since: effects that an earlier model has beside its robot, if one takes the simulation's place: the candidates
-                are changes from it, of which there may also be less.
+            since: effects that an earlier model has beside its robot, if one takes the simulation's place; candidates are
+                then changes from these, which may be negative.
         """
         motion = equations.motion
         every = cls.of(motion.robot, bodies=equations.alone is None)
@@ -89,18 +89,18 @@ class Candidates:
         return cls(tuple(_as_change(term, every.robot, since) for term in kept), every.robot, since)
 
     def settled(self, term: Term, motion: Motion) -> Term | None:
-        """What a term settles into, as a change as all of them are; None where it is always itself."""
+        """What a term settles into, as a change like all candidates; None if nothing."""
         plain = term.settled(motion)
         return None if plain is None else _as_change(plain, self.robot, self.since)
 
     def common(self) -> list[Term]:
-        """The commonest effects on all joints."""
+        """Candidates of the common kinds at all joints."""
         return [term for term in self.terms if term.effect.name in COMMON]
 
     def shaped(self, equations: Equations, pool: Pool, fit: Fit) -> list[Term]:
-        """Each candidate that is not in the pool, with the shape that fits best beside the pool's terms.
+        """Candidates that are not in the pool, each with its best shape beside the pool's terms.
 
-        Where something of the pool pushes it may do so once more.
+        A push already in the pool may recur at its place.
         """
         present = {term.place for term in pool.terms}
         free = (
@@ -111,7 +111,7 @@ class Candidates:
         return [replace(term, shape=shape) for term, shape in zip(absent, shapes, strict=True)]
 
     def _best(self, equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
-        """A candidate with the shape that fits best beside a pool's terms."""
+        """A candidate with its best shape beside a pool's terms."""
         if term.effect.timed:
             return best_push(pool, fit, term, self.robot)[1]
         shapes = term.shapes(equations.motion)
@@ -121,7 +121,7 @@ class Candidates:
         return _relinearised(equations, pool, beside, term.shaped(shapes[0]))
 
     def anew(self, equations: Equations, pool: Pool, fit: Fit, one: int) -> Pool:
-        """The pool with the shape of one of its terms sought among all there are, beside a fit without it."""
+        """The pool with one term's shape replaced by the best of its grid beside a fit without it, if that gains."""
         term = pool.terms[one]
         shapes = term.shapes(equations.motion)
         if len(shapes) == 1:
@@ -130,7 +130,7 @@ class Candidates:
         return pool.replacing({one: found}) if gain > pool.gain_of(fit, term)[0] else pool
 
     def refined(self, equations: Equations, pool: Pool, fit: Fit, chosen: int) -> Term:
-        """A term of a fit with its shape moved to where it fits best beside the others, which keep their bounds."""
+        """A term of a fit with its shape refined beside the others, whose active bounds are kept."""
         term = pool.terms[chosen]
         if not term.shape:
             return term
@@ -147,11 +147,11 @@ class Candidates:
         return moved if after > before else term
 
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Effort that really acts by the fit, what drives take of it before the gear, at the working rate, (N, n) [N·m] each,
-        and how much acts per measured, (n,)."""
+        """Acting effort by the fit and the part of it that drives take before the gear, at the working rate, (N, n) [N·m]
+        each, and the acting effort per measured effort, (n,)."""
         motion = equations.motion
         links = equations.rigid.shape[2]
-        # what sticks turns round late: part of the load, so that a delay puts it ahead like all else
+        # the lag of friction in sticking is part of the load, so that a delay shifts it like the rest
         late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.sticking]
         errors = motion.regressed(equations.relative @ fit.coefficients[:links])
         base = equations.simulated + equations.passed(errors) + equations.passed(late)
@@ -168,9 +168,9 @@ class Candidates:
         return np.asarray(base), drive, effort_scales(pool, fit)
 
     def bodies(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[Robot, np.ndarray]:
-        """The robot as the fit has it, links corrected, payloads and scaled links on it, and the positions' offsets, (n,) [rad].
+        """The robot by the fit (links corrected, with payloads and scaled links) and the joints' zero offsets, (n,) [rad].
 
-        What tilts, bends or shifts such a robot does so with all its mass.
+        A tilt, bend or wrong zero acts on all of that mass.
         """
         links = equations.rigid.shape[2]
         errors = equations.relative @ fit.coefficients[:links]
@@ -185,15 +185,14 @@ class Candidates:
 
 
 def _recurring(term: Term) -> Iterator[Term]:
-    """A term and, if it acts for a time, the same once more, and once more."""
+    """A term and, if it acts for a time, its further occurrences without end."""
     return (replace(term, again=again) for again in count()) if term.effect.timed else iter([term])
 
 
 def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:
-    """The effort scale of a term's joint in a fit if the term is in the drive or an offset, else 1.
+    """Acting effort per unit of a term's coefficient: the joint's effort scale for drive terms and offsets, else 1.
 
-    What a drive takes is measured in its sensor's units: where the fit has a wrong effort scale there, it takes that
-    much more or less. An offset counts in the effort that acts.
+    Drive effort is measured in the sensor's units, which a wrong effort scale changes. An offset is counted in acting effort.
     """
     term = pool.terms[chosen]
     measured = term.effect.in_drive or term.effect.name == "effort_offset"
@@ -201,7 +200,7 @@ def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:
 
 
 def effort_scales(pool: Pool, fit: Fit) -> np.ndarray:
-    """The effort scale of each joint in a fit, 1 where it has none, (n,)."""
+    """Effort scale of each joint in a fit, 1 without one, (n,)."""
     result = np.ones(pool.equations.width)
     for chosen in fit.terms:
         term = pool.terms[chosen]
@@ -211,7 +210,7 @@ def effort_scales(pool: Pool, fit: Fit) -> np.ndarray:
 
 
 def _as_change(term: Term, robot: Robot, since: Sequence[Installed] | None) -> Term:
-    """A term as a change from what is described, or from what an earlier model has at its place, in its robot and beside it."""
+    """A term as a change from the description, or from what an earlier model has at its place."""
     if since is None:
         return replace(term, effect=term.effect.against(robot, term.target))
     held: dict[str, list[Values]] = {}
@@ -224,7 +223,7 @@ def _as_change(term: Term, robot: Robot, since: Sequence[Installed] | None) -> T
 
 
 def _best_of(pool: Pool, fit: Fit, term: Term, shapes: Sequence[dict[str, float]]) -> tuple[float, Term]:
-    """The term with the one of some shapes that adds most evidence to a fit, and how much that is."""
+    """The gain of the best of some shapes of a term beside a fit, and the term with it."""
     tried = [term.shaped(shape) for shape in shapes]
     gains = pool.gains_of_shapes(fit, tried)
     best = int(np.argmax(gains))
@@ -232,13 +231,13 @@ def _best_of(pool: Pool, fit: Fit, term: Term, shapes: Sequence[dict[str, float]
 
 
 def _elsewhere(term: Term, other: Term) -> bool:
-    """Whether another term is what this one may have to stand for: the same on another link, a tilt for a joint's zero."""
+    """Whether another term may be what this one would replace: the same on another link, or a tilt for a joint's zero."""
     same = term.link is not None and term.effect.name == other.effect.name
     return same or {term.effect.name, other.effect.name} == ANGLES
 
 
 def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Term:
-    """The term with columns that are exact where they fit best beside a fit; what they gain elsewhere is not real."""
+    """The term with columns linearised at the shape that fits best beside a fit: gains at other shapes are not real."""
     if not term.shape:
         return term
     ends = [_consistent(pool, fit, start) for start in (term, *_generally(equations, pool, fit, term))]
@@ -246,7 +245,7 @@ def _relinearised(equations: Equations, pool: Pool, fit: Fit, term: Term) -> Ter
 
 
 def _generally(equations: Equations, pool: Pool, fit: Fit, term: Term) -> list[Term]:
-    """Where something more general than the term would have its shape; empty where there is no such thing."""
+    """The term with the shape of a more general effect's best fit, as a start; empty if there is no such effect."""
     body = term.effect.general(equations.motion.robot, term.link) if term.link else None
     if body is None:
         return []
@@ -255,7 +254,7 @@ def _generally(equations: Equations, pool: Pool, fit: Fit, term: Term) -> list[T
 
 
 def _consistent(pool: Pool, fit: Fit, term: Term) -> Term:
-    """The term whose columns are made with the shape that is found with them."""
+    """The term whose columns are linearised at the shape they yield, by fixed-point iteration."""
     for _ in range(RELINEARISATIONS):
         _, coefficients = pool.gain_of(fit, term)
         moved = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
@@ -267,7 +266,7 @@ def _consistent(pool: Pool, fit: Fit, term: Term) -> Term:
 
 
 def _refined(equations: Equations, pool: Pool, fit: Fit, term: Term, names: Sequence[str]) -> Term:
-    """The term with its free shape parameters where they add most evidence to a fit."""
+    """The term with its free shape parameters optimised for evidence beside a fit."""
     fixed, motion = dict(term.shape), equations.motion
     start = np.array([fixed[name] for name in names])
     scale = np.where(np.abs(start) > 1e-9, np.abs(start), 1.0)

@@ -1,4 +1,4 @@
-"""What pushes once is told once: of one link, from its start to its end."""
+"""Merging of pushes: one push on one link, from its start to its end, in place of several that stand for it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Score = Callable[[Pool, Sequence[int]], float]
 
 
 def gathered(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple[Pool, list[int]]:
-    """Give the place of pushes at one time to a single one, on whatever link explains most beside all else.
+    """Replace simultaneous pushes by a single one on the link that explains most beside all else.
 
     Args:
         score: of a set of a pool's terms, see `Moves.score`.
@@ -39,9 +39,9 @@ def gathered(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple
 
 
 def _joined(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple[Pool, list[int]]:
-    """Give the place of two pushes that follow each other to either, as long as both, where that scores better.
+    """Replace two pushes that follow each other by either one, over the time of both, where that scores better.
 
-    Before its point is found a push looks shorter than it is, and what is left of it like another.
+    Until its point is found a push looks shorter than it is, and its remainder like another one.
     """
     for pair in [(a, b) for a in chosen for b in chosen if follows(pool.terms[a], pool.terms[b])]:
         if set(pair) <= set(chosen):

@@ -1,7 +1,7 @@
-"""How far the effort leads the motion: what of it is a delay, and what only a sample that is held.
+"""How far the effort leads the motion: separating a delay from a sample that is held.
 
-The lead that all joints share is a nuisance of the regression, and so nearly what a delay of all joints says that only
-their sum is well known: a delay with a lead against it would pass for a low-pass of the noise.
+The lead that all joints share is a nuisance, and nearly collinear with a delay of all joints, so that only their sum is well
+known: a delay with an opposite lead would act as a low-pass of the noise.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from bdnn_ros.diagnosis.search.candidates import Candidates
 
 DELAY = "effort_delay"
 LATEST, LAG_STEP = 0.2, 0.004
-"""Delays that are tried: up to the largest, one so far from the next [s]."""
+"""Largest delay that is tried, and the step between delays [s]."""
 
 
 def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
-    """The lead that stays one [s], and what each chosen delay takes of it [s].
+    """The lead that remains [s], and what each chosen delay takes over of it [s].
 
-    A delay of all joints takes all but what a hold is expected to be; delays of single joints only what no sample explains,
-    and only where all have one: joints without show the lead by themselves.
-    What made one less since an earlier model was identified was no hold.
+    A delay of all joints takes all but the expected hold. Delays of single joints take only what no hold explains, and only if
+    all joints have one, since joints without show the lead by themselves. A delay that became shorter since an earlier model
+    was no hold.
     """
     lead = float(fit.coefficients[pool.equations.rigid.shape[2]])
     half = pool.equations.hold
@@ -46,18 +46,18 @@ def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
 
 
 def hold_spread(pool: Pool, chosen: int) -> float:
-    """Standard deviation of what a hold adds to a delay of all joints [s]: between none and half a sample."""
+    """Standard deviation of a delay of all joints by the hold [s], which may be none to half a sample."""
     if pool.terms[chosen].effect.name != DELAY or pool.terms[chosen].target >= 0:
         return 0.0
     return 0.5 * pool.equations.hold
 
 
 def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int, floor: np.ndarray) -> Pool:
-    """Some of a pool's terms with a chosen delay last, where the effort itself, moved by it, fits the others best.
+    """Some terms of a pool, last a chosen delay, with the delay at which the shifted measured effort is fitted best.
 
-    The load that a delay puts ahead is made of the other terms, and they of what a wrong delay leaves: each can bear the
-    other out. What is moved here is the measured effort, which owes them nothing. The equations take the load that it shows,
-    the pool the noise that is left then: by what a wrong delay leaves, it would stay wrong.
+    The load that a delay shifts is computed from the other terms, which were fitted under a possibly wrong delay: each can
+    confirm the other. The measured effort is independent of them. Load and noise are then updated, so that those left by a
+    wrong delay do not keep it.
 
     Args:
         floor: smallest noise, (n,) [N·m].
@@ -76,10 +76,10 @@ def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int,
 
 
 def undelayed(pool: Pool) -> Pool:
-    """The pool's terms but its delays, on efforts that are moved by those.
+    """The pool's terms without its delays, on measured efforts shifted by them.
 
-    What acts is known from such a fit at once. From one with a delay's column, made of the load that the fit before had, it
-    follows by and by, and for a long delay of a fast motion never.
+    Such a fit gives the acting effort at once. From the delay's column, computed from the load of the fit before, it converges
+    slowly, and for a long delay of a fast motion not at all.
     """
     fit, terms = pool.whole, pool.terms
     late = [
@@ -89,7 +89,7 @@ def undelayed(pool: Pool) -> Pool:
 
 
 def _at(pool: Pool, terms: Sequence[Term], delays: Sequence[tuple[Term, float]]) -> Pool:
-    """A pool of other terms at the same noise, with the measured effort moved by some delays [s]."""
+    """A pool of some terms at the same noise, with the measured effort shifted by some delays [s]."""
     equations = pool.equations
     for delay, lag in delays:
         equations = _earlier(equations, delay.target, lag)
@@ -97,7 +97,7 @@ def _at(pool: Pool, terms: Sequence[Term], delays: Sequence[tuple[Term, float]])
 
 
 def _earlier(equations: Equations, joint: int, lag: float) -> Equations:
-    """The equations with the measured effort of one joint (-1: of all) moved to when it acts."""
+    """The equations with the measured effort of one joint (-1: of all) shifted to when it acts."""
     motion, effort = equations.motion, equations.motion.signals.effort
     if effort is None:
         raise ValueError("no effort was measured")

@@ -1,4 +1,4 @@
-"""The moves of a search, add, replace and drop, and what it takes for a set of effects to be the better one."""
+"""Moves of a search (add, replace, drop) and the conditions under which a set of effects is better."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.settling import refined
 
 ABSURD = 1e9
-"""Log odds against an effect that cannot be."""
+"""Log odds against a physically impossible effect."""
 MOST_ROUNDS = 4
 RIVALS_TRIED = 6
 UNSURE = 30.0
-"""A rival's gain is found with the others' bounds left as they are: by so much it may be too low."""
+"""A rival's gain is estimated without solving for the others' bounds again, and may be too low by this much [nats]."""
 BETTER = 0.5
-"""A rival must score so much better to take a term's place."""
+"""A rival must score this much better to replace a term [nats]."""
 WORSE = 1.01
-"""What raises the plain error by this factor does not pay, however white it makes the rest."""
+"""A term that raises the plain (not whitened) error by this factor does not pay."""
 SURELY = 1.645
-"""Standard deviations by which a gain must exceed nothing."""
+"""A total gain must exceed zero by this many standard deviations."""
 WINS = 0.6
-"""Share of held-out blocks (of those that change) that must gain."""
+"""Least share of held-out blocks that must gain."""
 PARTNERS_TRIED = 3
 SAME = 0.01
-"""What differs from what it settles into by no more than this share of itself is no more than that."""
+"""Relative difference within which a law is no more than what it settles into."""
 FEW_BLOCKS = 3
-"""A push that acts in no more blocks is hardly known to the others once one of them is held out."""
+"""A push that acts in no more blocks than this is hardly known once one of them is held out."""
 
 
 class Moves:
-    """How a search over the candidates of one regression goes on."""
+    """Moves of a search over the candidates of one regression."""
 
     def __init__(self, equations: Equations, candidates: Candidates) -> None:
         self.equations, self.candidates = equations, candidates
 
     def descend(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
-        """Add, replace and drop terms until nothing changes; once only where weak terms have to wait.
+        """Add, replace and drop terms until nothing changes; only one pass if weak terms have to wait.
 
-        A wrong term gives way first: what is added to mend it would keep it. What no rival was better for is not asked again.
+        Wrong terms are replaced first: terms added to make up for them would keep them in.
         """
         given, chosen = chosen, self._replace(pool, chosen)
         for _ in range(1 if least else MOST_ROUNDS):
@@ -68,7 +68,7 @@ class Moves:
         barred: Sequence[int] = (),
         wanted: float = -np.inf,
     ) -> tuple[Pool, list[int]]:
-        """Add what pays, the best first, as long as it may still come to a wanted score."""
+        """Add terms that pay, the best first, as long as a wanted score is still within reach."""
         refused, largest = set(barred), 0.0
         while True:
             fit = pool.fit(chosen)
@@ -91,7 +91,7 @@ class Moves:
                 pool, chosen = found
 
     def _grown(self, pool: Pool, chosen: Sequence[int], *added: int) -> tuple[Pool, list[int]]:
-        """The chosen with others, their shapes sought anew, in place of what these contain."""
+        """The chosen with some terms added, their shapes refined, and what these contain removed."""
         kept = [c for c in chosen if not any(contains(pool.terms[one], pool.terms[c]) for one in added)]
         grown = [*kept, *added]
         return refined(self.candidates, self.equations, pool, grown, added), grown
@@ -99,9 +99,9 @@ class Moves:
     def _with_partner(
         self, pool: Pool, grown: Sequence[int], chosen: Sequence[int]
     ) -> tuple[Pool, list[int]] | None:
-        """The last of the grown beside another at its joint where both pay only together; None without.
+        """The last of the grown with a second term at its joint, where both pay only together; None without.
 
-        Friction that a delay shifts makes plain errors larger as long as it is where it would be without the delay.
+        Friction that a delay shifts enlarges plain errors as long as its column is not shifted.
         """
         candidate, joint = grown[-1], pool.terms[grown[-1]].target
         open_ = [c for c in self.open_to(pool, grown) if pool.terms[c].target == joint]
@@ -116,12 +116,12 @@ class Moves:
         return None
 
     def _replace(self, pool: Pool, chosen: list[int], late: bool = False, alone: bool = True) -> list[int]:
-        """Give each term's place to a rival, and each two terms' place of one joint to one rival, where that scores better.
+        """Replace each term, and each pair of terms at one joint, by one rival that scores better.
 
         Args:
-            late: only to what says no more than these did, and not to or from pushes, whose times belong to what they were
-                found beside.
-            alone: also each by itself.
+            late: only by rivals no richer than what they replace, and neither from nor to pushes, whose times fit the terms
+                they were found beside.
+            alone: also single terms, not only pairs.
         """
         groups: list[tuple[int, ...]] = [(c,) for c in chosen] if alone else []
         groups += [
@@ -136,7 +136,7 @@ class Moves:
         return chosen
 
     def _instead(self, pool: Pool, chosen: list[int], late: bool, group: tuple[int, ...]) -> list[int] | None:
-        """The chosen with a rival in the place of a group of them, see `_replace`; None where none scores better."""
+        """The chosen with a rival in place of a group, see `_replace`; None if none scores better."""
         if not set(group) <= set(chosen):
             return None
         rest = [c for c in chosen if c not in group]
@@ -154,13 +154,13 @@ class Moves:
         return None
 
     def _plainer(self, pool: Pool, chosen: list[int], group: Sequence[int], rival: int) -> bool:
-        # an offset beside dry friction says as much as uneven friction does
+        # an offset beside dry friction equals uneven friction
         own = () if len(group) == 1 or pool.terms[rival].shape else group
         richer = any(contains(pool.terms[rival], pool.terms[c]) for c in chosen if c not in own)
         return not (richer or any(pool.terms[c].effect.timed for c in (*group, rival)))
 
     def _regrow(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
-        """Give the place of what acts on several joints to as many terms as it takes: one body may pass for many rotors."""
+        """Replace what acts on several joints by as many terms as it takes: one body may look like many rotors."""
         for wide in [c for c in chosen if pool.terms[c].effect.on_body or pool.terms[c].target < 0]:
             rest = [c for c in chosen if c != wide]
             wanted = self.score(pool, chosen) + BETTER
@@ -181,20 +181,20 @@ class Moves:
         return chosen
 
     def reconsidered(self, pool: Pool, chosen: list[int]) -> list[int]:
-        """The chosen where other rows than those of a search have a say: replaced or dropped, nothing is added."""
+        """The chosen reconsidered with other rows than the search's: terms are replaced or dropped, none added."""
         return self._drop(pool, self._replace(pool, chosen, late=True))
 
     def joined(self, pool: Pool, chosen: list[int]) -> list[int]:
-        """The chosen with one rival in the place of two at a joint, wherever that scores better."""
+        """The chosen with pairs of terms at a joint replaced by one rival wherever that scores better."""
         return self._replace(pool, chosen, late=True, alone=False)
 
     def rivals(self, pool: Pool, chosen: Sequence[int], *group: int) -> list[tuple[int, float]]:
-        """What could stand where some of the chosen do, the best first, and by how much it seems to score less."""
+        """Terms that could replace some of the chosen, best first, each with the estimated loss of score."""
         rest = [c for c in chosen if c not in group]
         fit = pool.fit(rest)
         kept = self.score(pool, chosen) - self.score(pool, rest)
         where = near(pool.terms[group[0]])
-        spots = {pool.terms[c].spot for c in group}  # the same once more is no rival
+        spots = {pool.terms[c].spot for c in group}  # another occurrence at the same place is no rival
         found = [c for c in self.open_to(pool, rest, where) if pool.terms[c].spot not in spots]
         if not found:
             return []
@@ -202,15 +202,15 @@ class Moves:
         return [(found[k], kept - float(scores[k])) for k in np.argsort(-scores)]
 
     def score(self, pool: Pool, chosen: Sequence[int]) -> float:
-        """Log evidence of a set less the log prior odds against it."""
+        """Log evidence of a set minus its prior costs."""
         fit = pool.fit(chosen)
         against = ABSURD * unbelievable(pool, fit)
         return fit.evidence - against - float(self.costs(pool, chosen, chosen).sum())
 
     def score_beside(self, pool: Pool, rest: Sequence[int], one: int) -> float:
-        """Score of some terms and one more that stands where others did.
+        """Score of some terms and one that replaces others.
 
-        A load that holds the effort of those would let a scale or a delay of the load explain it once more.
+        The load is recomputed without those others; otherwise a scale or delay of it could explain their effort again.
         """
         term, equations = pool.terms[one], self.equations
         if term.effect.of_load:
@@ -219,18 +219,18 @@ class Moves:
         return self.score(pool, [*rest, one])
 
     def costs(self, pool: Pool, company: Sequence[int], of: Sequence[int]) -> np.ndarray:
-        """Log prior odds against each of some terms beside some company, (len(of),)."""
+        """Prior cost of each of some terms in some company, (len(of),) [nats]."""
         having, carried = having_each(pool, company), self.candidates.robot.carried
         return np.array([log_odds(pool.terms[one], having, carried) for one in of])
 
     def open_to(
         self, pool: Pool, chosen: Sequence[int], where: int = -1, instead: Term | None = None
     ) -> list[int]:
-        """Candidates that may join the chosen: not at the same place, nor contained in one of them, nor kept apart from one.
+        """Candidates that may join the chosen: at a free place, contained in none of them, and excluded by none.
 
         Args:
-            where: only those that can stand for an effect at this joint, what moves bodies anywhere; -1 for all.
-            instead: what they are to stand for. What settles into that is kept apart from none for moments that it has not.
+            where: only those that can replace an effect at this joint, including all that move bodies; -1 for all.
+            instead: term to be replaced; a candidate that equals it along this motion is not excluded by others.
         """
         taken = {pool.terms[c].place for c in chosen}
         each = [(pool.terms[c].effect, pool.terms[c].target) for c in chosen]
@@ -246,7 +246,7 @@ class Moves:
         ]
 
     def _settled(self, term: Term, instead: Term | None) -> bool:
-        """Whether a term is no more along the motion than what it settles into, which is that in whose place it would be."""
+        """Whether a term equals, along this motion, what it settles into, and that is the term it would replace."""
         plain = None if instead is None else term.settled(self.equations.motion)
         if instead is None or plain is None or plain.spot != instead.spot:
             return False
@@ -254,9 +254,9 @@ class Moves:
         return float(np.linalg.norm(law - of * (of @ law / (of @ of)))) <= SAME * float(np.linalg.norm(law))
 
     def pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:
-        """Whether a term pays on blocks it was not fitted to.
+        """Whether a term improves the prediction of held-out blocks and does not raise the plain error.
 
-        Links that bend beyond belief to stand in for it predict held-out blocks as well, so belief is weighed, too.
+        Link errors beyond belief may predict held-out blocks as well, so the prior counts, too.
         """
         if unbelievable(pool, pool.fit(grown)) or leftover(pool, grown, candidate):
             return False
@@ -264,27 +264,27 @@ class Moves:
         if self._worse(pool, grown, without) and not self._for_belief(pool, grown, without):
             return False
         if bends(pool.terms[candidate]) and self._worse(pool, grown, without, blur=False):
-            return False  # nor does what only trades with a blur, which is curvature of the load, too, and in no model
+            return False  # a blur is curvature of the load, too, but is in no model
         return self.predicts_better(pool, grown, without)
 
     def _worse(self, pool: Pool, one: Sequence[int], other: Sequence[int], blur: bool = True) -> bool:
-        """Whether one set leaves more of the effort than another does, with all frequencies counted alike.
+        """Whether one set leaves a larger plain error than another, all frequencies weighted alike.
 
         Args:
-            blur: with what only weighs down noise; see `Pool.contribution`.
+            blur: include the blurs; see `Pool.contribution`.
         """
         return self._left(pool, one, blur) > WORSE * self._left(pool, other, blur)
 
     def _for_belief(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
-        """Whether what speaks for one set against another is what it lets the links be, more than the errors that it leaves."""
+        """Whether one set wins over another more by letting links stay near their prior than by smaller held-out errors."""
         whiter = float(np.sum(pool.held_out(other) - pool.held_out(one)))
         return pool.disbelief(other) - pool.disbelief(one) > whiter
 
     def predicts_better(self, pool: Pool, one: Sequence[int], other: Sequence[int]) -> bool:
-        """Whether one set predicts blocks that it was not fitted to surely better than another, belief weighed in.
+        """Whether one set surely predicts held-out blocks better than another, departures from the prior included.
 
-        A single block in which something else happened, as when a recording begins, has no veto. Nor have those of a push that
-        both sets have and that hardly any other block knows.
+        A single unusual block, as at the start of a recording, has no veto. Nor have those of a push in both sets that hardly
+        any other block knows.
         """
         gained = pool.held_out(other) - pool.held_out(one)
         gained += (pool.disbelief(other) - pool.disbelief(one)) / len(gained)
@@ -295,7 +295,7 @@ class Moves:
         return often and _surely(np.delete(gained, np.argmin(gained)))
 
     def _briefly_pushed(self, pool: Pool, chosen: Iterable[int]) -> np.ndarray:
-        """Blocks in which one of some pushes acts that acts in few of them, (B,) bool; none where that leaves too few."""
+        """Blocks in which a push acts that acts in few of them, (B,) bool; none if that leaves too few blocks."""
         block, pushed = self.equations.block, np.zeros(self.equations.blocks, bool)
         for one in chosen:
             if pool.terms[one].effect.timed:
@@ -304,16 +304,16 @@ class Moves:
         return pushed & (2 * pushed.sum() < len(pushed))
 
     def _left(self, pool: Pool, chosen: Sequence[int], blur: bool) -> float:
-        """Squared error that a set leaves, per squared spread of the effort, with all frequencies counted alike."""
+        """Squared plain residual of a set, relative to the effort's squared spread, all frequencies weighted alike."""
         residual = pool.residual(pool.fit(chosen), blur) / self.equations.effort_scale
         return float(np.sum(np.where(pool.sure, residual, 0.0) ** 2))
 
 
 def bends(term: Term) -> bool:
-    """Whether a term moves the robot's bodies as the load has them that all terms make together."""
+    """Whether a term moves the bodies under the load that all terms make together, as an elastic gear does."""
     return term.effect.of_load and term.effect.of_bodies
 
 
 def _surely(gained: np.ndarray) -> bool:
-    """Whether a sum of gains (B,) is hardly chance."""
+    """Whether the sum of gains (B,) is significantly positive."""
     return bool(gained.sum() > SURELY * gained.std() * np.sqrt(len(gained)))

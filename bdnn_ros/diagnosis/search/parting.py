@@ -1,4 +1,4 @@
-"""A push that comes twice is told twice: not as one that lasts as long as both, and another against it meanwhile."""
+"""Splitting of pushes: a push that recurs may be found as one long push and another against it in between."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from bdnn_ros.diagnosis.search.moves import BETTER
 from bdnn_ros.robot import Robot
 
 ROUNDS = 2
-"""So often either part is moved beside the other."""
+"""Alternations in which the two parts are refined."""
 
 
 def parted(
     pool: Pool, chosen: list[int], robot: Robot, score: Callable[[Pool, Sequence[int]], float]
 ) -> tuple[Pool, list[int]]:
-    """Give the place of a push, and of those within its time, to that before and that after them, where this scores better.
+    """Replace a push, and those within its time, by one before and one after them, where that scores better.
 
     Args:
         score: of a set of a pool's terms, see `Moves.score`.
@@ -35,13 +35,13 @@ def parted(
 
 
 def _another(pool: Pool, chosen: Sequence[int], push: int) -> int | None:
-    """What may act once more where a push does, and is not chosen; None without."""
+    """Another occurrence of a push at its place that is not chosen yet; None without."""
     spot = pool.terms[push].spot
     return next((c for c, term in enumerate(pool.terms) if term.spot == spot and c not in chosen), None)
 
 
 def _meanwhile(pool: Pool, one: int, inner: int, long: int) -> bool:
-    """Whether one is a push within the time of a long one while another is."""
+    """Whether a push lies within the time of a long one and overlaps an inner one."""
     term = pool.terms[one]
     if not within(term, pool.terms[long]):
         return False
@@ -50,11 +50,11 @@ def _meanwhile(pool: Pool, one: int, inner: int, long: int) -> bool:
 
 
 def _parts(pool: Pool, two: Sequence[int], parts: tuple[int, int], inner: int, robot: Robot) -> Pool:
-    """The pool with what a push does before one within its time, and after that, each where it explains most from there.
+    """The pool with a long push cut into the parts before and after an inner one, each refined from there.
 
     Args:
-        two: the chosen with either part.
-        parts: the push, which becomes the part before, and that after.
+        two: the chosen with both parts.
+        parts: the long push, which becomes the part before, and the part after.
     """
     push, (start, end), (first, last) = (
         pool.terms[parts[0]],

@@ -1,7 +1,7 @@
-"""The search for the set of effects the data supports: add, replace, drop, until nothing changes.
+"""The search for the set of effects that the data support: add, replace and drop terms until nothing changes.
 
-A term enters only if the evidence pays its prior cost, if held-out blocks gain from it, and if it is large enough to matter.
-A first choice is never final: every term is compared again with its rivals once the others are in.
+A term enters only if its evidence pays its prior cost, held-out blocks gain from it, and it is large enough to matter. No
+choice is final: every term is compared with its rivals again once the others are in.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from bdnn_ros.diagnosis.search.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, U
 from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
-"""Spreads of the links' relative errors that are tried; the evidence chooses."""
+"""Prior standard deviations of relative link errors that are tried; the evidence chooses."""
 DOUBTS = (0.01, 0.02, 0.05, 0.1)
-"""The same where links were identified before: one to ten standard deviations of that."""
+"""The same against an identified model: one to ten of its own standard deviations."""
 NOISE_FLOOR = 1e-4
-"""Smallest noise as a share of the effort's spread."""
+"""Smallest noise, as a share of the effort's spread."""
 OUTSTANDING = 0.1
-"""What brings less than this share of the largest gain waits until noise and load are known better."""
+"""In a first look, terms that gain less than this share of the largest gain wait until noise and load are known better."""
 FALLS = 0.8
-"""Search again while a joint's noise falls below this share of the last estimate: it may have hidden an effect."""
+"""Search again while a joint's noise falls below this share of its last estimate: it may have hidden an effect."""
 HIDDEN_TRIED = 3
-"""So many effects, or sets of them, are tried at their own noise."""
+"""Most effects, or sets of them, that each last check tries at their own noise."""
 FAINT = 3.0
-"""What white noise shows no more of than this, prior costs left out, is not tried."""
+"""Least gain at white noise, before prior costs, of an effect that is tried [nats]."""
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The set of effects that was found, with everything needed to judge it.
+    """The set of effects found, with what is needed to judge it.
 
     Attributes:
         pool: candidates at the final noise model; `chosen` are indices into it.
@@ -65,12 +65,12 @@ class Selection:
 
     @property
     def places(self) -> frozenset[tuple[str, str, int, str | None, int]]:
-        """What they are and where, whatever their shapes."""
+        """Effects and places of the chosen terms, without their shapes."""
         return frozenset(term.place for term in self.terms)
 
 
 class Search(Moves):
-    """One search over the candidates of one regression."""
+    """One search over the candidates of a regression."""
 
     def __init__(
         self,
@@ -86,12 +86,12 @@ class Search(Moves):
         self.floor = NOISE_FLOOR * equations.effort_scale
 
     def first(self) -> Selection:
-        """A first look: what stands out at the noise that the commonest causes leave."""
+        """First look: the terms that stand out against the noise that common causes leave."""
         noise, worn = self._start()
         return self._select(noise, worn, OUTSTANDING)
 
     def run(self, selection: Selection) -> Selection:
-        """The best set of effects, from a first look on."""
+        """The best set of effects, starting from a first look."""
         for round_ in range(MOST_ROUNDS):
             self.progress(f"round {round_ + 1}: {len(selection.chosen)} effects")
             previous, noise = selection.places, selection.pool.noise.std
@@ -108,7 +108,7 @@ class Search(Moves):
         return selection
 
     def _from(self, found: Pool) -> tuple[Selection, Pool]:
-        """The best set from some terms on, and it at its own noise: those terms alone where what it adds proves worse there."""
+        """Best set from some terms on, with its pool at its own noise; only those terms if the additions prove worse there."""
         motion = self.equations.motion
         selection = self._select(found.noise, found.terms)
         now = self._at_own_noise(selection.pool, selection.chosen)
@@ -118,16 +118,16 @@ class Search(Moves):
             return selection, now
         self.equations.take(motion)
         pool = selection.pool
-        for one, term in zip(alone, found.terms, strict=True):  # with what it added they had other shapes
+        for one, term in zip(alone, found.terms, strict=True):  # restore the shapes that they have alone
             pool = pool.replacing({one: term})
         return Selection(pool, alone, pool.fit(alone)), found
 
     def _worth(self, pool: Pool, chosen: Sequence[int] | None = None) -> float:
-        """Score of some terms of a pool, of all if not told, with the links' errors that it believes in."""
+        """Score of some terms of a pool (all by default), including the prior of its link error."""
         return self.score(pool, range(len(pool.terms)) if chosen is None else chosen) - doubt(pool)
 
     def _by_delays(self, selection: Selection, now: Pool) -> Pool | None:
-        """The terms with a delay that fits the effort better than what it and the others agreed on; None without.
+        """The terms with a delay found by shifting the measured effort, where that is better; None if not.
 
         Args:
             now: the selection at its own noise.
@@ -138,10 +138,10 @@ class Search(Moves):
         return self._first_better(now, sets)
 
     def _without(self, selection: Selection, now: Pool) -> Pool | None:
-        """The terms but one that the others need only as they were found beside it; None where they need each.
+        """The terms but one that the others need only in the shapes found beside it; None if each is needed.
 
-        What a soft gear bends with is the load that all have, and a shape that a joint's other terms led astray keeps them. The
-        gear itself may be told by the noise that it takes away alone, which is smaller then: at its own it has to pay.
+        A soft gear bends with the load of all terms, and shapes found beside a wrong term keep it in. A soft gear itself may
+        only seem to pay at the noise without it, so it has to pay at its own.
         """
         pool, chosen, likely = selection.pool, selection.chosen, []
         for one in chosen:
@@ -156,7 +156,7 @@ class Search(Moves):
         return self._likeliest(now, pool.noise, likely)
 
     def _shaped_anew(self, pool: Pool, chosen: Sequence[int], joint: int) -> Pool:
-        """The pool with the shapes of a joint's chosen terms sought from the start beside the others."""
+        """The pool with shapes of a joint's chosen terms searched over their whole grid again, each beside the others."""
         for one in chosen:
             term = pool.terms[one]
             if term.target == joint and not term.effect.timed and term.link is None:
@@ -165,9 +165,9 @@ class Search(Moves):
         return pool
 
     def _in_noise(self, selection: Selection, now: Pool) -> Pool | None:
-        """The terms and one more that white noise shows and its own noise confirms; None without.
+        """The terms and one more that is seen under white noise and confirmed at its own noise; None without.
 
-        What is constant or acts for a time can make the noise look slow, and slow noise then explains it.
+        A constant or temporary effect can make the noise look slow, and slow noise then explains it.
         """
         chosen = range(len(now.terms))
         noise = white_noise_of(self.equations, now.residual(now.whole), self.floor)
@@ -182,10 +182,10 @@ class Search(Moves):
         return self._first_better(now, [partial(self._pool, noise, terms) for terms in sets])
 
     def _behind_rivals(self, selection: Selection, now: Pool) -> Pool | None:
-        """The terms with a rival in one's place that its own noise proves the better one; None without.
+        """The terms with one replaced by a rival that is better at its own noise; None without.
 
-        Noise is what the terms leave: with the wrong one among them it holds what the right one would explain. And beside the
-        wrong one a joint's other terms have other shapes.
+        Noise is estimated from the residual, so with a wrong term it includes what the right one would explain; and a joint's
+        other terms take other shapes beside the wrong one.
         """
         pool = selection.pool
         likely, shapely = list[tuple[float, list[Term]]](), list[tuple[float, list[Term]]]()
@@ -195,7 +195,7 @@ class Search(Moves):
             for rival, behind in self.rivals(pool, selection.chosen, one):
                 if behind >= UNSURE or related(pool.terms[rival], pool.terms[one]):
                     continue
-                # where another is at a bound a rival seems ahead of all that would have it leave that bound
+                # the estimate lets other terms leave their bounds, which flatters rivals: score within bounds
                 behind = own - self.score_beside(pool, rest, rival)
                 if behind < UNSURE:
                     target = pool.terms[one].target
@@ -208,14 +208,14 @@ class Search(Moves):
     def _likeliest(
         self, now: Pool, noise: Noise, sets: list[tuple[float, list[Term]]], most: int = HIDDEN_TRIED
     ) -> Pool | None:
-        """The first better one of some sets of terms, those first that seem to score the least behind; None without."""
+        """First better one of some sets of terms, in order of how little their scores seem to fall behind; None without."""
         nearest = sorted(sets, key=lambda pair: pair[0])[:most]
         return self._first_better(now, [partial(self._pool, noise, terms) for _, terms in nearest])
 
     def _first_better(self, now: Pool, others: Sequence[Callable[[], Pool]]) -> Pool | None:
-        """The first pool of some that are made which scores better than another, each at its own noise; None without.
+        """The first of some pools that scores better than `now`, each at its own noise; None without.
 
-        Its last term has to pay. Of two pushes at one time either may be what the other leaves.
+        Its last term has to pay. No push may be a leftover of another one at its time.
         """
         motion, worth = self.equations.motion, self._worth(now)
 
@@ -243,10 +243,9 @@ class Search(Moves):
         return at_own_noise(self.candidates, self.equations, alone, self.floor, beside)
 
     def _start(self) -> tuple[Noise, list[Term]]:
-        """Noise of what the commonest causes on every joint would leave, and which of them are worn in.
+        """Noise that common causes on every joint would leave, and the wear among them to start with.
 
-        Trends are left out so that a push or a drift is not taken for slow noise before it could be named. The load is
-        estimated with all of them.
+        Trends are removed so that a push or drift is not taken for slow noise. The load is estimated with all common causes.
         """
         equations, common = self.equations, self.candidates.common()
         noise = Noise(np.zeros((equations.width, 1)), equations.effort_scale * 0.1)
@@ -258,9 +257,9 @@ class Search(Moves):
         return noise, self._worn(Pool(equations, noise, common, self.link_errors[-1]))
 
     def _worn(self, pool: Pool) -> list[Term]:
-        """The commonest causes that each bring more than its price beside all others, where most joints have some.
+        """Common causes that each pay beside all others, if more than half of the joints have some; else none.
 
-        What is hidden in a worn robot is large only beside its wear. A robot with one cause is searched from nothing.
+        On a worn robot a hidden cause is large only beside the wear. A robot with one cause is searched from nothing.
         """
         every = range(len(pool.terms))
         whole = pool.whole.evidence
@@ -273,7 +272,7 @@ class Search(Moves):
         """Best set at one noise model, starting from some terms.
 
         Args:
-            least: share of the largest gain that a term must bring.
+            least: share of the largest gain that a term must reach.
         """
         pool, every = Pool(self.equations, noise, start, self.link_error), range(len(start))
         pool = anew(self.candidates, self.equations, pool)
@@ -292,10 +291,9 @@ class Search(Moves):
         return Selection(pool, tuple(chosen), pool.fit(chosen))
 
     def _beliefs(self, noise: Noise, start: Sequence[Term]) -> list[float]:
-        """Spreads of the links' errors worth a search: the likeliest beside what is known, and the next smaller one.
+        """Link errors worth a search: the likeliest beside what is known, and the next smaller one.
 
-        A single link far off makes all links look worse than they are; the smaller spread lets it be named. So does any
-        cause that is not known yet: what a first look believes is no guide for a second one.
+        A single link far off, or any cause not known yet, makes all links look worse; the smaller value lets it be named.
         """
         places = {term.place for term in start}
         known = [*start, *(term for term in self.candidates.common() if term.place not in places)]
@@ -305,11 +303,11 @@ class Search(Moves):
         return list(self.link_errors[max(best - 1, 0) : best + 1])
 
     def beliefs_of(self, pool: Pool) -> list[Pool]:
-        """A pool as it is, and with the next larger spread of the links' errors."""
+        """A pool at its own and at the next larger link error."""
         larger = [error for error in self.link_errors if error > pool.link_error]
         return [pool, *(pool.believing(error) for error in larger[:1])]
 
 
 def _shaped(term: Term) -> bool:
-    """Whether a search moves a shape of a term."""
+    """Whether the search refines a shape of the term."""
     return not term.effect.timed and any(name in term.effect.shape_bounds for name, _ in term.shape)

@@ -1,7 +1,7 @@
-"""A set of effects made to agree with what it says itself: of noise, load, bodies and shapes.
+"""Iterating a set of effects until noise, load, bodies and shapes are consistent with its own fit.
 
-A scaled effort scales the friction found beside it, a tilt turns the payload's gravity: columns are exact only at what the
-fit they are part of makes of the robot.
+An effort scale scales the friction found beside it, a tilt turns the payload's gravity: columns are exact only for the robot
+that the fit implies.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ def refined(
     chosen: Sequence[int],
     moved: Sequence[int] | None = None,
 ) -> Pool:
-    """The pool with the shapes of its chosen terms, or of some of them, moved to where they fit best, one after another.
+    """The pool with shapes of its chosen terms, or of some, refined one after another.
 
-    A push is sought where the others without it leave something, and may lose there what it explained with them.
+    A push is refined against the others without it and kept only if the whole set gains.
     """
     for one in chosen if moved is None else moved:
         term = candidates.refined(equations, pool, pool.fit(chosen), one)
@@ -45,10 +45,10 @@ def refined(
 
 
 def anew(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
-    """The pool with each term's shape among all there are where one fits better by now: what moves a shape stays near it.
+    """The pool with each term's shape replaced by a better one from the whole grid, which refinement would not reach.
 
-    A term is found beside a load and others that are not known well yet. Pushes have a search of their own. What seems to
-    fit better is a gain for which others may leave their bounds: within these it has to, too.
+    Earlier shapes were found beside a load and terms not known well. Pushes have a search of their own. The gain is first
+    estimated with others free to leave their bounds, so it must hold within these as well.
     """
     every = range(len(pool.terms))
     for one, term in enumerate(pool.terms):
@@ -61,7 +61,7 @@ def anew(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
 
 
 def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
-    """Give the equations load and bodies as the pool's terms together have them."""
+    """Update the load and bodies of the equations from the pool's fit."""
     pool = undelayed(pool)
     found = equations, pool, pool.whole
     equations.relieve(*candidates.load(*found), bodies=candidates.bodies(*found))
@@ -70,11 +70,11 @@ def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
 def at_own_noise(
     candidates: Candidates, equations: Equations, pool: Pool, floor: np.ndarray, beside: Sequence[Term] = ()
 ) -> Pool:
-    """The pool with noise, load, bodies and shapes as its own fit has them, each found again with the others.
+    """The pool with noise, load, bodies and shapes from its own fit, iterated.
 
     Args:
         floor: smallest noise, (n,) [N·m].
-        beside: terms that the noise must not stand for, though the pool has not got them.
+        beside: further terms whose effort the noise must not absorb.
     """
     every = range(len(pool.terms))
     for _ in range(NOISE_ROUNDS):
@@ -85,7 +85,7 @@ def at_own_noise(
 
 
 def _noise(equations: Equations, pool: Pool, floor: np.ndarray, beside: Sequence[Term]) -> Noise:
-    """Noise of what the pool's terms leave, those beside them fitted as well."""
+    """Noise of the residual of the pool's terms, with further terms fitted beside them."""
     more = [t for t in beside if not any(t.place == one.place or contains(one, t) for one in pool.terms)]
     if more:
         pool = Pool(equations, pool.noise, [*pool.terms, *more], pool.link_error)
@@ -93,7 +93,7 @@ def _noise(equations: Equations, pool: Pool, floor: np.ndarray, beside: Sequence
 
 
 def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
-    """The pool with load, bodies and the points its columns are made at as its own fit has them; its noise is kept."""
+    """The pool with load, bodies and linearisation points from its own fit, at the same noise."""
     for _ in range(LAST_ROUNDS):
         fit = pool.whole
         terms = list(pool.terms)
@@ -106,9 +106,9 @@ def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
 
 
 def windows_anew(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
-    """The pool with the windows of its wrenches found anew: in all rows, where those of a search left some out.
+    """The pool with the windows of its pushes refined, after rows were added.
 
-    What begins in a stretch that was left out can be timed only there.
+    What begins in a stretch that was held out can be timed only with it.
     """
     pushes = [one for one, term in enumerate(pool.terms) if term.effect.timed]
     return refined(candidates, equations, pool, range(len(pool.terms)), pushes)
